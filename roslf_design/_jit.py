@@ -1,0 +1,80 @@
+"""One source, two speeds: scalar kernels that run as plain Python for a few values and through numba for many.
+
+Importing numba and loading its first compiled function costs about 0.6 s, more than a whole `roslf evaluate` may
+take; interpreting a kernel costs tens of microseconds a call. So a kernel is written once, as ordinary Python over
+floats and arrays, runs interpreted as it stands, and is compiled only when somebody asks for `compiled`.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any, Generic, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+prange = range
+"""In a kernel: `range` when interpreted, `numba.prange` when compiled."""
+
+_COMPILING = threading.RLock()
+
+
+class Kernel(Generic[P, R]):
+    """A plain Python function that can also be had compiled.
+
+    Kernels may call kernels; the callees are swapped for their compiled twins when the caller is compiled. Divisions
+    by zero must be guarded in the source (interpreted, they raise). Change a callee in *another* file and numba's
+    disk cache does not notice: keep a kernel's callees in its own file, or bump nothing and clear `__pycache__`.
+    """
+
+    def __init__(self, function: Callable[P, R], parallel: bool) -> None:
+        self.interpreted = function
+        self.parallel = parallel
+        self.__doc__ = function.__doc__
+        self.__name__ = getattr(function, "__name__", "kernel")
+        self._compiled: Callable[P, R] | None = None
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self.interpreted(*args, **kwargs)
+
+    @property
+    def compiled(self) -> Callable[P, R]:
+        """The numba twin, compiled (or read from numba's disk cache) on first use."""
+        if self._compiled is None:
+            with _COMPILING:
+                if self._compiled is None:
+                    self._compiled = _compile(self)
+        return self._compiled
+
+
+def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
+    import numba
+
+    source = kernel.interpreted
+    assert isinstance(source, FunctionType)
+    names: dict[str, Any] = dict(source.__globals__)
+    for name in source.__code__.co_names:
+        value = names.get(name)
+        if isinstance(value, Kernel):
+            names[name] = value.compiled
+        elif value is prange and kernel.parallel:
+            names[name] = numba.prange
+    twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
+    twin.__qualname__, twin.__module__ = source.__qualname__, source.__module__
+    compiled: Callable[P, R] = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
+    return compiled
+
+
+def kernel(*, parallel: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Make a function a `Kernel`; with `parallel`, its `prange` loops run on all threads when compiled."""
+
+    def wrap(function: Callable[P, R]) -> Kernel[P, R]:
+        return Kernel(function, parallel)
+
+    return wrap
+
+
+THREADS = threading.Lock()
+"""Hold it around any call of a parallel compiled kernel: numba's plain work queue aborts when two threads enter."""
