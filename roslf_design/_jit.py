@@ -63,7 +63,9 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
             names[name] = numba.prange
     twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
     twin.__qualname__, twin.__module__ = source.__qualname__, source.__module__
-    compiled: Callable[P, R] = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
+    compiled: Callable[P, R] = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(
+        twin
+    )
     return compiled
 
 

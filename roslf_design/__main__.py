@@ -1,0 +1,5 @@
+"""`python -m roslf_design` is `roslf`."""
+
+from .cli import run
+
+run()

@@ -1,0 +1,74 @@
+"""`roslf`: finds the command, runs it, turns errors into one line each and an exit code.
+
+Exit codes: 0 done, 1 the run failed, 2 the input is wrong. Commands are named by text and imported only when called,
+so that `roslf --help` stays quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from cyclopts import App
+from cyclopts.exceptions import CycloptsError
+
+from . import __version__
+
+COMMANDS = {
+    "evaluate": "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
+    "report": "A design report: one self-contained HTML page with verdicts, tables and figures.",
+    "presets": "The designs that ship, and where their files are.",
+}
+"""Name of each command (a function in the module of that name in `commands`) and what it does."""
+
+
+def build_app() -> App:
+    """The command-line application, its commands not yet imported."""
+    app = App(
+        name="roslf",
+        help="Design and tolerance explorer for light-field cameras that look through a restricted object space.",
+        help_epilogue="Example: roslf evaluate designs/paper.toml --field 11.15",
+        version=__version__,
+        help_format="plaintext",
+    )
+    for name, summary in COMMANDS.items():
+        app.command(f"roslf_design.commands.{name}:{name}", name=name, help=summary)
+    return app
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code, after one line on stderr for each thing wrong."""
+    from .design.errors import InputError
+
+    try:
+        result = build_app()(
+            sys.argv[1:] if arguments is None else arguments,
+            exit_on_error=False,
+            print_error=False,
+            result_action="return_value",
+        )
+    except CycloptsError as error:
+        return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
+    except InputError as error:
+        return _complain(str(error), 2)
+    except BrokenPipeError:
+        # The reader (head, less) has what it wanted; keep the interpreter from complaining when it flushes.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _complain(f"{place}{error.strerror or error}", 1)
+    except KeyboardInterrupt:
+        return _complain("stopped", 130)
+    return result if isinstance(result, int) else 0
+
+
+def _complain(message: str, code: int) -> int:
+    for line in message.splitlines():
+        print(f"roslf: {line}", file=sys.stderr)
+    return code
+
+
+def run() -> None:
+    """Entry point of the `roslf` script."""
+    sys.exit(main())

@@ -1,0 +1,64 @@
+"""`roslf evaluate`."""
+
+from __future__ import annotations
+
+import json as json_text
+import math
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def evaluate(
+    design: str,
+    /,
+    *,
+    field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
+    json: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.
+
+    Example: roslf evaluate designs/paper.toml --field 11.15 --field 5,3 --json
+
+    Parameters
+    ----------
+    design
+        A design file, or the name of a preset (see `roslf presets`).
+    field
+        Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
+        edge and corner of what the sensor sees.
+    json
+        Print JSON instead of tables.
+    """
+    from ..design import load
+    from ..evaluation import evaluate as compute
+
+    fields = None if field is None else [parse_field(text) for text in field]
+    result = compute(load(design), fields)
+    if json:
+        print(json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False))
+        return
+    from rich.console import Console
+
+    from ..evaluation.show import print_evaluation
+
+    print_evaluation(result, Console())
+
+
+def parse_field(text: str) -> tuple[float, float]:
+    """Read "11.15" or "x,y" as a position on the MLA [mm].
+
+    Raises
+    ------
+    InputError
+        Neither one nor two finite numbers.
+    """
+    from ..design.errors import InputError, Problem
+
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or not all(map(math.isfinite, numbers)):
+        raise InputError((Problem("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"'),))
+    return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

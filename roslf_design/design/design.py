@@ -1,0 +1,245 @@
+"""A light-field camera that looks through a restricted object space, as one frozen value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import ValidationError, model_validator
+
+from ..theory.conjugates import focal_length, focal_plane_distance, mla_distance
+from .check import CONJUGATES, cross_check
+from .errors import DesignError, Problem
+from .messages import problems_of
+from .parameters import PATHS, Parameters
+from .parts import Light, MainLens, MicrolensArray, Part, Sensor, Stop
+
+
+class Design(Part):
+    """A whole camera. Values in, values out: `replace` gives a new one.
+
+    Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to
+    the last bit, which keeps printed digits from contradicting each other.
+
+    Raises
+    ------
+    DesignError
+        From `replace`, `make` and the readers, with every fault at once.
+    """
+
+    name: str
+    """What the design is called."""
+    source: str = ""
+    """Where its numbers come from."""
+    main_lens: MainLens
+    """At z = 0."""
+    aperture: Stop
+    """The flexible angular plane (FAP): the system's entrance pupil."""
+    stops: tuple[Stop, ...] = ()
+    """Further rims of a real bore."""
+    microlens_array: MicrolensArray
+    """At z = d_1."""
+    sensor: Sensor
+    """At z = d_1 + d_2."""
+    light: Light = Light()
+    """Wavelength."""
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Design:
+        problems = cross_check(dict(_checked_values(self)))
+        if problems:
+            raise ValueError("\n".join(map(str, problems)))
+        return self
+
+    @classmethod
+    def make(cls, data: Mapping[str, Any]) -> Design:
+        """A design from nested values (the file's keys); bare numbers are mm and rad.
+
+        Raises
+        ------
+        DesignError
+            Every fault of `data`.
+        """
+        return build(data, from_file=False)
+
+    def replace(self, changes: Mapping[str, Any] | None = None, /, **symbols: Any) -> Design:
+        """A new design with some values changed.
+
+        Parameters
+        ----------
+        changes : mapping, optional
+            Dotted places to values, e.g. ``{"aperture.distance": 20.0, "stops.0.diameter": 3.0}``.
+        **symbols
+            The same by the paper's symbols, e.g. ``d_3=20.0, D_F=4.0``.
+
+        Returns
+        -------
+        Design
+            Where f, d_f or d_1 changes, the one that follows is d_f if f or d_1 was changed (the hardware stays) and
+            d_1 if d_f was (refocusing); of two that change, the third follows.
+
+        Raises
+        ------
+        DesignError
+            Unknown places, or values that do not make a design.
+        """
+        wanted = _by_path(changes or {}, symbols)
+        if "q" in symbols:
+            wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
+        data = _mutable(self.model_dump())
+        for path, value in _with_follower(self, wanted).items():
+            _put(data, path, value)
+        return build(data, from_file=False)
+
+    @property
+    def f(self) -> float:
+        """Main lens focal length f [mm]."""
+        lens = self.main_lens
+        if lens.focal_length is not None:
+            return lens.focal_length
+        assert lens.focal_plane is not None
+        assert self.microlens_array.distance is not None
+        return float(focal_length(lens.focal_plane, self.microlens_array.distance))
+
+    @property
+    def d_f(self) -> float:
+        """Focal-plane distance d_f [mm]."""
+        lens, d_1 = self.main_lens, self.microlens_array.distance
+        if lens.focal_length is not None and d_1 is not None:
+            return float(focal_plane_distance(lens.focal_length, d_1))
+        assert lens.focal_plane is not None
+        return lens.focal_plane
+
+    @property
+    def d_1(self) -> float:
+        """Main lens to microlens array d_1 [mm]."""
+        if self.microlens_array.distance is not None:
+            return self.microlens_array.distance
+        assert self.main_lens.focal_plane is not None
+        return float(mla_distance(self.f, self.main_lens.focal_plane))
+
+    @property
+    def D(self) -> float:
+        """Main lens clear aperture D [mm]."""
+        return self.main_lens.diameter
+
+    @property
+    def D_F(self) -> float:
+        """FAP diameter D_F [mm]."""
+        return self.aperture.diameter
+
+    @property
+    def d_3(self) -> float:
+        """FAP distance d_3 [mm]."""
+        return self.aperture.distance
+
+    @property
+    def d(self) -> float:
+        """Microlens pitch d [mm]."""
+        return self.microlens_array.pitch
+
+    @property
+    def f_ml(self) -> float:
+        """Microlens focal length f_ml [mm]."""
+        return self.microlens_array.focal_length
+
+    @property
+    def d_2(self) -> float:
+        """MLA to sensor d_2 [mm]."""
+        return self.sensor.distance
+
+    @property
+    def q(self) -> float:
+        """Pixel pitch q as seen at the MLA's image plane [mm]: the sensor's pixel over the relay magnification."""
+        return self.sensor.pixel / self.sensor.relay_magnification
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength lambda [mm]."""
+        return self.light.wavelength
+
+    @property
+    def sensor_size(self) -> tuple[float, float]:
+        """Width and height of the sensor as seen at the MLA's image plane [mm]."""
+        width, height = self.sensor.size
+        return width / self.sensor.relay_magnification, height / self.sensor.relay_magnification
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Whole pixels across the sensor's width and height."""
+        width, height = self.sensor.size
+        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
+        return int(width / self.sensor.pixel + 1e-3), int(height / self.sensor.pixel + 1e-3)
+
+    @property
+    def all_stops(self) -> tuple[Stop, ...]:
+        """The FAP, then the further stops; the main lens is not among them."""
+        return (self.aperture, *self.stops)
+
+    @property
+    def aligned(self) -> bool:
+        """True where nothing is tilted: every stop's image on the sensor is then a disc."""
+        tilts = [self.main_lens.tilt, self.microlens_array.tilt, self.sensor.tilt]
+        tilts += [stop.tilt for stop in self.all_stops]
+        return all(tilt == (0.0, 0.0) for tilt in tilts)
+
+    @property
+    def parameters(self) -> Parameters:
+        """The numbers under the paper's symbols."""
+        return Parameters(*(float(getattr(self, symbol)) for symbol in Parameters._fields))
+
+
+def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "") -> Design:
+    """A design from nested values, or every fault of them in one `DesignError`."""
+    try:
+        return Design.model_validate(data, context={"from_file": from_file})
+    except ValidationError as error:
+        raise DesignError(problems_of(error, data, Design, from_file=from_file), origin) from None
+
+
+def _checked_values(design: Design) -> Iterator[tuple[str, float | None]]:
+    yield CONJUGATES[0], design.main_lens.focal_length
+    yield CONJUGATES[1], design.main_lens.focal_plane
+    yield CONJUGATES[2], design.microlens_array.distance
+    yield "aperture.distance", design.aperture.distance
+    for index, stop in enumerate(design.stops):
+        yield f"stops.{index}.distance", stop.distance
+
+
+def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
+    unknown = sorted(set(symbols) - set(PATHS))
+    if unknown:
+        known = ", ".join(PATHS)
+        raise DesignError(tuple(Problem(name, f"is not a symbol of a design; known are {known}") for name in unknown))
+    return {**changes, **{PATHS[symbol]: value for symbol, value in symbols.items()}}
+
+
+def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
+    """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
+    changed = [key for key in CONJUGATES if wanted.get(key) is not None]
+    if not changed or len(changed) == 3:
+        return wanted
+    if len(changed) == 1:
+        _, plane, distance = CONJUGATES
+        follower = distance if changed[0] == plane else plane
+    else:
+        follower = next(key for key in CONJUGATES if key not in changed)
+    resolved = dict(zip(CONJUGATES, (design.f, design.d_f, design.d_1), strict=True))
+    return {**resolved, **wanted, follower: None}
+
+
+def _put(data: dict[str, Any], path: str, value: Any) -> None:
+    *parents, last = path.split(".")
+    place: Any = data
+    try:
+        for key in parents:
+            place = place[int(key) if isinstance(place, list) else key]
+        place[int(last) if isinstance(place, list) else last] = value
+    except (KeyError, IndexError, ValueError, TypeError):
+        raise DesignError((Problem(path, "is not a place in this design"),)) from None
+
+
+def _mutable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _mutable(inner) for key, inner in value.items()}
+    return [_mutable(inner) for inner in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,99 @@
+"""The parts of a camera as frozen values: main lens, stops, microlens array, sensor, light.
+
+Made in Python, lengths are plain millimetres and angles radians (text with a unit works too); read from a file, text
+with a unit is required. Decentres are (x, y) against the optical axis; a tilt (t_x, t_y) turns the part's normal from
+z by t_x about x, then by t_y about y.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from .units import Angle, AnyLength, Distance, Length
+
+Offset = tuple[AnyLength, AnyLength]
+Tilt = tuple[Angle, Angle]
+Size = tuple[Length, Length]
+
+
+class Part(BaseModel):
+    """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class MainLens(Part):
+    """The main lens at z = 0, ideal and thin."""
+
+    diameter: Length
+    """D, clear aperture [mm]."""
+    focal_length: Length | None = None
+    """f [mm]; None where d_f and d_1 give it."""
+    focal_plane: Length | None = None
+    """d_f, distance of the object plane in focus on the MLA [mm]; None where f and d_1 give it."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
+
+
+class Stop(Part):
+    """A circular opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+
+    diameter: Length
+    """D_F of the FAP [mm]."""
+    distance: Distance
+    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
+
+
+class MicrolensArray(Part):
+    """The microlens array (MLA)."""
+
+    pitch: Length
+    """d [mm]."""
+    focal_length: Length
+    """f_ml [mm]."""
+    distance: Length | None = None
+    """d_1, main lens to MLA [mm]; None where f and d_f give it."""
+    size: Size
+    """Width and height [mm]."""
+    layout: Literal["square", "hexagonal"] = "square"
+    """How the microlenses are packed; hexagonal rows run along x."""
+    lens_shape: Literal["square", "circular"] = "square"
+    """Clear aperture of one microlens, as wide as the pitch."""
+    rotation: Angle = 0.0
+    """About the axis [rad]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+
+
+class Sensor(Part):
+    """The photosensor behind the microlens array."""
+
+    distance: Length
+    """d_2, MLA to sensor [mm]."""
+    pixel: Length
+    """Pixel pitch [mm], before the relay."""
+    size: Size
+    """Width and height [mm], before the relay."""
+    relay_magnification: Annotated[float, Field(gt=0)] = 1.0
+    """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+
+
+class Light(Part):
+    """The light that the design is evaluated for."""
+
+    wavelength: Length = 550e-6
+    """lambda [mm]."""
