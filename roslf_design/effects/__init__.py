@@ -1,0 +1,18 @@
+"""Physical effects: how large each is for a design and scene, which of them a rendering calls for."""
+
+from .brief import WHITE, SceneBrief
+from .effect import Effect, Estimate
+from .plan import EFFECTS, Budget, Plan, PlanError, PlannedEffect, plan
+
+__all__ = [
+    "EFFECTS",
+    "WHITE",
+    "Budget",
+    "Effect",
+    "Estimate",
+    "Plan",
+    "PlanError",
+    "PlannedEffect",
+    "SceneBrief",
+    "plan",
+]

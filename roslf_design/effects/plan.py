@@ -1,0 +1,235 @@
+"""The plan: which effects a rendering of this design and scene calls for, with sizes, budgets and reasons."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ..design import Design
+from . import (
+    cos4,
+    decentres,
+    fap_diffraction,
+    finite_microlens_aperture,
+    lens_faults,
+    microlens_defocus,
+    microlens_diffraction,
+    mla_rotation,
+    noise,
+    object_defocus,
+    overlap,
+    pixel_integration,
+    pupil_geometry,
+    tilts,
+    vignetting,
+)
+from .brief import WHITE, SceneBrief
+from .effect import Effect, Unit
+
+EFFECTS: tuple[Effect, ...] = (
+    pupil_geometry.EFFECT,
+    vignetting.EFFECT,
+    microlens_diffraction.EFFECT,
+    fap_diffraction.EFFECT,
+    microlens_defocus.EFFECT,
+    finite_microlens_aperture.EFFECT,
+    pixel_integration.EFFECT,
+    overlap.EFFECT,
+    object_defocus.EFFECT,
+    cos4.EFFECT,
+    *lens_faults.EFFECTS,
+    mla_rotation.EFFECT,
+    tilts.EFFECT,
+    decentres.EFFECT,
+    noise.EFFECT,
+)
+"""Every effect known, in the order in which a plan lists them."""
+
+
+class PlanError(ValueError):
+    """A plan that cannot be made: unknown effect, impossible override, budget that is no number."""
+
+
+class HasBrief(Protocol):
+    """A scene: anything that can sum itself up."""
+
+    def brief(self, design: Design) -> SceneBrief:
+        """The scene in the few numbers that effects need."""
+        ...
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How large an effect may be and still be left out."""
+
+    px: float = 0.1
+    """Displacement on the sensor [pixels]."""
+    intensity: float = 0.01
+    """Rms change [fraction of full scale]."""
+    pitch: float = 0.1
+    """Displacement on the microlens array [pitches]."""
+
+    def __post_init__(self) -> None:
+        for unit in ("px", "intensity", "pitch"):
+            value = getattr(self, unit)
+            if not (value >= 0 and math.isfinite(value)):
+                raise PlanError(f"budget {unit} is {value}; give a number that is not negative, such as 0.1")
+
+    def of(self, unit: Unit) -> float:
+        """The budget in one of the units."""
+        return float(getattr(self, unit))
+
+
+@dataclass(frozen=True)
+class PlannedEffect:
+    """One line of a plan."""
+
+    name: str
+    estimate: float
+    """Size in `unit`, for this design and scene; signed where a direction means something."""
+    unit: Unit
+    budget: float
+    on: bool
+    reason: str
+    cost: float = 0.0
+    """Extra time to render it over the whole sensor [s], whether on or off."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The line as JSON-ready values."""
+        return {
+            "name": self.name,
+            "estimate": self.estimate,
+            "unit": self.unit,
+            "budget": self.budget,
+            "on": self.on,
+            "reason": self.reason,
+            "cost": self.cost,
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which effects are on. A frozen sequence; `plan["cos4"]` finds a line by its name."""
+
+    effects: tuple[PlannedEffect, ...]
+
+    def __iter__(self) -> Iterator[PlannedEffect]:
+        return iter(self.effects)
+
+    def __len__(self) -> int:
+        return len(self.effects)
+
+    def __getitem__(self, key: int | str) -> PlannedEffect:
+        if isinstance(key, int):
+            return self.effects[key]
+        for line in self.effects:
+            if line.name == key:
+                return line
+        raise KeyError(_unknown(key))
+
+    def on(self, name: str) -> bool:
+        """Whether an effect is to be rendered."""
+        return self[name].on
+
+    @property
+    def cost(self) -> float:
+        """Expected extra time of all that is on [s]."""
+        return sum(line.cost for line in self.effects if line.on)
+
+    def as_dicts(self) -> list[dict[str, Any]]:
+        """All lines as JSON-ready values."""
+        return [line.as_dict() for line in self.effects]
+
+
+def plan(
+    design: Design,
+    scene: HasBrief | SceneBrief | None = None,
+    budget: Budget | None = None,
+    overrides: Iterable[str] = (),
+) -> Plan:
+    """Decide which effects a rendering needs.
+
+    Parameters
+    ----------
+    design : Design
+    scene : scene or SceneBrief, optional
+        None is a white field on the focal plane, seen over the whole sensor, in the design's wavelength, no noise.
+    budget : Budget, optional
+        Effects estimated below it are left out. None is ``Budget()``.
+    overrides : iterable of str
+        ``"all"``, ``"none"``, ``"+name"``, ``"-name"``, applied in order after the budget has decided.
+
+    Returns
+    -------
+    Plan
+        One line an effect, in the order of `EFFECTS`.
+
+    Raises
+    ------
+    PlanError
+        Unknown effects (the nearest is named), effects that cannot be switched that way.
+    ValueError
+        A scene that this design cannot see.
+    """
+    brief = scene if isinstance(scene, SceneBrief) else WHITE if scene is None else scene.brief(design)
+    budget = budget or Budget()
+    wanted = _wanted(overrides)
+    width, height = design.pixels
+    lines: dict[str, PlannedEffect] = {}
+    for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
+        size = effect.estimate(design, brief)
+        if not math.isfinite(size.value):
+            raise PlanError(
+                f"the estimate of {effect.name} is {size.value} for this design; its values are too extreme"
+            )
+        limit = budget.of(effect.unit)
+        user = [name for name in effect.required_by if lines[name].on]
+        on, why = _decide(effect, abs(size.value), limit, user)
+        if effect.available and not effect.always and effect.name in wanted:
+            on, why = wanted[effect.name], "switched on by hand" if wanted[effect.name] else "switched off by hand"
+        reason = f"{size.note}; {why}" if why else size.note
+        cost = effect.cost_per_pixel * width * height
+        lines[effect.name] = PlannedEffect(effect.name, size.value, effect.unit, limit, on, reason, cost)
+    return Plan(tuple(lines[effect.name] for effect in EFFECTS))
+
+
+def _decide(effect: Effect, size: float, limit: float, user: list[str]) -> tuple[bool, str]:
+    if not effect.available:
+        return False, ""
+    if effect.always:
+        return True, "never left out"
+    if size > limit:
+        return True, "above the budget"
+    if user:
+        return True, f"{user[0]} spreads light over the neighbours"
+    return False, "" if size == 0 else "below the budget"
+
+
+def _wanted(overrides: Iterable[str]) -> dict[str, bool]:
+    known = {effect.name: effect for effect in EFFECTS}
+    wanted: dict[str, bool] = {}
+    for override in overrides:
+        if override in ("all", "none"):
+            wanted = dict.fromkeys(known, override == "all")
+            continue
+        sign, name = override[:1], override[1:]
+        if sign not in ("+", "-"):
+            raise PlanError(f'effects: cannot read "{override}"; write all, none, +name or -name')
+        if name not in known:
+            raise PlanError(_unknown(name))
+        if sign == "-" and known[name].always:
+            raise PlanError(f"effects: {name} is never left out; drop -{name}")
+        if sign == "+" and not known[name].available:
+            raise PlanError(f"effects: {name} needs a traced main lens, and this design's is ideal; drop +{name}")
+        wanted[name] = sign == "+"
+    return wanted
+
+
+def _unknown(name: str) -> str:
+    names = [effect.name for effect in EFFECTS]
+    near = difflib.get_close_matches(name, names, 1, 0.4)
+    remedy = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
+    return f"effects: '{name}' is not an effect; {remedy}"

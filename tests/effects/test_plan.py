@@ -1,0 +1,144 @@
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roslf_design.design import load
+from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
+from roslf_design.effects.finite_microlens_aperture import footprint
+from roslf_design.effects.microlens_defocus import defocus_waves
+from roslf_design.effects.microlens_diffraction import fresnel_number
+
+PAPER = load("paper")
+EDGE = SceneBrief(field_radius=11.15)
+TEXTURE = SceneBrief(field_radius=11.15, smallest_period=1.0, distances=(320.0, 320.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "expected", "unit", "brief"),
+    [
+        ("pupil_geometry", -10.0, "px", EDGE),
+        ("vignetting", 0.0, "px", EDGE),
+        ("microlens_diffraction", 3.6017, "px", EDGE),
+        ("fap_diffraction", 0.33788, "pitch", TEXTURE),
+        ("microlens_defocus", 0.056502, "px", EDGE),
+        ("pixel_integration", 0.0861, "intensity", EDGE),
+        ("overlap", 0.0655, "px", EDGE),
+        ("object_defocus", 2.762, "pitch", TEXTURE),
+        ("cos4", 0.02874, "intensity", EDGE),
+    ],
+)
+def test_paper_design_magnitudes(name, expected, unit, brief):
+    line = plan(PAPER, brief)[name]
+    assert line.estimate == pytest.approx(expected, rel=6e-4)  # the table's own digits
+    assert line.unit == unit
+
+
+def test_paper_design_side_magnitudes():
+    assert defocus_waves(PAPER, PAPER.wavelength) == pytest.approx(0.00196, rel=5e-3)
+    assert fresnel_number(PAPER, PAPER.wavelength) == pytest.approx(0.902, rel=5e-4)
+    assert footprint(PAPER, PAPER.d_f) == pytest.approx(0.1575, rel=1e-12)
+
+
+def test_rotation_moves_the_edge_by_2_3_pixels_per_milliradian():
+    turned = PAPER.replace({"microlens_array.rotation": 1e-3})
+    assert plan(turned, EDGE)["mla_rotation"].estimate == pytest.approx(2.3, rel=1e-3)
+
+
+def test_default_scene_is_white_in_focus_and_noiseless():
+    lines = plan(PAPER)
+    assert [line.name for line in lines] == [effect.name for effect in EFFECTS]
+    off = {line.name for line in lines if not line.on}
+    assert {"noise", "object_defocus", "finite_microlens_aperture", "fap_diffraction", "lens_colour"} <= off
+    assert lines.on("microlens_diffraction")
+    assert lines.on("pupil_geometry")
+
+
+def test_overlap_is_needed_where_blur_reaches_neighbours():
+    assert plan(PAPER).on("overlap")
+    assert not plan(PAPER, overrides=["-microlens_diffraction", "-overlap"]).on("overlap")
+    sharp = PAPER.replace(wavelength=1e-9)
+    assert not plan(sharp).on("overlap")
+
+
+def test_overrides_apply_in_order():
+    assert all(line.on for line in plan(PAPER, overrides=["all"]) if line.reason != "ideal lens")
+    bare = plan(PAPER, overrides=["none", "+cos4"])
+    assert {line.name for line in bare if line.on} == {"pupil_geometry", "pixel_integration", "cos4"}
+
+
+@pytest.mark.parametrize(
+    ("override", "part"),
+    [
+        ("+cos5", "did you mean 'cos4'"),
+        ("-microlens_difraction", "did you mean 'microlens_diffraction'"),
+        ("cos4", "+name or -name"),
+        ("-pupil_geometry", "never left out"),
+        ("+lens_distortion", "ideal"),
+        ("+qqqq", "known are pupil_geometry"),
+    ],
+)
+def test_bad_overrides_name_the_remedy(override, part):
+    with pytest.raises(PlanError) as error:
+        plan(PAPER, overrides=[override])
+    assert part in str(error.value)
+
+
+def test_budgets_must_be_numbers():
+    with pytest.raises(PlanError, match="budget px"):
+        Budget(px=math.nan)
+    with pytest.raises(PlanError, match="budget intensity"):
+        Budget(intensity=-0.01)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"smallest_period": -1.0},
+        {"exposure": 0.0},
+        {"exposure": math.inf},
+        {"read_noise": -1.0},
+        {"wavelengths": (0.0,)},
+    ],
+)
+def test_briefs_must_make_sense(fault):
+    with pytest.raises(ValueError, match=next(iter(fault))):
+        SceneBrief(**fault)
+
+
+def test_object_inside_the_bore_is_refused():
+    with pytest.raises(ValueError, match="not beyond the aperture"):
+        plan(PAPER, SceneBrief(smallest_period=1.0, distances=(100.0, 300.0)))
+
+
+def test_plan_is_a_value():
+    assert plan(PAPER) == plan(PAPER)
+    assert hash(plan(PAPER)) == hash(plan(PAPER))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        plan(PAPER)[0].on = False
+    with pytest.raises(KeyError, match="cos4"):
+        plan(PAPER)["cos"]
+
+
+@given(st.floats(1e-3, 1e3))
+def test_scaling_every_length_changes_no_estimate(scale):
+    """Pixels, pitches and fractions are ratios of lengths, so a camera twice as large has the same plan."""
+    keys = ("D", "f", "d_f", "D_F", "d_3", "d", "f_ml", "d_2", "q", "wavelength")
+    size = {"sensor.size": [22.3 * scale, 14.932 * scale], "microlens_array.size": [23 * scale, 23 * scale]}
+    scaled = PAPER.replace(size, **{key: getattr(PAPER, key) * scale for key in keys})
+    brief = SceneBrief(smallest_period=2.0, distances=(300.0, 400.0))
+    twin = SceneBrief(smallest_period=2.0 * scale, distances=(300.0 * scale, 400.0 * scale))
+    for one, other in zip(plan(PAPER, brief), plan(scaled, twin), strict=True):
+        assert other.estimate == pytest.approx(one.estimate, rel=1e-9, abs=1e-9)
+
+
+@given(st.floats(0, 30), st.floats(0, 30))
+def test_vignetting_grows_with_the_field_and_starts_at_the_margin(one, other):
+    small = PAPER.replace(D=20.0)
+    near, far = sorted((one, other))
+    cuts = [plan(small, SceneBrief(field_radius=radius))["vignetting"].estimate for radius in (near, far)]
+    assert cuts[0] <= cuts[1] + 1e-9
+    margin = 20.0 * 230 - 2.9 * 350 - 2 * far * 350 / 140 * 120
+    assert (cuts[1] > 1e-9) == (margin < -1e-6)
