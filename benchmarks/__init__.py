@@ -1,0 +1,1 @@
+"""Speed, measured beside plain numpy and peers in one run: `make bench`."""
