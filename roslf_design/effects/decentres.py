@@ -15,7 +15,7 @@ def shift(design: Design) -> float:
     scale = stop_scale(design, design.d_3)
     moved = math.hypot(*design.main_lens.decentre) * scale * design.d_3 / design.f
     moved += math.hypot(*design.microlens_array.decentre) * abs(image_pitch(design)) / design.d
-    moved += math.hypot(*design.sensor.decentre) / design.sensor.relay_magnification
+    moved += math.hypot(*design.sensor.decentre)
     return moved + sum(math.hypot(*stop.decentre) * stop_scale(design, stop.distance) for stop in design.all_stops)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..design import Design
+from ..theory import diffraction
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 from .field import exit_pupil_vergence
@@ -15,12 +16,15 @@ def defocus(design: Design) -> float:
 
 def defocus_waves(design: Design, wavelength: float) -> float:
     """Wavefront error at the middle of a square microlens's edge, (d^2/8 lambda) times `defocus`, unsigned [waves]."""
-    return design.d**2 / (8 * wavelength) * abs(defocus(design))
+    vergence = exit_pupil_vergence(design)
+    waves = diffraction.microlens_defocus_waves(design.f_ml, design.d_2, vergence, design.d, wavelength)
+    return float(waves)
 
 
 def ray_blur(design: Design) -> float:
     """Width of the sensor patch that one point of the exit pupil lights through the whole microlens [mm]."""
-    return design.d * design.d_2 * abs(defocus(design))
+    vergence = exit_pupil_vergence(design)
+    return float(diffraction.microlens_defocus_blur(design.f_ml, design.d_2, vergence, design.d))
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:

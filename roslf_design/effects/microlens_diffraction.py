@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from ..design import Design
+from ..theory import diffraction
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 
 
 def blur_width(design: Design, wavelength: float) -> float:
     """First zero of a square microlens's diffraction, w = lambda d_2/d [mm]."""
-    return wavelength * design.d_2 / design.d
+    return float(diffraction.diffraction_width(design.d, design.d_2, wavelength))
 
 
 def fresnel_number(design: Design, wavelength: float) -> float:
     """N_F = d^2/(4 lambda d_2); 4 N_F views per axis are independent, whatever the pixel count."""
-    return design.d**2 / (4 * wavelength * design.d_2)
+    return float(diffraction.fresnel_number(design.d, design.d_2, wavelength))
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:

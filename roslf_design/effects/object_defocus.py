@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..design import Design
+from ..design.errors import InputError, Problem
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 
@@ -15,11 +16,12 @@ def blur_on_mla(design: Design, distance: float) -> float:
 
     Raises
     ------
-    ValueError
+    InputError
         Where the object is not beyond the FAP.
     """
     if distance <= design.d_3:
-        raise ValueError(f"object distance {distance:g} mm is not beyond the aperture at d_3 = {design.d_3:g} mm")
+        fault = f"{distance:g} mm is not beyond the aperture at d_3 = {design.d_3:g} mm; move the object out"
+        raise InputError((Problem("object distance", fault),))
     return design.D_F * design.d_1 / design.d_f * abs(design.d_f - distance) / (distance - design.d_3)
 
 

@@ -6,9 +6,10 @@ import difflib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from ..design import Design
+from ..design.errors import InputError, Problem
 from . import (
     cos4,
     decentres,
@@ -49,8 +50,13 @@ EFFECTS: tuple[Effect, ...] = (
 """Every effect known, in the order in which a plan lists them."""
 
 
-class PlanError(ValueError):
+class PlanError(InputError):
     """A plan that cannot be made: unknown effect, impossible override, budget that is no number."""
+
+    @classmethod
+    def about(cls, key: str, message: str) -> Self:
+        """One fault, at `key`."""
+        return cls((Problem(key, message),))
 
 
 class HasBrief(Protocol):
@@ -76,7 +82,9 @@ class Budget:
         for unit in ("px", "intensity", "pitch"):
             value = getattr(self, unit)
             if not (value >= 0 and math.isfinite(value)):
-                raise PlanError(f"budget {unit} is {value}; give a number that is not negative, such as 0.1")
+                raise PlanError.about(
+                    f"budget.{unit}", f"{value} is no budget; give a number that is not negative, such as 0.1"
+                )
 
     def of(self, unit: Unit) -> float:
         """The budget in one of the units."""
@@ -217,13 +225,15 @@ def _wanted(overrides: Iterable[str]) -> dict[str, bool]:
             continue
         sign, name = override[:1], override[1:]
         if sign not in ("+", "-"):
-            raise PlanError(f'effects: cannot read "{override}"; write all, none, +name or -name')
+            raise PlanError.about("effects", f'cannot read "{override}"; write all, none, +name or -name')
         if name not in known:
-            raise PlanError(_unknown(name))
+            raise PlanError.about("effects", _unknown(name))
         if sign == "-" and known[name].always:
-            raise PlanError(f"effects: {name} is never left out; drop -{name}")
+            raise PlanError.about("effects", f"{name} is never left out; drop -{name}")
         if sign == "+" and not known[name].available:
-            raise PlanError(f"effects: {name} needs a traced main lens, and this design's is ideal; drop +{name}")
+            raise PlanError.about(
+                "effects", f"{name} needs a traced main lens, and this design's is ideal; drop +{name}"
+            )
         wanted[name] = sign == "+"
     return wanted
 
@@ -232,4 +242,4 @@ def _unknown(name: str) -> str:
     names = [effect.name for effect in EFFECTS]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
-    return f"effects: '{name}' is not an effect; {remedy}"
+    return f"'{name}' is not an effect; {remedy}"
