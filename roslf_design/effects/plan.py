@@ -179,7 +179,7 @@ def plan(
     ------
     PlanError
         Unknown effects (the nearest is named), effects that cannot be switched that way.
-    ValueError
+    InputError
         A scene that this design cannot see.
     """
     brief = scene if isinstance(scene, SceneBrief) else WHITE if scene is None else scene.brief(design)
@@ -190,9 +190,7 @@ def plan(
     for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
         size = effect.estimate(design, brief)
         if not math.isfinite(size.value):
-            raise PlanError(
-                f"the estimate of {effect.name} is {size.value} for this design; its values are too extreme"
-            )
+            raise PlanError.about(effect.name, f"its estimate is {size.value}; this design's values are too extreme")
         limit = budget.of(effect.unit)
         user = [name for name in effect.required_by if lines[name].on]
         on, why = _decide(effect, abs(size.value), limit, user)

@@ -87,9 +87,9 @@ def test_bad_overrides_name_the_remedy(override, part):
 
 
 def test_budgets_must_be_numbers():
-    with pytest.raises(PlanError, match="budget.px"):
+    with pytest.raises(PlanError, match=r"budget\.px"):
         Budget(px=math.nan)
-    with pytest.raises(PlanError, match="budget.intensity"):
+    with pytest.raises(PlanError, match=r"budget\.intensity"):
         Budget(intensity=-0.01)
 
 

@@ -1,0 +1,194 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from roslf_design.design import load
+from roslf_design.scenes import (
+    Checkerboard,
+    Picture,
+    Plane,
+    Points,
+    Scene,
+    SceneError,
+    Sinusoid,
+    Tube,
+    load_scene,
+    loads_scene,
+)
+
+PAPER = load("paper")
+
+FULL = """
+name = "bench"
+background = 0.1
+
+[light]
+wavelengths = ["450 nm", "550 nm"]
+exposure = 8000
+read_noise = 2.5
+
+[[objects]]
+kind = "plane"
+distance = "35 cm"
+tilt = ["100 mrad", "0 mrad"]
+texture = { kind = "checkerboard", period = "4 mm", low = 0.2 }
+
+[[objects]]
+kind = "sphere"
+distance = "300 mm"
+radius = "5 mm"
+texture = { kind = "sinusoid", period = "1 mm" }
+
+[[objects]]
+kind = "points"
+positions = [["1 mm", "-2 mm", "300 mm"]]
+
+[[objects]]
+kind = "tube"
+start = "200 mm"
+end = "400 mm"
+radius = "20 mm"
+
+[[objects]]
+kind = "white"
+"""
+
+
+def faults(text):
+    with pytest.raises(SceneError) as error:
+        loads_scene(text, "s.toml")
+    return str(error.value).splitlines()
+
+
+def test_reads_every_kind():
+    scene = loads_scene(FULL)
+    assert [thing.kind for thing in scene.objects] == ["plane", "sphere", "points", "tube", "white"]
+    assert scene.objects[0].distance == 350.0
+    assert scene.objects[0].texture == Checkerboard(period=4.0, low=0.2)
+    assert scene.light.wavelengths == (450e-6, 550e-6)
+    assert scene.objects[2].positions == ((1.0, -2.0, 300.0),)
+
+
+def test_every_fault_at_once_with_place_and_remedy():
+    text = """
+    backgruond = 1
+    [light]
+    exposure = 0
+    wavelengths = ["550"]
+    [[objects]]
+    kind = "plain"
+    [[objects]]
+    kind = "plane"
+    distance = 350
+    texture = { kind = "checkerbord", period = "1 mm" }
+    [[objects]]
+    kind = "sphere"
+    distance = "300 mm"
+    raduis = "3 mm"
+    [[objects]]
+    kind = "tube"
+    start = "300 mm"
+    end = "200 mm"
+    radius = "5 mm"
+    """
+    lines = faults(text)
+    wanted = [
+        ("light.exposure", "greater than zero"),
+        ("light.wavelengths.0", "has no unit"),
+        ("objects.0.kind", "did you mean 'plane'"),
+        ("objects.1.distance", "350 mm"),
+        ("objects.1.texture.kind", "did you mean 'checkerboard'"),
+        ("objects.2.radius", "is missing"),
+        ("objects.2.raduis", "did you mean 'radius'"),
+        ("objects.3", "far end comes second"),
+        ("backgruond", "did you mean 'background'"),
+    ]
+    for key, part in wanted:
+        assert any(line.startswith(f"s.toml: {key}: ") and part in line for line in lines), (key, lines)
+    assert len(lines) == len(wanted)
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("", "objects: is missing"),
+        ("objects = 3", "[[objects]]"),
+        ("objects = [3]", "objects.0: must be a table"),
+        ("[[objects]]\ndistance = '1 mm'", "objects.0.kind: is missing"),
+        ("[[objects]\n", "is not valid TOML"),
+        ("light = 3\n[[objects]]\nkind='white'", "light: must be a table"),
+    ],
+)
+def test_faults_of_the_whole(text, part):
+    assert part in faults(text)[0]
+
+
+def test_missing_files_and_folders(tmp_path):
+    with pytest.raises(SceneError, match="no such file"):
+        load_scene(tmp_path / "none.toml")
+    with pytest.raises(SceneError, match="is a folder"):
+        load_scene(tmp_path)
+    (tmp_path / "latin.toml").write_bytes(b"name = '\xe9'")
+    with pytest.raises(SceneError, match="UTF-8"):
+        load_scene(tmp_path / "latin.toml")
+
+
+def test_pictures_are_found_beside_the_scene(tmp_path):
+    ramp = np.arange(12, dtype=np.uint8).reshape(3, 4) * 20
+    Image.fromarray(ramp).save(tmp_path / "ramp.png")
+    (tmp_path / "s.toml").write_text(
+        '[[objects]]\nkind = "plane"\ntexture = {kind = "image", file = "ramp.png", width = "8 mm"}\n'
+    )
+    texture = load_scene(tmp_path / "s.toml").objects[0].texture
+    assert isinstance(texture, Picture)
+    assert texture.smallest_period == 4.0
+    # pixel centres of a picture 4 x 3 pixels of 2 mm, its middle on the origin
+    np.testing.assert_allclose(texture.at([-3.0, 3.0], [-2.0, 2.0]), [0.0, 220 / 255], rtol=1e-6)
+    np.testing.assert_allclose(texture.at(-2.0, -2.0), 10 / 255, rtol=1e-6)
+
+
+def test_unreadable_pictures_are_named(tmp_path):
+    (tmp_path / "text.png").write_text("no picture")
+    for name in ("text.png", "absent.png"):
+        scene = Scene(objects=(Plane(texture=Picture(file=str(tmp_path / name), width=5.0)),))
+        with pytest.raises(SceneError, match=r"objects\.0\.texture\.file: cannot read"):
+            scene.brief(PAPER)
+
+
+@pytest.mark.parametrize(
+    ("thing", "part"),
+    [
+        (Plane(distance=100.0), "behind the bore's mouth at 120 mm"),
+        (Points(positions=((0.0, 0.0, 120.0),)), "behind the bore's mouth"),
+        (Tube(start=50.0, end=300.0, radius=10.0), "Z = 50 mm, behind the bore's mouth"),
+        (Plane(distance=5.0, size=(20.0, 20.0), tilt=(0.0, 1.0)), "inside the main lens"),
+        (Plane(distance=300.0, tilt=(1.5, 0.0)), "runs out of sight"),
+    ],
+)
+def test_objects_where_the_camera_cannot_see_them(thing, part):
+    with pytest.raises(SceneError) as error:
+        Scene(objects=(thing,)).brief(PAPER)
+    assert part in str(error.value)
+
+
+def test_briefs():
+    assert Scene().brief(PAPER).white
+    assert Scene().brief(PAPER).distances is None
+    plane = Scene(objects=(Plane(texture=Sinusoid(period=3.0)),)).brief(PAPER)
+    assert (plane.smallest_period, plane.hard_edges, plane.distances) == (3.0, False, None)
+    points = Scene(objects=(Points(positions=((0.0, 0.0, 300.0), (0.0, 0.0, 400.0))),)).brief(PAPER)
+    assert (points.smallest_period, points.hard_edges, points.distances) == (0.0, True, (300.0, 400.0))
+
+
+def test_depths_of_a_tilted_plane_bound_what_the_chief_rays_meet():
+    plane = Plane(distance=350.0, tilt=(0.2, -0.3), texture=Sinusoid(period=3.0))
+    nearest, farthest = Scene(objects=(plane,)).brief(PAPER).distances
+    normal = np.array([np.sin(-0.3) * np.cos(0.2), -np.sin(0.2), np.cos(0.2) * np.cos(-0.3)])
+    x_ml, y_ml = np.meshgrid(np.linspace(-11.15, 11.15, 41), np.linspace(-7.466, 7.466, 41))
+    # chief rays: from the FAP's centre at z = -120 towards the in-focus point at z = -350
+    along = np.stack([-x_ml * 2.5, -y_ml * 2.5, np.full_like(x_ml, -230.0)])
+    start = np.array([0.0, 0.0, -120.0])
+    t = normal @ (np.array([0, 0, -350.0]) - start) / np.tensordot(normal, along, 1)
+    distances = -(start[2] + t * along[2])
+    assert nearest <= distances.min() <= distances.max() <= farthest
+    assert farthest < 1.2 * distances.max()
