@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..design import Design
-from ..theory import diffraction
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 from .field import inverse_aperture_constant
@@ -11,8 +10,7 @@ from .field import inverse_aperture_constant
 
 def airy_radius_on_mla(design: Design, wavelength: float) -> float:
     """Airy radius 1.22 lambda d_1/(D_F H) on the microlens array [mm]."""
-    reach = design.d_1 * inverse_aperture_constant(design)
-    return float(diffraction.pupil_airy_radius(design.D_F, reach, wavelength))
+    return 1.22 * wavelength * design.d_1 * inverse_aperture_constant(design) / design.D_F
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..design import Design
-from ..theory import diffraction
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 from .field import exit_pupil_vergence
@@ -16,15 +15,12 @@ def defocus(design: Design) -> float:
 
 def defocus_waves(design: Design, wavelength: float) -> float:
     """Wavefront error at the middle of a square microlens's edge, (d^2/8 lambda) times `defocus`, unsigned [waves]."""
-    vergence = exit_pupil_vergence(design)
-    waves = diffraction.microlens_defocus_waves(design.f_ml, design.d_2, vergence, design.d, wavelength)
-    return float(waves)
+    return design.d**2 / (8 * wavelength) * abs(defocus(design))
 
 
 def ray_blur(design: Design) -> float:
     """Width of the sensor patch that one point of the exit pupil lights through the whole microlens [mm]."""
-    vergence = exit_pupil_vergence(design)
-    return float(diffraction.microlens_defocus_blur(design.f_ml, design.d_2, vergence, design.d))
+    return design.d * design.d_2 * abs(defocus(design))
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:
