@@ -1,0 +1,177 @@
+"""Kernels on circles: where two of them meet, a cap cut off by a chord, and the crescent one disc leaves of another.
+
+Everything the shapes need is a smooth integral or an exact gap here, so that nothing small is ever a difference of
+two large numbers: the two gaps of a pair of circles come from error-free sums, and thin pieces from quadrature of
+positive integrands.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._jit import kernel
+
+APART, CROSSING, INSIDE, AROUND = 0, 1, 2, 3
+"""How disc i lies to disc j: no common inside, circles cross, i within j (or equal to it), i around j."""
+
+_GAUSS = np.polynomial.legendre.leggauss(16)
+NODES = tuple(float(0.5 * (x + 1)) for x in _GAUSS[0])
+"""Gauss-Legendre nodes on [0, 1]: exact to the last bit for the integrands used here, whose singularities lie at
+1.33 or beyond."""
+WEIGHTS = tuple(float(0.5 * w) for w in _GAUSS[1])
+
+
+@kernel()
+def sum_error(a: float, b: float) -> float:
+    """Rounding error of ``a + b`` (Knuth): the exact sum is ``(a + b) + sum_error(a, b)``."""
+    s = a + b
+    t = s - a
+    return (a - (s - t)) + (b - t)
+
+
+@kernel()
+def square_error(a: float) -> float:
+    """Rounding error of ``a * a`` (Dekker's splitting; no fused multiply-add needed)."""
+    t = 134217729.0 * a
+    high = t - (t - a)
+    low = a - high
+    return ((high * high - a * a) + 2.0 * high * low) + low * low
+
+
+@kernel()
+def meet(
+    xi: float, yi: float, ri: float, xj: float, yj: float, rj: float
+) -> tuple[int, float, float, float, float, float, float]:
+    """How circle i lies to circle j, and their common chord.
+
+    The gaps ``ri + rj - d`` (to tangency) and ``d - |ri - rj|`` (to containment) are summed without error but for their
+    last rounding, also when the distance d is not a machine number. The height of the triangle of the two centres and
+    a crossing point then follows from Kahan's product of sorted differences with nothing lost: it is right to a few
+    ulp of itself however thin the triangle, for the numbers exactly as given.
+
+    Returns
+    -------
+    (relation, ux, uy, distance, height, foot_i, foot_j)
+        Unit vector from i to j; half the length of the chord; signed distance of the chord from each centre, counted
+        from i towards j and from j towards i, each good to a few ulp of its own radius.
+    """
+    # Plain floats: interpreted, numpy's scalars would cost several times as much.
+    xi, yi, ri = float(xi), float(yi), float(ri)
+    xj, yj, rj = float(xj), float(yj), float(rj)
+    x = xj - xi
+    y = yj - yi
+    x_low = sum_error(xj, -xi)
+    y_low = sum_error(yj, -yi)
+    xx = x * x
+    yy = y * y
+    square = xx + yy
+    d = 0.0
+    d_low = 0.0
+    ux = 1.0
+    uy = 0.0
+    if square > 1e-280:  # below, its digits are lost, and so is the distance among the radii
+        d = math.sqrt(square)
+        excess = (square - d * d) - square_error(d)
+        excess += sum_error(xx, yy) + square_error(x) + square_error(y) + 2.0 * (x * x_low + y * y_low)
+        d_low = excess / (2.0 * d)
+        ux = x / d
+        uy = y / d
+    total = ri + rj
+    overlap = (total - d) + ((sum_error(ri, rj) + sum_error(total, -d)) - d_low)
+    if overlap <= 0.0 or ri <= 0.0 or rj <= 0.0:
+        return APART, ux, uy, d, 0.0, 0.0, 0.0
+    large = max(ri, rj)
+    small = min(ri, rj)
+    step = large - small
+    beyond = (d - step) + ((sum_error(d, -step) - sum_error(large, -small)) + d_low)
+    if beyond <= 0.0:
+        return (INSIDE if ri <= rj else AROUND), ux, uy, d, 0.0, 0.0, 0.0
+    height = math.sqrt((total + d) * (d + step)) * math.sqrt(overlap * beyond) / (2.0 * d)
+    difference = step * total
+    foot_large = (d * d + difference) / (2.0 * d)
+    # Two equal forms of d^2 + small^2 - large^2: each good to an ulp of the small radius where it is used.
+    if d >= 0.5 * large:
+        foot_small = (small * small + (beyond - small) * (d + large)) / (2.0 * d)
+    else:
+        foot_small = (d * d - difference) / (2.0 * d)
+    if ri <= rj:
+        return CROSSING, ux, uy, d, height, foot_small, foot_large
+    return CROSSING, ux, uy, d, height, foot_large, foot_small
+
+
+@kernel()
+def cap(sine: float, cosine: float) -> tuple[float, float, float, float]:
+    """Cap of the unit disc beyond a chord: the part with ``x >= cosine``, of half-angle ``atan2(sine, cosine)``.
+
+    Returns
+    -------
+    (area, rise, xx, yy)
+        Area; distance of the centroid beyond the chord; central second moments (area integrals) along and across the
+        axis. Each is right to a few ulp of itself, also for the thinnest cap.
+    """
+    if cosine > 0.0:
+        # Thin cap: depth s^2 below the rim, width sqrt(2 s^2) times a smooth factor.
+        depth = sine * sine / (1.0 + cosine)
+        if depth <= 0.0:
+            return 0.0, 0.0, 0.0, 0.0
+        half = 0.5 * depth
+        s0 = 0.0
+        s1 = 0.0
+        s2 = 0.0
+        t0 = 0.0
+        for n in range(16):
+            s = NODES[n]
+            ss = s * s
+            factor = math.sqrt(1.0 - half * ss)
+            term = WEIGHTS[n] * ss * factor
+            left = 1.0 - ss
+            s0 += term
+            s1 += term * left
+            s2 += term * left * left
+            t0 += term * ss * factor * factor
+        scale = 4.0 * depth * math.sqrt(2.0 * depth)
+        area = scale * s0
+        rise = s1 / s0
+        return area, depth * rise, scale * depth * depth * (s2 - s1 * rise), scale * depth * t0 * (2.0 / 3.0)
+    angle = math.atan2(sine, cosine)
+    area = angle - sine * cosine
+    beyond = (2.0 / 3.0) * sine * sine * sine / area
+    fourth = sine * cosine * (cosine - sine) * (cosine + sine)
+    xx = 0.25 * (angle - fourth) - area * beyond * beyond
+    yy = 0.25 * angle - sine * cosine / 3.0 + fourth / 12.0
+    return area, beyond - cosine, xx, yy
+
+
+@kernel()
+def crescent(ri: float, rj: float, d: float, height: float, foot_i: float, foot_j: float) -> float:
+    """Area of disc i outside disc j, for circles that cross; arguments as `meet` gives them. Right relative to itself.
+
+    A barely cut disc loses the lens between two arcs of almost the same chord; its width at height t is
+    ``(h^2 - t^2)(1/a_r - 1/a_R)``, ``a = sqrt(r^2 - t^2) + |foot|``, cleared of the difference and integrated.
+    """
+    r = min(ri, rj)
+    R = max(ri, rj)
+    foot_r = foot_i if ri <= rj else foot_j
+    foot_R = foot_j if ri <= rj else foot_i
+    gain = (R - r) * (R + r)
+    if foot_r < 0.0 and height <= 0.75 * r:
+        lost = 0.0
+        hh = height * height
+        at_foot = 1.0 / (foot_R - foot_r)
+        for n in range(16):
+            tt = hh * NODES[n] * NODES[n]
+            near = math.sqrt((r * r) - tt)
+            far = math.sqrt((R * R) - tt)
+            lost += WEIGHTS[n] * (hh - tt) * (1.0 / (far + near) + at_foot) / ((near - foot_r) * (far + foot_R))
+        lost *= 2.0 * height * gain
+    elif r <= 0.5 * R:
+        lost = r * r * cap(height / r, -foot_r / r)[0] - R * R * cap(height / R, foot_R / R)[0]
+    else:
+        opening = math.atan2(d * height, height * height - foot_r * foot_R)
+        # Triangle of the centres and a crossing point, and the sector its angle there sweeps: all of the size of d.
+        lost = d * height + r * r * opening - gain * math.atan2(height, foot_R)
+    if ri > rj:
+        lost += math.pi * gain
+    return lost
