@@ -1,0 +1,234 @@
+"""A lens as its maker prints it: surfaces in order, curvatures, thicknesses, glasses, clear diameters.
+
+Surfaces run from the scene to the microlens array, the first vertex at z = 0, air before and after. A surface holds
+its curvature rather than its radius, so that a plane is 0 and nothing is infinite.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..design.errors import InputError, Problem
+from .glass import AIR, Glass
+
+Array = NDArray[np.float64]
+
+ASPHERE_TERMS = 8
+"""Even powers r^2 to r^16, as many as a .zmx even asphere has."""
+
+
+class LensError(InputError):
+    """A lens (or its file) that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One refracting surface, or a diaphragm where the glass on both sides is the same.
+
+    The sag along the surface's own axis is ``c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + sum a_i r^(2 i)``.
+
+    Attributes
+    ----------
+    curvature : float
+        c [1/mm], positive when the centre lies on the image side.
+    semi_diameter : float
+        Clear semi-diameter [mm]: what lies outside is clipped.
+    thickness : float
+        To the next vertex along the axis [mm]; 0 on the last surface.
+    glass : Glass
+        After the surface.
+    conic : float
+        k: 0 sphere, -1 paraboloid.
+    asphere : tuple of float
+        (a_1, a_2, ...), of r^2, r^4, ... [mm^(1 - 2i)].
+    shift : tuple of float
+        Displacement of the vertex from its nominal place [mm].
+    tilt : tuple of float
+        Rotations (alpha, beta) about x and y [rad]; the surface's axis points along
+        ``(sin beta, -sin alpha cos beta, cos alpha cos beta)``.
+    """
+
+    curvature: float
+    semi_diameter: float
+    thickness: float = 0.0
+    glass: Glass = AIR
+    conic: float = 0.0
+    asphere: tuple[float, ...] = ()
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def radius(self) -> float:
+        """Radius of curvature [mm]; infinite for a plane."""
+        return 1 / self.curvature if self.curvature else math.inf
+
+    @property
+    def vertex_curvature(self) -> float:
+        """Curvature at the vertex, with the r^2 term [1/mm]."""
+        return self.curvature + (2 * self.asphere[0] if self.asphere else 0.0)
+
+    @property
+    def is_plane(self) -> bool:
+        """Flat over its whole aperture."""
+        return self.curvature == 0 and not any(self.asphere)
+
+    def sag(self, radius: ArrayLike) -> Array:
+        """Height of the surface over its vertex plane at distance `radius` from its axis [mm]; nan beyond its rim."""
+        square = np.square(np.asarray(radius, float))
+        with np.errstate(invalid="ignore"):
+            root = np.sqrt(1 - (1 + self.conic) * self.curvature**2 * square)
+        total = self.curvature * square / (1 + root)
+        for power, a in enumerate(self.asphere, start=1):
+            total = total + a * square**power
+        return np.asarray(total)
+
+    def reversed(self, glass: Glass, thickness: float) -> Surface:
+        """The surface mirrored in z, as light from the other side meets it, before `glass` and `thickness`."""
+        (x, y, z), (alpha, beta) = self.shift, self.tilt
+        return replace(
+            self,
+            curvature=0.0 - self.curvature,
+            asphere=tuple(0.0 - a for a in self.asphere),
+            shift=(x, y, 0.0 - z),
+            tilt=(0.0 - alpha, 0.0 - beta),
+            glass=glass,
+            thickness=thickness,
+        )
+
+
+@dataclass(frozen=True)
+class Prescription:
+    """A lens: its surfaces from scene to sensor, in air.
+
+    Attributes
+    ----------
+    surfaces : tuple of Surface
+        At least one.
+    name, source : str
+        What it is called and where the numbers come from.
+    wavelength : float or None
+        Its design wavelength [mm].
+
+    Raises
+    ------
+    LensError
+        Every fault at once: no glass left at the rim, a surface wider than its own sphere, and the like.
+    """
+
+    surfaces: tuple[Surface, ...]
+    name: str = ""
+    source: str = ""
+    wavelength: float | None = None
+
+    def __post_init__(self) -> None:
+        problems = tuple(faults(self.surfaces))
+        if self.wavelength is not None and not 0 < self.wavelength < math.inf:
+            problems += (Problem("wavelength", f"{self.wavelength!r} mm must be a positive length"),)
+        if problems:
+            raise LensError(problems, self.name)
+
+    @property
+    def vertices(self) -> tuple[float, ...]:
+        """Place of each nominal vertex along z [mm], the first 0."""
+        z, found = 0.0, []
+        for surface in self.surfaces:
+            found.append(z)
+            z += surface.thickness
+        return tuple(found)
+
+    @property
+    def length(self) -> float:
+        """First to last vertex [mm]."""
+        return self.vertices[-1]
+
+    @property
+    def elements(self) -> tuple[tuple[int, ...], ...]:
+        """Pieces that move as one: runs of surfaces joined by glass (a cemented doublet is one piece of three)."""
+        groups: list[list[int]] = []
+        joined = False
+        for index, surface in enumerate(self.surfaces):
+            if joined:
+                groups[-1].append(index)
+            else:
+                groups.append([index])
+            joined = surface.glass != AIR
+        return tuple(tuple(group) for group in groups)
+
+    @property
+    def is_centred(self) -> bool:
+        """Every surface's axis is the z axis, so that the lens is symmetric about it."""
+        return all(s.tilt == (0.0, 0.0) and s.shift[:2] == (0.0, 0.0) for s in self.surfaces)
+
+    def reversed(self) -> Prescription:
+        """The lens mounted the other way round; its new first vertex is at z = 0."""
+        before = [AIR, *(surface.glass for surface in self.surfaces[:-1])]
+        gaps = [0.0, *(surface.thickness for surface in self.surfaces[:-1])]
+        turned = tuple(
+            surface.reversed(glass, gap) for surface, glass, gap in zip(self.surfaces, before, gaps, strict=True)
+        )
+        name = self.name.removesuffix(" reversed") if self.name.endswith(" reversed") else f"{self.name} reversed"
+        return replace(self, surfaces=turned[::-1], name=name.strip())
+
+
+def faults(surfaces: tuple[Surface, ...]) -> list[Problem]:
+    """Everything that makes a stack of surfaces impossible as a lens in air, with the place `surfaces.N` (from 1)."""
+    if not surfaces:
+        return [Problem("surfaces", "a lens needs at least one surface; add [[surfaces]]")]
+    found: list[Problem] = []
+    for number, surface in enumerate(surfaces, start=1):
+        found += [Problem(f"surfaces.{number}.{key}", message) for key, message in _surface_faults(surface)]
+    if surfaces[-1].glass != AIR:
+        message = f"the last surface ends in {surfaces[-1].glass.name}; the lens must end in air: add its rear surface"
+        found.append(Problem(f"surfaces.{len(surfaces)}.glass", message))
+    if surfaces[-1].thickness != 0:
+        message = "nothing follows the last surface; leave its thickness out (the design places the microlens array)"
+        found.append(Problem(f"surfaces.{len(surfaces)}.thickness", message))
+    if not found:
+        for number, (front, rear) in enumerate(pairwise(surfaces), start=1):
+            found += _gap_faults(number, front, rear)
+    return found
+
+
+def _surface_faults(surface: Surface) -> list[tuple[str, str]]:
+    found = []
+    numbers = {
+        "radius": surface.curvature,
+        "conic": surface.conic,
+        "thickness": surface.thickness,
+        "asphere": math.fsum(surface.asphere) if all(map(math.isfinite, surface.asphere)) else math.nan,
+        "shift": math.fsum(surface.shift),
+        "tilt": math.fsum(surface.tilt),
+    }
+    found += [(key, "is not a finite number") for key, value in numbers.items() if not math.isfinite(value)]
+    semi = surface.semi_diameter
+    if not 0 < semi < math.inf:
+        return [*found, ("diameter", f"{2 * semi:g} mm must be a positive, finite clear diameter")]
+    if surface.thickness < 0:
+        found.append(("thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"))
+    if len(surface.asphere) > ASPHERE_TERMS:
+        found.append(("asphere", f"has {len(surface.asphere)} terms; at most {ASPHERE_TERMS} (r^2 to r^16)"))
+    bend = (1 + surface.conic) * surface.curvature**2
+    if bend * semi**2 >= 1:
+        widest = 2 / math.sqrt(bend)
+        message = f"{2 * semi:g} mm is not less than the {widest:g} mm at which the surface turns back; reduce it"
+        found.append(("diameter", message))
+    return found
+
+
+def _gap_faults(number: int, front: Surface, rear: Surface) -> list[Problem]:
+    semi = min(front.semi_diameter, rear.semi_diameter)
+    heights = np.linspace(0, semi, 65)
+    gap = front.thickness + rear.sag(heights) - front.sag(heights)
+    worst = int(np.argmin(gap))
+    # A diaphragm drawn inside the sag of its neighbour is only a place to clip; glass and air between lenses are real.
+    virtual = front.glass == AIR and (front.is_plane or rear.is_plane)
+    if virtual or gap[worst] >= -1e-9:
+        return []
+    what = front.glass.name if front.glass != AIR else "air gap"
+    message = f"the {what} is {gap[worst]:.3g} mm thick at height {heights[worst]:.3g} mm: the surfaces cross"
+    return [Problem(f"surfaces.{number}.thickness", f"{message}; increase the thickness or reduce the diameters")]
