@@ -67,45 +67,58 @@ def survivors(x: Floats, y: Floats, r: Floats, alive: NDArray[np.bool_]) -> tupl
 
 
 @kernel()
-def free_arcs(i: int, x: Floats, y: Floats, r: Floats, alive: NDArray[np.bool_], work: Floats, out: Floats) -> int:
-    """Parts of circle i inside all other living discs, into ``out[:, 0:2]`` (start, end) [rad]; returns how many.
+def exclude(start: float, length: float, origin: float, m: int, intervals: Floats) -> int:
+    """Insert an excluded interval of a rim into the sorted list of m, counted from `origin`; returns m + 1."""
+    start = (start - origin) % TURN
+    k = m
+    while k > 0 and intervals[k - 1, 0] > start:
+        intervals[k, 0] = intervals[k - 1, 0]
+        intervals[k, 1] = intervals[k - 1, 1]
+        k -= 1
+    intervals[k, 0] = start
+    intervals[k, 1] = start + length
+    return m + 1
 
-    Each other disc excludes one interval of circle i; what the union of the intervals leaves is free. Angles are
-    counted from the start of the first interval, so that no free part wraps around.
+
+@kernel()
+def leave(origin: float, m: int, intervals: Floats, out: Floats) -> int:
+    """What the union of m >= 1 excluded intervals leaves of a turn, into ``out`` (start, end); returns how many parts.
+
+    `origin` must be the start of one of the intervals, so that no part that is left runs across it.
+    """
+    reach = 0.0
+    for k in range(m):
+        reach = max(reach, intervals[k, 1] - TURN)
+    count = 0
+    for k in range(m + 1):
+        start = intervals[k, 0] if k < m else TURN
+        if start - reach > SHORTEST:
+            out[count, 0] = origin + reach
+            out[count, 1] = origin + start
+            count += 1
+        if k < m:
+            reach = max(reach, intervals[k, 1])
+    return count
+
+
+@kernel()
+def free_arcs(i: int, x: Floats, y: Floats, r: Floats, alive: NDArray[np.bool_], work: Floats, out: Floats) -> int:
+    """Parts of circle i inside all other living discs, into ``out`` (start, end) [rad]; returns how many.
+
+    Each other disc excludes one interval of circle i; what the union of the intervals leaves is free.
     """
     m = 0
     origin = 0.0
     for j in range(len(r)):
         if j != i and alive[j]:
             relation, ux, uy, _, height, foot, _ = meet(x[i], y[i], r[i], x[j], y[j], r[j])
-            if relation != CROSSING:
-                continue
-            half = math.atan2(height, foot)
-            start = math.atan2(uy, ux) + half
-            if m == 0:
-                origin = start
-            start = (start - origin) % TURN
-            k = m
-            while k > 0 and work[k - 1, 0] > start:
-                work[k, 0] = work[k - 1, 0]
-                work[k, 1] = work[k - 1, 1]
-                k -= 1
-            work[k, 0] = start
-            work[k, 1] = start + (TURN - 2.0 * half)
-            m += 1
-    reach = 0.0
-    for k in range(m):
-        reach = max(reach, work[k, 1] - TURN)
-    count = 0
-    for k in range(m + 1):
-        start = work[k, 0] if k < m else TURN
-        if start - reach > SHORTEST:
-            out[count, 0] = origin + reach
-            out[count, 1] = origin + start
-            count += 1
-        if k < m:
-            reach = max(reach, work[k, 1])
-    return count
+            if relation == CROSSING:
+                half = math.atan2(height, foot)
+                start = math.atan2(uy, ux) + half
+                if m == 0:
+                    origin = start
+                m = exclude(start, TURN - 2.0 * half, origin, m, work)
+    return leave(origin, m, work, out)
 
 
 @kernel()
