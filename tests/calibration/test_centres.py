@@ -1,0 +1,200 @@
+"""Microlens centres against white images drawn by brute force with known centres, and against a real microscope's."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from roslf_design.calibration.centres import find_centres
+from roslf_design.calibration.errors import CalibrationError
+from roslf_design.calibration.lattice import Lattice, fit_lattice
+from roslf_design.calibration.spectrum import estimate_lattice
+from roslf_design.calibration.trust import Reason
+from tests.oracles.calibration import nodes_over, white_image
+
+PITCH, ROTATION = 14.07, math.radians(0.31)
+
+
+def errors(found, truth):
+    """Fitted minus true centres, each matched to the nearest true one."""
+    return found.centres - truth[cKDTree(truth).query(found.centres)[1]]
+
+
+def rms(vectors):
+    return float(np.sqrt(np.mean(vectors**2)))
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize("fill", [0.9, 1.0])
+def test_clean_white_image_gives_centres_below_two_thousandths_of_a_pixel(layout, fill):
+    truth = nodes_over((1000, 1000), PITCH, ROTATION, layout, (1.3, 0.4))
+    found = find_centres(white_image((1000, 1000), truth, fill * PITCH / 2, noise=0.01))
+    assert found.lattice.layout == layout
+    assert rms(errors(found, truth)) < 0.002
+    assert np.all(found.used | (found.reasons == Reason.BORDER) | (found.reasons == Reason.OUTLIER))
+    assert found.lattice.pitch == pytest.approx(PITCH, abs=2e-4)
+    assert found.lattice.rotation == pytest.approx(ROTATION, abs=1e-5)
+    assert 0.3 * found.sigma < max(rms(errors(found, truth)), 0.5 * found.sigma) < 4 * found.sigma
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
+    shape = (1000, 1000)
+    truth = nodes_over(shape, PITCH, ROTATION, layout, (1.3, 0.4))
+    middle = np.array([499.5, 499.5])
+    shift = sign * 5.0 * (truth - middle) / np.hypot(*middle)
+    image = white_image(shape, truth, 0.95 * PITCH / 2, cut_radius=0.62 * PITCH, cut_shift=shift, noise=0.01)
+    found = find_centres(image)
+    error = errors(found, truth)
+    assert rms(error) < 0.05
+    assert rms(error) < 0.012  # what it does; other tools 0.21-0.47
+    assert rms(error) < 3 * found.sigma + found.unseen_cut
+    assert found.cut_bias > 0.7  # the bias a fit through every centroid would have met
+    cut = found.reasons == Reason.CUT
+    radius = np.hypot(*(found.centres - middle).T)
+    whole = (0.62 - 0.475) * PITCH / 5 * np.hypot(*middle)  # the second disc touches the first here
+    assert cut[radius > 1.15 * whole].mean() > 0.9
+    assert not cut[radius < 0.7 * whole].any()
+
+
+def test_promised_radius_replaces_the_judgement_by_shape():
+    truth = nodes_over((400, 400), PITCH, ROTATION, "square")
+    found = find_centres(white_image((400, 400), truth, 6.0, noise=0.01), undistorted_radius=100.0, axis=(150.0, 200.0))
+    radius = np.hypot(*(found.centres - (150.0, 200.0)).T)
+    assert (radius[found.used] < 100.5).all()
+    assert (found.reasons[radius > 101] != Reason.USED).all()
+    assert rms(errors(found, truth)) < 0.003
+
+
+@pytest.mark.parametrize(
+    ("layout", "pitch", "degrees"),
+    [
+        ("square", 6.3, 12.0),
+        ("hexagonal", 6.3, -20.0),
+        ("square", 79.7, 3.0),
+        ("hexagonal", 80.0, 17.0),
+        ("square", 31.4, 40.0),
+    ],
+)
+def test_any_pitch_and_rotation_without_knowing_them(layout, pitch, degrees):
+    shape = (700, 820)
+    truth = nodes_over(shape, pitch, math.radians(degrees), layout, (0.3, -2.4))
+    found = find_centres(white_image(shape, truth, 0.8 * pitch / 2, noise=0.01))
+    assert found.lattice.layout == layout
+    assert rms(errors(found, truth)) < 0.005  # few lenses at 80 px: each is known to 0.02
+
+
+@pytest.mark.parametrize(("pitch", "fill"), [(14.07, 0.8), (14.07, 1.0), (40.3, 0.9)])
+def test_vignetting_leaves_the_centres_alone(pitch, fill):
+    shape = (900, 1100)
+    truth = nodes_over(shape, pitch, ROTATION, "square", (1.3, 0.4))
+    y, x = np.mgrid[-1 : 1 : shape[0] * 1j, -1 : 1 : shape[1] * 1j]
+    image = white_image(shape, truth, fill * pitch / 2, noise=0.01, envelope=1 - 0.25 * (x**2 + y**2))
+    found = find_centres(image)
+    assert rms(errors(found, truth)) < 0.003  # centroids alone: 0.015 at 14 px, 0.1 at 40 px
+    assert found.shading > 0
+    by_lens = 1 - 0.25 * (((truth - (549.5, 449.5)) / (549.5, 449.5)) ** 2).sum(axis=1)
+    stairs = np.zeros(shape)
+    for level in np.unique(np.round(by_lens, 2)):
+        stairs += level * white_image(shape, truth[np.round(by_lens, 2) == level], fill * pitch / 2)
+    stairs += np.random.default_rng(3).normal(0, 0.01, shape)
+    assert rms(errors(find_centres(stairs), truth)) < 0.005
+
+
+def test_blurred_images_that_run_into_each_other():
+    truth = nodes_over((500, 500), PITCH, 0.2, "square")
+    sharp = white_image((500, 500), truth, PITCH / 2)
+    frequency = np.fft.fftfreq(500)
+    blur = np.exp(-2 * (math.pi * 0.15 * PITCH) ** 2 * (frequency[:, None] ** 2 + frequency[None, :] ** 2))
+    image = np.fft.ifft2(np.fft.fft2(sharp) * blur).real + np.random.default_rng(0).normal(0, 0.01, sharp.shape)
+    found = find_centres(image)
+    assert found.pull > 0.5
+    assert rms(errors(found, truth)) < 0.004
+
+
+def test_dark_frame_is_taken_off_and_a_constant_changes_nothing():
+    truth = nodes_over((400, 400), PITCH, ROTATION, "square")
+    image = 3000 * white_image((400, 400), truth, 6.0, noise=0.01)
+    dark = 500 + 40 * np.random.default_rng(1).normal(size=image.shape)
+    raw = np.clip(image + dark, 0, None).astype(np.uint16)
+    found, plain = find_centres(raw, dark), find_centres(image)
+    np.testing.assert_allclose(found.lattice.basis, plain.lattice.basis, atol=2e-4)  # uint16 rounding
+    np.testing.assert_allclose(found.light, plain.light, rtol=0.02)
+    undone = find_centres(raw)
+    np.testing.assert_allclose(undone.lattice.origin, plain.lattice.origin, atol=0.01)
+
+
+def test_real_microscope(shared_data):
+    import tifffile
+
+    white = tifffile.imread(shared_data / "guv" / "Radiometry_GUVExperim1.tif")
+    dark = tifffile.imread(shared_data / "guv" / "DarkFrame_GUVExperim1.tif")
+    found = find_centres(white, dark)
+    np.testing.assert_allclose(found.lattice.pitches, (15.389, 15.411), atol=0.01)
+    own = found.measured[found.reasons != Reason.BORDER] - found.centres[found.reasons != Reason.BORDER]
+    assert rms(own) <= 0.07
+    assert found.used.mean() > 0.8
+
+
+def test_reasons_are_counted_in_words():
+    truth = nodes_over((400, 400), PITCH, 0.0, "square", (0.31, 0.17))
+    image = white_image((400, 400), truth, 6.0, noise=0.005)
+    image[180:200, 180:200] = 0
+    image[100:102, 100:102] = 9.0
+    found = find_centres(image, saturation=5.0)
+    counts = found.counts()
+    assert sum(counts.values()) == len(found.indices)
+    assert counts["saturated pixels"] in (1, 2, 3, 4)
+    assert "cell reaches over the image's edge" in counts
+    assert (found.reasons == Reason.DARK).sum() + (found.reasons == Reason.OUTLIER).sum() >= 1
+    assert rms(errors(found, truth)) < 0.003
+
+
+def test_bad_white_images_are_refused_in_one_line():
+    truth = nodes_over((300, 300), PITCH, 0.0, "square")
+    image = white_image((300, 300), truth, 6.0)
+    with pytest.raises(CalibrationError, match="white image is missing"):
+        find_centres(None)
+    with pytest.raises(
+        CalibrationError, match=r"white image and the dark frame differ in size \(300 x 300 px and 200 x 300"
+    ):
+        find_centres(image, np.zeros((300, 200)))
+    with pytest.raises(CalibrationError, match=r"saturated: 100 % of its microlens images reach grey level 255"):
+        find_centres(np.clip(400 * image, 0, 255).astype(np.uint8))
+    with pytest.raises(CalibrationError, match="no periodic lattice"):
+        find_centres(np.random.default_rng(0).normal(100, 1, (300, 300)))
+    with pytest.raises(CalibrationError, match="no periodic lattice"):
+        find_centres(np.ones((300, 300)))
+    with pytest.raises(CalibrationError, match="not finite"):
+        find_centres(np.full((300, 300), np.nan))
+    with pytest.raises(CalibrationError, match="no image"):
+        find_centres(np.zeros(12))
+    with pytest.raises(CalibrationError, match="square lattice, not a hexagonal"):
+        find_centres(image, layout="hexagonal")
+    with pytest.raises(CalibrationError, match=r"expected pitch of 40\.00 px: the image's strongest period is 14\."):
+        find_centres(image, pitch=40.0)
+    with pytest.raises(CalibrationError, match=r"one direction only|neither square"):
+        find_centres(np.tile(np.sin(np.arange(300) / 2.0) + 1, (300, 1)))
+
+
+def test_prior_pitch_is_accepted_and_agrees():
+    truth = nodes_over((300, 300), PITCH, 0.1, "hexagonal")
+    image = white_image((300, 300), truth, 6.0, noise=0.01)
+    given = estimate_lattice(image, pitch=15.0, layout="hexagonal")
+    np.testing.assert_allclose(given.basis, estimate_lattice(image).basis, rtol=1e-12)
+
+
+def test_lattice_fit_is_exact_on_exact_points_and_clips_outliers():
+    lattice = Lattice((3.0, 4.0), (14.0, 0.2), (-0.2, 13.9), "square")
+    j, i = np.mgrid[0:9, 0:7]
+    index = np.stack([i.ravel(), j.ravel()], axis=-1)
+    points = lattice.nodes(index[:, 0], index[:, 1]) + np.random.default_rng(0).normal(0, 1e-3, (63, 2))
+    points[5] += 3.0
+    fit = fit_lattice(index, points, "square")
+    assert not fit.inliers[5]
+    np.testing.assert_allclose(fit.lattice.basis, lattice.basis, atol=1e-3)
+    np.testing.assert_allclose(lattice.indices(lattice.nodes(i, j)), np.stack([i, j], axis=-1), atol=1e-12)
+    with pytest.raises(CalibrationError, match="four microlenses"):
+        fit_lattice(index[:5] * (1, 0), points[:5], "square")
