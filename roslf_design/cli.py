@@ -13,10 +13,10 @@ from cyclopts import App
 from cyclopts.exceptions import CycloptsError
 
 from . import __version__
+from .errors import InputError
 
 COMMANDS = {
     "evaluate": "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
-    "report": "A design report: one self-contained HTML page with verdicts, tables and figures.",
     "presets": "The designs that ship, and where their files are.",
 }
 """Name of each command (a function in the module of that name in `commands`) and what it does."""
@@ -38,8 +38,6 @@ def build_app() -> App:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code, after one line on stderr for each thing wrong."""
-    from .design.errors import InputError
-
     try:
         result = build_app()(
             sys.argv[1:] if arguments is None else arguments,

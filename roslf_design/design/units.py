@@ -69,7 +69,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
         value = float(text)
         if not math.isfinite(value):
             raise ValueError(f"{text!r} is not a finite number")
-        return value
+        return value + 0.0  # -0.0 and 0.0 are one value, and so must be one text
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise ValueError(f'cannot read "{text}" as a {dimension}; write e.g. "{example}"')
@@ -82,7 +82,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     value = float(Decimal(number) * factor)
     if not math.isfinite(value):
         raise ValueError(f'"{text}" is not a finite number')
-    return value
+    return value + 0.0
 
 
 def _about_unit(unit: str, dimension: str) -> str:

@@ -89,7 +89,7 @@ class Field:
     """One microlens."""
 
     x_ml_mm: tuple[float, float]
-    """Where it sits on the MLA."""
+    """Where it sits on the MLA, in the array's own frame."""
     status: str
     """"full", "clipped" or "dark"."""
     area_mm2: float
@@ -103,6 +103,8 @@ class Field:
     axis_ratio: float | None
     """Minor over major axis of the image's second moments; 1 for a disc."""
     ray_budget: RayBudget
+    rays: int | None
+    """Rays that these numbers were counted from, where something is tilted; None for exact areas."""
 
 
 @dataclass(frozen=True)

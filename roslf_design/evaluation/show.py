@@ -117,9 +117,17 @@ FIELD_HEADINGS = ("microlens x, y [mm]", "image", "kept", "centroid [um]", "axis
 EFFECT_HEADINGS = ("effect", "estimate", "budget", "", "why")
 
 
+def absent_effects(result: Evaluation) -> str:
+    """One sentence on the effects that this design and scene do not have at all."""
+    names = [effect.name.replace("_", " ") for effect in result.effects if effect.estimate == 0 and not effect.on]
+    return f"Nothing comes from: {', '.join(names)}." if names else ""
+
+
 def effect_rows(result: Evaluation) -> Iterator[tuple[str, ...]]:
-    """The effects plan as cells."""
+    """The effects plan as cells, without the effects that are zero."""
     for effect in result.effects:
+        if effect.estimate == 0 and not effect.on:
+            continue
         yield (
             effect.name.replace("_", " "),
             f"{number(effect.estimate, 3)} {effect.unit}",
@@ -158,6 +166,7 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
         table.box, table.pad_edge, table.title_justify, table.title_style = None, False, "left", "bold"
         console.print()
         console.print(table)
+    console.print(f"[dim]{absent_effects(result)}[/dim]", highlight=False)
     console.print(f"\n[dim]{result.method}[/dim]", highlight=False)
 
 
@@ -185,4 +194,5 @@ def as_html(result: Evaluation) -> str:
         head = "".join(f"<th>{escape(text)}</th>" for text in headings)
         body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
         parts.append(f"<h4>{escape(title)}</h4><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
+    parts.append(f"<p>{escape(absent_effects(result))}</p><p>{escape(result.method)}</p>")
     return "".join(parts)

@@ -1,0 +1,74 @@
+"""Single microlenses of a design with tilts: rims are no discs on the sensor, so rays are counted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design
+from ..rays import System, trace_pupil
+from ..rays.sampling import pupil_samples
+from ..rays.status import Status
+from .result import Field, RayBudget
+from .rims import axes_in_space
+
+RAYS = 65_536
+"""Rays per microlens, evenly over the FAP."""
+RIM_POINTS = 4096
+"""Points of the FAP's rim that outline its image; the polygon's area is right to 1e-6."""
+
+
+def count_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[Field, ...]:
+    """Shape and ray budget of the microlens at each place, every tilt included, from `RAYS` rays each."""
+    system = System.from_design(design)
+    endless = replace(system, sensor=replace(system.sensor, size=(math.inf, math.inf)))
+    # One rim after the other, in the order of the budget: the FAP and the main lens, then each further stop.
+    behind = [replace(endless, stops=endless.stops[: 1 + count]) for count in range(len(endless.stops))]
+    return tuple(_count(design, behind, axis) for axis in axes)
+
+
+def _count(design: Design, behind: Sequence[System], axis: tuple[float, float]) -> Field:
+    samples = pupil_samples(RAYS)
+    traced = [trace_pupil(system, (samples[0], samples[1]), axis) for system in behind]
+    past = [np.isin(rays.status, (Status.KEPT, Status.NEIGHBOUR)) for rays in traced]
+    kept, status = past[-1], traced[-1].status
+    landing = np.stack(traced[-1].sensor, -1)[kept] + np.asarray(design.sensor.decentre)
+    share = float(kept.mean())
+    lit = bool(kept.any())
+    centroid = landing.mean(axis=0) - axes_in_space(design, [axis])[0] if lit else None
+    return Field(
+        x_ml_mm=axis,
+        status="full" if kept.all() else "clipped" if lit else "dark",
+        area_mm2=share * _pupil_image_area(behind[-1], axis),
+        kept_fraction=share,
+        lost_fraction=float((~kept).mean()),
+        centroid_mm=None if centroid is None else (float(centroid[0]), float(centroid[1])),
+        axis_ratio=_axis_ratio(landing) if lit else None,
+        ray_budget=RayBudget(
+            fap=1.0,
+            main_lens=float(past[0].mean()),
+            stops=tuple(float(passed.mean()) for passed in past[1:]),
+            own_cell=float((status == Status.KEPT).mean()),
+        ),
+        rays=RAYS,
+    )
+
+
+def _pupil_image_area(system: System, axis: tuple[float, float]) -> float:
+    angle = 2 * math.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    inside = 1 - 1e-12  # on the rim, rounding decides whether a ray is still of the pupil
+    x, y = trace_pupil(system, (inside * np.cos(angle), inside * np.sin(angle)), axis).sensor
+    x, y = x - x.mean(), y - y.mean()
+    polygon = 0.5 * abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)))
+    return polygon * (2 * math.pi / RIM_POINTS) / math.sin(2 * math.pi / RIM_POINTS)
+
+
+def _axis_ratio(points: NDArray[np.float64]) -> float:
+    if len(points) < 3:
+        return 0.0
+    minor, major = np.linalg.eigvalsh(np.cov(points.T))
+    return math.sqrt(max(float(minor), 0.0) / float(major)) if major > 0 else 0.0

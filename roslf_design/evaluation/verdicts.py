@@ -1,0 +1,114 @@
+"""The questions an engineer asks first, answered with their margins and what would mend them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..design import Design
+from ..theory.matched import Matched, matched_pupil_diameter, matched_pupil_distance, matched_sensor_distance
+from .result import Field, FNumber, NonDistortion, Sampling, Verdict
+
+MATCHED_WITHIN_PX = 0.5
+"""Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
+MATCHED_WITHIN = 0.01
+"""The same as a share of the pitch; whichever allows more."""
+
+
+def verdicts_of(
+    design: Design, f_number: FNumber, non_distortion: NonDistortion, sampling: Sampling
+) -> tuple[Verdict, ...]:
+    """Answer whether the f-number is matched, the field undistorted, and the pixels worth having."""
+    return (
+        _matched(design, f_number),
+        _undistorted(design, non_distortion),
+        _resolved(sampling),
+    )
+
+
+def _matched(design: Design, f: FNumber) -> Verdict:
+    ok = abs(f.mismatch_px) <= MATCHED_WITHIN_PX or abs(f.fill_factor - 1) <= MATCHED_WITHIN
+    kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
+    if ok:
+        text = f"f-number matched: fill factor {f.fill_factor:.5g}, images {kind} {abs(f.mismatch_px):.3g} px"
+        return Verdict("f_number_matched", ok, text, "")
+    text = (
+        f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
+        f"{f.fill_factor:.4g}, images {kind} {abs(f.mismatch_px):.3g} px"
+    )
+    return Verdict("f_number_matched", ok, text, _match_remedy(design))
+
+
+def _match_remedy(design: Design) -> str:
+    ways: dict[str, Matched] = {
+        "d_2": matched_sensor_distance(design.D_F, design.d, design.f, design.d_f, design.d_3),
+        "D_F": matched_pupil_diameter(design.d, design.d_2, design.f, design.d_f, design.d_3),
+        "d_3": matched_pupil_distance(design.D_F, design.d, design.d_2, design.f, design.d_f),
+    }
+    found = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if bool(way.exists)]
+    if not found:
+        return "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
+    return f"any one of these matches it exactly: {', '.join(found)}"
+
+
+def _undistorted(design: Design, field: NonDistortion) -> Verdict:
+    seen = (
+        f"the sensor sees {field.field_half_width_mm:.4g} mm (half width), "
+        f"{field.field_half_diagonal_mm:.4g} mm (corner)"
+    )
+    if field.undistorted_in_field:
+        bound = (
+            f"out to {field.x0_max_mm:.4g} mm object radius, limited by the {field.limited_by}"
+            if math.isfinite(field.x0_max_mm)
+            else "at any field"
+        )
+        text = f"field undistorted: microlens images are full discs {bound}; {seen}"
+        return Verdict("field_undistorted", True, text, "")
+    text = (
+        f"field distorted: cat's-eye images beyond {field.x0_max_mm:.4g} mm object radius "
+        f"({field.x_ml_max_mm:.4g} mm on the MLA), cut by the {field.limited_by}; {seen}"
+    )
+    return Verdict("field_undistorted", False, text, _field_remedy(design, field))
+
+
+def _field_remedy(design: Design, field: NonDistortion) -> str:
+    grow = 2 * abs(field.room_at_corner_mm)
+    if field.limited_by == "main lens":
+        return (
+            f"a main lens of {design.D + grow:.4g} mm clear aperture frees the whole field; "
+            "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
+        )
+    return f"widen the {field.limited_by} by {grow:.4g} mm, or use a smaller FAP or a smaller sensor"
+
+
+def _resolved(sampling: Sampling) -> Verdict:
+    views, independent = sampling.views_geometric, sampling.views_independent
+    if independent >= views:
+        text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
+        return Verdict("views_resolved", True, text, "")
+    return Verdict(
+        "views_resolved",
+        False,
+        f"diffraction limits the views: {views:.3g} pixels across a microlens image hold {independent:.3g} independent "
+        "views per axis (4 N_F)",
+        "larger microlenses or a shorter d_2 gain views; larger pixels would lose nothing",
+    )
+
+
+def warnings_of(design: Design, fields: Sequence[Field]) -> tuple[str, ...]:
+    """What is no error but must not go unsaid."""
+    found = []
+    for side, mla, sensor in zip(("wide", "high"), design.microlens_array.size, design.sensor_size, strict=True):
+        if sensor > mla * (1 + 1e-9):
+            found.append(
+                f"the sensor is {sensor:.5g} mm {side} (seen at the MLA) but the MLA only {mla:.5g} mm: "
+                "its margin stays dark, and fields are counted to the MLA's edge"
+            )
+    half_x, half_y = (size / 2 for size in design.microlens_array.size)
+    for field in fields:
+        x, y = field.x_ml_mm
+        if abs(x) > half_x or abs(y) > half_y:
+            found.append(f"field {x:g}, {y:g} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)")
+        if field.status == "dark":
+            found.append(f"field {x:g}, {y:g} mm gets no light: the rims' images do not overlap there")
+    return tuple(found)
