@@ -112,7 +112,7 @@ def cells(system: System, microlens: Point) -> Floats:
         xx, yx, xy, yy = (ax - bx) / 2, (ay - by) / 2, (cx - dx) / 2, (cy - dy) / 2
         area = xx * yy - xy * yx
         inverse = (yy / area, -xy / area, -yx / area, xx / area)
-    return np.stack(np.broadcast_arrays(*landing(0, 0), *inverse))
+        return np.stack(np.broadcast_arrays(*landing(0, 0), *inverse))
 
 
 def is_hexagonal(system: System) -> float:

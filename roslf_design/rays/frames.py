@@ -102,8 +102,8 @@ def frames(system: System) -> Floats:
     world = Pose(rotation((0.0, 0.0)), (0.0, 0.0, 0.0))
     maps = [between(sensor, array, system.sensor.distance), between(array, lens), between(lens, world)]
     maps += [*(between(lens, stop) for stop in stops), between(stops[0], lens)]
-    trials = np.broadcast_shapes(*(m.shape[2:] for m in maps))
-    return np.stack([np.broadcast_to(_padded(m, len(trials)), (3, 4, *trials)) for m in maps])
+    shape = system.shape
+    return np.stack([np.broadcast_to(_padded(m, len(shape)), (3, 4, *shape)) for m in maps])
 
 
 def light_order(system: System) -> NDArray[np.intp]:

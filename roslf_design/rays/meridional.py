@@ -83,11 +83,12 @@ def trace_meridional(
         (np.abs(v) > np.divide(system.array.pitch, 2), int(Status.MICROLENS)),
         (np.abs(height - lens.decentre[0]) > np.divide(lens.diameter, 2), int(Status.MAIN_LENS)),
     ]
-    tables = [_chord(stop) for stop in system.stops]
+    chords = [_chord(stop) for stop in system.stops]
     for index in light_order(system)[::-1]:
-        for k, (stop, half) in enumerate(zip(system.stops, tables, strict=True)):
-            taken = ~(np.abs(height - slope * stop.distance - stop.decentre[0]) <= half)
-            marks.append((taken & (index == k), int(Status.APERTURE) + k))
+        for k, (stop, half) in enumerate(zip(system.stops, chords, strict=True)):
+            with np.errstate(over="ignore", invalid="ignore"):
+                passed = np.abs(height - slope * stop.distance - stop.decentre[0]) <= half
+            marks.append((~passed & (index == k), int(Status.APERTURE) + k))
     marks.append((~np.isfinite(height + slope), int(Status.UNTRACEABLE)))
     status = verdict(shape, marks)
     lit = status != Status.UNTRACEABLE
@@ -109,13 +110,15 @@ def image_section(system: System, microlens: ArrayLike) -> Section:
     Section
         Aligned, a stop at z reaches from c (1 + d_2/d_1 - h z d_2/d_1^2) by (D_k/2) h d_2/d_1, h = d_f/(d_f - z).
     """
-    # Heights are affine in the sensor's coordinate: two rays give the line, and the openings' rims are read off it.
+    # Heights are affine in the sensor's coordinate: one ray through each microlens fixes where they start, and one of
+    # slope 1 through the axis, free of the field's large numbers, how they grow.
     c, step = np.asarray(microlens, float), np.asarray(system.sensor.distance, float)
-    first, second = (_object_side(system, c + t * step, c, 0.0) for t in (0.0, 1.0))
+    height, slope = _object_side(system, c, c, 0.0)
+    d_1 = np.asarray(system.array.distance, float)
+    growth = -d_1, 1.0 - d_1 / system.lens.focal_length
     lower, upper = [], []
     for distance, centre, half in _openings(system):
-        start, end = (height - slope * distance - centre for height, slope in (first, second))
-        low, high = _interval(start, end - start, half)
+        low, high = _interval(height - slope * distance - centre, growth[0] - growth[1] * distance, half)
         lower.append(c + low * step)
         upper.append(c + high * step)
     return Section(np.stack(np.broadcast_arrays(*lower), -1), np.stack(np.broadcast_arrays(*upper), -1))

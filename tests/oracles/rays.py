@@ -84,6 +84,8 @@ class Traced(NamedTuple):
     """Status code of an element: (distance from its centre, its radius)."""
     order: list[int]
     """Codes as light meets the elements."""
+    crossings: list[tuple[Any, Any]]
+    """Where it crossed the stops, in their own frames."""
 
     def at(self, distance: Any) -> tuple[Any, Any]:
         """x, y on the plane z = -distance; for inf, tangents of the direction under which that object is seen."""
@@ -129,16 +131,16 @@ def backward(system: System, sensor: Any, microlens: Any, offset: Any = (0.0, 0.
         on_lens = lens.meet(where, between)
         back = bent(lens, lens.vertex, mp.mpf(float(system.lens.focal_length)), on_lens, between)
         misses = {}
-        for k, stop in enumerate(stops):
-            miss = mp.hypot(*stop.local(stop.meet(on_lens, back)))
-            misses[Status.APERTURE + k] = (miss, mp.mpf(float(system.stops[k].diameter)) / 2)
+        crossings = [stop.local(stop.meet(on_lens, back)) for stop in stops]
+        for k, crossing in enumerate(crossings):
+            misses[Status.APERTURE + k] = (mp.hypot(*crossing), mp.mpf(float(system.stops[k].diameter)) / 2)
         order = sorted(misses, key=lambda code: (-float(system.stops[code - Status.APERTURE].distance), code))
         misses[int(Status.MAIN_LENS)] = (mp.hypot(*lens.local(on_lens)), mp.mpf(float(system.lens.diameter)) / 2)
         v = [abs(mp.mpf(float(x))) for x in offset]
         reach = mp.hypot(*v) if system.array.lens_shape == "circular" else max(v)
         misses[int(Status.MICROLENS)] = (reach, mp.mpf(float(system.array.pitch)) / 2)
         order += [int(Status.MAIN_LENS), int(Status.MICROLENS)]
-        return Traced(on_lens, add((0, 0, 0), back, -1), misses, order)
+        return Traced(on_lens, add((0, 0, 0), back, -1), misses, order, crossings)
 
 
 def forward(
