@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design.errors import Problem
+from ..errors import Problem
 from .prescription import LensError, Prescription
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design.errors import InputError, Problem
 from ..design.units import format_quantity, parse_quantity
+from ..errors import InputError, Problem
 
 Array = NDArray[np.float64]
 

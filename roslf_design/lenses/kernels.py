@@ -19,8 +19,8 @@ BLOCK = 256
 """Rays in a block; nine rows of them are 18 kB."""
 ROWS = 9
 
-CLIPPED, MISSED, REFLECTED, NO_PLANE, INVALID = 1, 2, 3, 4, 5
-"""What stopped a ray; its state is eight times the surface's number (from 1; 0 before the first) plus one of these."""
+CLIPPED, MISSED, REFLECTED, NO_PLANE, INVALID, STOPPED = 1, 2, 3, 4, 5, 6
+"""What stopped a ray; its state is eight times the number of the surface or stop (from 1; else 0) plus one of these."""
 
 SPHERE, CONIC, ASPHERE = 1, 2, 3
 COLUMNS = 26

@@ -34,8 +34,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ..design.errors import InputError, Problem
 from ..design.units import format_quantity, parse_quantity
+from ..errors import InputError, Problem
 from .glass import AIR, Glass, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design.errors import Problem
+from ..errors import Problem
 from .glass import AIR
 from .prescription import LensError, Prescription, Surface
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design.errors import InputError, Problem
+from ..errors import InputError, Problem
 from .glass import AIR, Glass
 
 Array = NDArray[np.float64]

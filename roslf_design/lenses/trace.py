@@ -20,8 +20,10 @@ Array = NDArray[np.float64]
 COMPILE_ABOVE, LOAD_ABOVE = 300, 50_000
 """Ray-surface meetings from which the compiled kernel pays: where numba is loaded already, and where it is not.
 
-Interpreted, one meeting takes some 7 us; loading numba and the compiled kernel takes some 0.5 s.
+Interpreted, one meeting takes some 7 us; loading numba and the compiled kernel takes some 0.5 s. Small calls add up:
+the second number counts all meetings of the process so far. Which of the two runs makes no difference to a single bit.
 """
+_spent = [0]
 
 KEPT = 0
 REASONS = {
@@ -29,6 +31,7 @@ REASONS = {
     kernels.MISSED: "missed surface {}",
     kernels.REFLECTED: "total internal reflection at surface {}",
     kernels.NO_PLANE: "never reaches the plane",
+    kernels.STOPPED: "clipped at stop {}",
     kernels.INVALID: "not a ray (not finite, or its direction not of unit length)",
 }
 
@@ -167,7 +170,7 @@ def _run(
     ins: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in rays]
     arrays: list[Any] = [*ins, surface_table(lens), index, np.empty(ROWS * BLOCK), position, direction, state]
     arrays += [lengths, rooms]
-    compiled = n * count >= (COMPILE_ABOVE if "numba" in sys.modules else LOAD_ABOVE)
+    compiled = _pays(n * count)
     if not compiled:
         arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
     run = trace_rays.compiled if compiled else trace_rays.interpreted
@@ -175,6 +178,13 @@ def _run(
     target = math.nan if plane is None else float(plane)
     run(from_, along, n, table, count, media, backward, clip, plane is not None, target, work, *results)
     return position.reshape(3, n), direction.reshape(3, n), state, lengths, rooms
+
+
+def _pays(meetings: int) -> bool:
+    if "numba" in sys.modules:
+        return meetings >= COMPILE_ABOVE
+    _spent[0] += meetings
+    return _spent[0] >= LOAD_ABOVE
 
 
 @lru_cache(maxsize=128)

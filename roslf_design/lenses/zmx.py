@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..design.errors import InputError, Problem
+from ..errors import InputError, Problem
 from .glass import AIR, Glass, find_glass
 from .prescription import LensError, Prescription, Surface, faults
 
