@@ -11,10 +11,10 @@ microlenses in z and turns their axes; tilting a stop makes it a tilted disc.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from . import kernels as kn
@@ -93,7 +93,15 @@ def trace(system: System, sensor: Point, microlens: Point, offset: Point = (0.0,
     return ObjectRays(status, (hx, hy), (sx, sy))
 
 
-def ends(system: System, sensor: Point, microlens: Point, offset: Point = (0.0, 0.0), *, distance: ArrayLike) -> Ends:
+def ends(
+    system: System,
+    sensor: Point,
+    microlens: Point,
+    offset: Point = (0.0, 0.0),
+    *,
+    distance: ArrayLike,
+    out: Ends | None = None,
+) -> Ends:
     """Trace sensor points back to an object plane, perpendicular to the axis; the fast way for many rays.
 
     Parameters
@@ -102,11 +110,18 @@ def ends(system: System, sensor: Point, microlens: Point, offset: Point = (0.0, 
         As in `trace`.
     distance : array_like
         Z, the object plane's distance from the lens [mm]; inf gives directions.
+    out : Ends, optional
+        Contiguous arrays of the rays' shape to write into; fresh memory costs as much as the rays.
 
     Returns
     -------
     Ends
         Broadcast shape. x = l - o Z; for Z = inf, x/Z = -o. Untraceable rays hold zeros.
+
+    Raises
+    ------
+    ValueError
+        `out` does not fit.
 
     Notes
     -----
@@ -116,28 +131,37 @@ def ends(system: System, sensor: Point, microlens: Point, offset: Point = (0.0, 
     trials = np.broadcast_shapes(system.shape, np.shape(distance))
     shape = np.broadcast_shapes(trials, *(np.shape(c) for c in (*sensor, *microlens, *offset)))
     if int(np.prod(shape)) >= COMPILE_FROM and (not trials or trials[-1] == 1):
-        return compiled_ends(system, sensor, microlens, offset, distance=distance)
+        return compiled_ends(system, sensor, microlens, offset, distance=distance, out=out)
     rays = trace(system, sensor, microlens, offset)
-    x, y = rays.at(distance)
-    shape = np.broadcast_shapes(x.shape, rays.status.shape)
-    return Ends(np.broadcast_to(rays.status, shape), x, y)
+    written = _room(shape, out)
+    written.status[...] = rays.status
+    written.x[...], written.y[...] = rays.at(distance)
+    return written
 
 
 def compiled_ends(
-    system: System, sensor: Point, microlens: Point, offset: Point = (0.0, 0.0), *, distance: ArrayLike
+    system: System,
+    sensor: Point,
+    microlens: Point,
+    offset: Point = (0.0, 0.0),
+    *,
+    distance: ArrayLike,
+    out: Ends | None = None,
 ) -> Ends:
     """`ends` by the compiled loop, however few the rays; the last axis must be one of rays, not of trials.
 
     Raises
     ------
     ValueError
-        The system or the distance changes along the last axis.
+        The system or the distance changes along the last axis, or there are no rays.
     """
     groups = [[np.asarray(c, float) for c in pair] for pair in (sensor, microlens, offset)]
     trials = np.broadcast_shapes(system.shape, np.shape(distance))
     shape = np.broadcast_shapes((1,), trials, *(c.shape for group in groups for c in group))
     if trials and trials[-1] != 1:
         raise ValueError(f"the system changes along the last axis of {shape}; put the rays last (System.spread)")
+    if 0 in shape:
+        raise ValueError(f"no rays in an array of shape {shape}")
     leading = shape[:-1] if trials else None
     packed = [lines(group, shape) for group in groups]
     steps = np.array([(int(bool(trials)), 0), *(step for _, step in packed)])
@@ -148,15 +172,26 @@ def compiled_ends(
         rows(places, 2, leading),
         rows(codes, 1, leading),
     )
-    status, x, y = np.empty(shape, np.uint8), np.empty(shape), np.empty(shape)
-    out = (status.reshape(-1), x.reshape(-1), y.reshape(-1))
+    written = _room(shape, out)
+    flat = (written.status.reshape(-1), written.x.reshape(-1), written.y.reshape(-1))
+    maps = None if system.aligned else rows(frames(system), 3, leading)
     with THREADS:
-        if system.aligned:
-            kn.aligned_ends.compiled(k, place_rows, code_rows, steps, shape[-1], points, *out)
+        if maps is None:
+            kn.aligned_ends.compiled(k, place_rows, code_rows, steps, shape[-1], points, *flat)
         else:
-            maps = rows(frames(system), 3, leading)
-            kn.posed_ends.compiled(k, maps, place_rows, code_rows, steps, shape[-1], points, *out)
-    return Ends(status, x, y)
+            kn.posed_ends.compiled(k, maps, place_rows, code_rows, steps, shape[-1], points, *flat)
+    return written
+
+
+def _room(shape: tuple[int, ...], out: Ends | None) -> Ends:
+    """Arrays to write rays into."""
+    if out is None:
+        return Ends(np.empty(shape, np.uint8), np.empty(shape), np.empty(shape))
+    for name, kind in (("status", np.uint8), ("x", np.float64), ("y", np.float64)):
+        array: NDArray[Any] = getattr(out, name)
+        if array.shape != shape or array.dtype != kind or not array.flags.c_contiguous:
+            raise ValueError(f"out.{name}: needs a contiguous array of {kind.__name__} of shape {shape}")
+    return out
 
 
 def _aligned(system: System, k: Floats, *points: Floats) -> tuple[list[Floats], list[Floats], list[Mark]]:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.rays import Array, Lens, Sensor, Status, Stop, System, ends, trace
+from roslf_design.rays import Array, Ends, Lens, Sensor, Status, Stop, System, ends, trace
 from roslf_design.rays.backward import compiled_ends
 from tests.oracles.rays import backward
 from tests.rays.systems import PAPER, random_points, random_system
@@ -127,6 +127,25 @@ def test_trials_on_the_last_axis_are_refused_by_the_compiled_loop():
     with pytest.raises(ValueError, match="rays last"):
         compiled_ends(system, (0.0, 0.0), (0.0, 0.0), distance=1.0)
     assert ends(system, (0.0, 0.0), (0.0, 0.0), distance=1.0).x.shape == (2,)
+
+
+@pytest.mark.parametrize("way", [ends, compiled_ends])
+def test_results_go_where_they_are_wanted(way):
+    room = Ends(np.empty((2, 3), np.uint8), np.empty((2, 3)), np.empty((2, 3)))
+    points = (np.linspace(0, 0.1, 3), np.array([[0.0], [0.01]])), (0.0, 0.0)
+    got = way(PAPER, *points, distance=350.0, out=room)
+    assert got is room
+    for a, b in zip(room, way(PAPER, *points, distance=350.0), strict=True):
+        np.testing.assert_array_equal(a, b)
+    for wrong in (room._replace(x=np.empty((3, 2))), room._replace(status=np.empty((2, 3), np.int64))):
+        with pytest.raises(ValueError, match=r"out\.(x|status): needs a contiguous array"):
+            way(PAPER, *points, distance=350.0, out=wrong)
+
+
+def test_no_rays():
+    assert ends(PAPER, (np.empty(0), 0.0), (0.0, 0.0), distance=1.0).x.shape == (0,)
+    with pytest.raises(ValueError, match="no rays"):
+        compiled_ends(PAPER, (np.empty(0), 0.0), (0.0, 0.0), distance=1.0)
 
 
 def exactly_placed_ray(height):
