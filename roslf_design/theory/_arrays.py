@@ -20,7 +20,7 @@ def ratio(numerator: Array, denominator: Array) -> Array:
     The closed forms meet inf/inf only as two lengths that differ from one infinite length by finite amounts,
     and 0/0 only where the numerator's own zero (a pixel on the axis, a sensor on the microlenses) comes first.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient = np.divide(numerator, denominator)
     if not np.isnan(quotient).any():
         return quotient
@@ -29,10 +29,10 @@ def ratio(numerator: Array, denominator: Array) -> Array:
     return np.where((numerator == 0) & (denominator == 0), 0.0, quotient)[()]
 
 
-def product(factor: Array, unbounded: Array) -> Array:
-    """Product that is 0 wherever `factor` is, also where `unbounded` is infinite."""
-    with np.errstate(invalid="ignore"):
-        result = np.multiply(factor, unbounded)
+def product(left: Array, right: Array) -> Array:
+    """Product that is 0 wherever a factor is, also where the other is infinite: no pupil has no blur at any depth."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        result = np.multiply(left, right)
     if not np.isnan(result).any():
         return result
-    return np.where((factor == 0) & np.isinf(unbounded), 0.0, result)[()]
+    return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]

@@ -41,7 +41,7 @@ def pixel_to_pupil(
     Eq. 2.
     """
     s, q, d2, reach, s0 = floats(pixel, pixel_pitch, sensor_distance, effective_image_distance, centre)
-    return ratio(-(q * reach) * (s - s0), d2)
+    return ratio(-product(s - s0, q * reach), d2)
 
 
 def pupil_to_pixel(

@@ -112,7 +112,7 @@ def depth_sigma(
     """
     sigma, z, de, d = floats(disparity_sigma, depth, pupil_diameter, microlens_pitch)
     reach = effective_image_distance(focal_length, focal_plane_distance, pupil_distance)
-    return ratio(product(sigma * d, z * z), product(de, reach))
+    return product(ratio(product(sigma * d, z), product(de, reach)), z)
 
 
 def inverse_depth_sigma(

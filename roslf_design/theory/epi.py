@@ -40,11 +40,11 @@ def pupil_shear(
     The bracket of Eq. 12, with the sign of the array's own axes: the image moves by minus the shear.
     """
     z, f, df, d3 = floats(depth, focal_length, focal_plane_distance, pupil_distance)
-    m = magnification(f, df)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shear = product(ratio(z - gap(df, d3), z), m)
-        if np.isnan(shear).any():  # focused at infinity: m = 0, and the gap no longer tells A
-            shear = np.where(np.isnan(shear), m - effective_image_distance(f, df, d3) / z, shear)[()]
+    with np.errstate(invalid="ignore"):
+        shear = product(ratio(z - gap(df, d3), z), magnification(f, df))
+    focused_at_infinity = np.isinf(df)
+    if focused_at_infinity.any():  # m = 0, and an infinite gap no longer tells A
+        shear = np.where(focused_at_infinity, -ratio(effective_image_distance(f, df, d3), z), shear)[()]
     return shear
 
 
@@ -82,7 +82,7 @@ def epi_slope(
     d, q, d2, f, df, d3 = floats(
         microlens_pitch, pixel_pitch, sensor_distance, focal_length, focal_plane_distance, pupil_distance
     )
-    step = ratio(product(q / d, effective_image_distance(f, df, d3)), d2)
+    step = ratio(q / d * effective_image_distance(f, df, d3), d2)
     return product(pupil_shear(depth, f, df, d3), step)
 
 
@@ -135,12 +135,13 @@ def calibrated_epi_slope(
     effective_image_distance, magnification : array_like
         A [mm] and m.
     microlens_pitch, pixel_pitch, sensor_distance : array_like
-        d, q and d_2 [mm], ``d_2 > 0``.
+        d, q and d_2 [mm].
 
     Returns
     -------
     ndarray
-        ``(q A / (d d_2)) (m - A/Z_F)`` [microlenses per pixel], broadcast; -inf at ``Z_F = 0`` unless ``A = 0``.
+        ``(q A / (d d_2)) (m - A/Z_F)`` [microlenses per pixel], broadcast; infinite at ``Z_F = 0`` unless
+        ``A = 0``, and at ``d_2 = 0`` off the focal plane.
 
     Notes
     -----
@@ -149,7 +150,7 @@ def calibrated_epi_slope(
     z, reach, m, d, q, d2 = floats(
         depth, effective_image_distance, magnification, microlens_pitch, pixel_pitch, sensor_distance
     )
-    return product(q * reach / (d * d2), m - ratio(reach, z))
+    return product(ratio(q * reach, d * d2), m - ratio(reach, z))
 
 
 def inverse_depth_from_epi_slope(

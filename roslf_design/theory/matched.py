@@ -139,7 +139,7 @@ def matched_pupil_distance(
     Matched
         ``d_3 = (d_1 + d_2 - D_F d_2/d) / (m + d_2/f)`` [mm], broadcast; Eq. 8: ``(d_1 - D_F d_2/d) / m``. None where it
         lies behind the lens (``d_3 < 0``: the pupil is too large to match even at the lens) or not before the focal
-        plane, and where there is no image (``D_F = 0`` or ``d_2 = 0``). Eq. 8 holds for all d_3 or none at
+        plane (in float64), and where there is no image (``D_F = 0`` or ``d_2 = 0``). Eq. 8 holds for all d_3 or none at
         ``d_f = inf``: told as none.
     """
     de, d, d2, f, df = floats(pupil_diameter, microlens_pitch, sensor_distance, focal_length, focal_plane_distance)

@@ -80,7 +80,7 @@ def main_lens_f_number(lens_diameter: ArrayLike, mla_distance: ArrayLike) -> Arr
     Returns
     -------
     ndarray
-        ``d_1 / D``, broadcast.
+        ``d_1 / D``, broadcast; inf only for an infinite d_1.
     """
     diameter, d1 = floats(lens_diameter, mla_distance)
     return ratio(d1, diameter)

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from ._arrays import Array, floats, product
 from .aperture import pupil_angle
 from .field import require_finite
-from .pupils import exit_pupil_vergence
 
 
 class StopDisc(NamedTuple):
@@ -118,7 +117,8 @@ def stop_disc(
     For the FAP (``z_k = d_3``) the diameter is that of Eqs. 2-3 and the centre that of Eq. 4.
     """
     dk, zk, d2, c, ek = floats(stop_diameter, stop_distance, sensor_distance, microlens_centre, stop_decentre)
-    scale = product(d2, pupil_angle(1.0, focal_length, focal_plane_distance, zk))
-    pitch = 1 + product(d2, exit_pupil_vergence(focal_length, focal_plane_distance, zk))
-    centre = product(c, pitch[..., None]) - product(ek, scale[..., None])
+    f, df = floats(focal_length, focal_plane_distance)
+    scale = product(d2, pupil_angle(1.0, f, df, zk))
+    bend = (f - zk) / f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf at z_k = d_f
+    centre = c + product(scale[..., None], c * bend[..., None] - ek)
     return StopDisc(product(dk / 2, scale), centre)

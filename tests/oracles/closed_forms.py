@@ -18,16 +18,21 @@ DIGITS = 60
 ORACLES: dict[str, Callable[..., Any]] = {}
 
 
-def oracle(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Register under its own name; run at 60 digits on exact conversions of the floats given."""
+def traced(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Run at 60 digits on exact conversions of the floats given."""
 
     @functools.wraps(function)
     def at_many_digits(**arguments: Any) -> Any:
         with mp.workdps(DIGITS):
             return function(**{name: exactly(value) for name, value in arguments.items()})
 
-    ORACLES[function.__name__] = at_many_digits
     return at_many_digits
+
+
+def oracle(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`traced`, and registered under its own name, which is that of a closed form."""
+    ORACLES[function.__name__] = traced(function)
+    return ORACLES[function.__name__]
 
 
 def exactly(value: Any) -> Any:
@@ -58,29 +63,49 @@ class Judged(NamedTuple):
     """Sum over the arguments of |x df/dx / f|."""
 
 
-def judge(name: str, got: Any, arguments: Mapping[str, Any]) -> list[Judged]:
-    """Errors and condition numbers of every number that a closed form returned."""
-    compute = ORACLES[name]
+def judge(compute: Callable[..., Any], got: Any, arguments: Mapping[str, Any], enough: float = 0.0) -> list[Judged]:
+    """Errors against an oracle, and condition numbers, of every number that a closed form returned.
+
+    Numbers within `enough` ulps are not asked for their condition (it is told as 0), which takes most of the time.
+    """
     exact = flat(compute(**arguments))
-    step = mp.mpf(10) ** -20
     with mp.workdps(DIGITS):
-        moved = [mp.mpf(0)] * len(exact)
-        for nudged in nudges(arguments, step):
-            up, down = (flat(compute(**side)) for side in nudged)
-            moved = [total + abs(u - v) / (2 * step) for total, u, v in zip(moved, up, down, strict=True)]
+        errors = [ulps_off(value, truth) for value, truth in zip(got, exact, strict=True)]
+        if max(errors) <= enough:
+            return [Judged(truth, error, 0.0) for truth, error in zip(exact, errors, strict=True)]
+        moved = movement(compute, arguments, len(exact))
         result = []
-        for value, truth, movement in zip(got, exact, moved, strict=True):
-            if isinstance(truth, bool) or mp.isinf(truth):
-                result.append(Judged(truth, 0.0 if value == truth else float("inf"), 0.0))
-                continue
-            error = abs(mp.mpf(float(value)) - truth)
-            scale = abs(truth) if truth != 0 else movement
-            if error == 0 or scale == 0:
-                result.append(Judged(truth, 0.0 if error == 0 else float("inf"), 0.0))
-                continue
-            last_place = mp.ldexp(1, int(mp.floor(mp.log(scale, 2))) - 52)
-            result.append(Judged(truth, float(error / last_place), float(movement / scale)))
-    return result
+        for value, truth, error, move in zip(got, exact, errors, moved, strict=True):
+            if truth == 0 and move > 0:  # a difference of equal terms: judged by the terms
+                result.append(Judged(truth, float(abs(mp.mpf(float(value))) / last_place(move)), 1.0))
+            else:
+                result.append(Judged(truth, error, float(move / abs(truth)) if truth != 0 else 0.0))
+        return result
+
+
+def ulps_off(value: Any, truth: Any) -> float:
+    if isinstance(truth, bool) or mp.isinf(truth):
+        return 0.0 if value == truth else float("inf")
+    error = abs(mp.mpf(float(value)) - truth)
+    if error == 0:
+        return 0.0
+    return float(error / last_place(truth)) if truth != 0 else float("inf")
+
+
+def last_place(value: mp.mpf) -> mp.mpf:
+    return mp.ldexp(1, int(mp.floor(mp.log(abs(value), 2))) - 52)
+
+
+def movement(compute: Callable[..., Any], arguments: Mapping[str, Any], count: int) -> list[mp.mpf]:
+    """Sum over the arguments of |x df/dx|, by central differences."""
+    step = mp.mpf(10) ** -20
+    moved = [mp.mpf(0)] * count
+    for nudged in nudges(arguments, step):
+        up, down = (flat(compute(**side)) for side in nudged)
+        for i, (u, v) in enumerate(zip(up, down, strict=True)):
+            if not isinstance(u, bool):
+                moved[i] += mp.inf if mp.isinf(u) or mp.isinf(v) else abs(u - v) / (2 * step)
+    return moved
 
 
 def nudges(arguments: Mapping[str, Any], step: mp.mpf) -> list[tuple[dict[str, Any], dict[str, Any]]]:
@@ -398,7 +423,7 @@ def matched_pupil_distance(
         return unmatched * (focal_plane_distance - d_3)
 
     value = affine_root(cleared, 0, (0, focal_plane_distance / 2))
-    exists = bool(0 <= value < focal_plane_distance)
+    exists = 0 <= float(value) < float(focal_plane_distance)  # one that rounds to d_f is no design
     return (value if exists else mp.inf), exists
 
 
@@ -694,3 +719,38 @@ def back_substitution_jacobian(focal_length, effective_image_distance, magnifica
         up, down = (back_substitute(**{**base, name: value * (1 + side * step)})[:4] for side in (1, -1))
         columns.append([(u - v) / (2 * step * value) for u, v in zip(up, down, strict=True)])
     return tuple(tuple(column[row] for column in columns) for row in range(4))
+
+
+# --- projection -------------------------------------------------------------------------------------------------------
+
+
+def pupil_point(camera: Camera, d_3: Any, q: Any, d_2: Any, pixel: Any) -> mp.mpf:
+    """FAP coordinate that a pixel, counted from its image's centre, sees through a microlens on axis."""
+    return camera.height(q * pixel, 0, d_2, d_3)
+
+
+@traced
+def microlens_of(X, Z_F, pixel, centre, A, m, d, q, d_2, u_0):
+    """Microlens index u where a scene point is seen in view s'."""
+    camera, d_3 = calibrated(A, m)
+    arrival, _ = camera.seen(X, Z_F, d_3, pupil_point(camera, d_3, q, d_2, pixel - centre))
+    return u_0 + arrival / d
+
+
+@traced
+def pixel_of(X, Z_F, microlens, centre, A, m, d, q, d_2, u_0):
+    """Pixel s' of a microlens that sees a scene point."""
+    camera, d_3 = calibrated(A, m)
+    c = d * (microlens - u_0)
+    pupil = affine_root(lambda S: camera.seen(X, Z_F, d_3, S)[0], c)
+    return centre + (camera.landing(c, d_2, d_3, pupil) - camera.landing(c, d_2, d_3, 0)) / q
+
+
+@traced
+def ray_of(pixel, microlens, centre, A, m, d, q, d_2, u_0):
+    """FAP coordinate and slope by depth of the ray that a pixel of a microlens receives."""
+    camera, d_3 = calibrated(A, m)
+    c = d * (microlens - u_0)
+    sensor = camera.landing(c, d_2, d_3, 0) + q * (pixel - centre)
+    at_pupil = camera.height(sensor, c, d_2, d_3)
+    return at_pupil, camera.height(sensor, c, d_2, d_3 + 1) - at_pupil

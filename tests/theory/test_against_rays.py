@@ -49,7 +49,7 @@ def test_200_random_designs_within_budget(name):
     function = getattr(theory, name)
     for design in DESIGNS:
         given = arguments(name, design)
-        for judged in judge(name, numbers(function(**given)), given):
+        for judged in judge(ORACLES[name], numbers(function(**given)), given, BUDGET):
             assert judged.ulps <= BUDGET * (1 + judged.condition), (given, judged)
 
 
