@@ -1,0 +1,157 @@
+"""`roslf tolerance`."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..tolerance.result import StudyResult
+
+
+def tolerance(
+    study: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    json: Annotated[bool, Parameter(negative=())] = False,
+    seed: int | None = None,
+    workers: int | None = None,
+    trials: int | None = None,
+    scheduler: str | None = None,
+    resume: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Run a tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.
+
+    Example: roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2
+
+    Parameters
+    ----------
+    study
+        A study file: a design, what it may miss, the limits it is held to.
+    output
+        Folder for results.json, trials.npz, figures, the worst trials as design files, and the chunks of the run.
+    json
+        Print the JSON object instead of tables.
+    seed
+        Instead of the study's; the same seed gives the same bytes.
+    workers
+        Processes; changes the time, never the results. Default: 1 for small runs, else one a core.
+    trials
+        Instead of the study's.
+    scheduler
+        Address of a Dask scheduler, or "local" for a cluster started here.
+    resume
+        Go on with a run that was stopped.
+    """
+    from ..design.write import write_atomically
+    from ..errors import InputError, Problem
+    from ..tolerance.executors import ChunkLostError
+    from ..tolerance.figures import pictures
+    from ..tolerance.plan import load_plan
+    from ..tolerance.run import Where, analyse, npz_bytes, run_trials, save_worst, trial_arrays
+
+    wrong = {"--seed": seed is not None and seed < 0, "--trials": trials is not None and trials < 1}
+    wrong["--workers"] = workers is not None and workers < 1
+    if any(wrong.values()):
+        raise InputError(tuple(Problem(key, "must be a positive whole number") for key, bad in wrong.items() if bad))
+    plan, description, grades = load_plan(study, trials=trials, seed=seed)
+    where = Where(workers or _workers(plan.chunks), scheduler)
+    with _progress(plan.trials) as progress:
+        try:
+            tally = run_trials(plan, output, where, resume=resume, progress=progress)
+        except ChunkLostError as error:
+            print(f"roslf: {error}", file=sys.stderr)
+            raise SystemExit(1) from None
+    result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
+    text = json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomically(output / "results.json", (text + "\n").encode())
+    write_atomically(output / "trials.npz", npz_bytes(trial_arrays(plan, tally)))
+    for name, content in pictures(result).items():
+        write_atomically(output / name, content)
+    if json:
+        print(text)
+        return
+    from rich.console import Console
+
+    print_result(result, Console())
+
+
+def print_result(result: StudyResult, console: Console) -> None:
+    """Tables for a terminal."""
+    from rich.table import Table
+
+    from ..report.blocks import Table as Block
+    from ..tolerance.section import headline, limits_table, quantiles_table, rss_table, sobol_table, tolerances_table
+
+    console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
+    console.print(headline(result), highlight=False, soft_wrap=True)
+    if result.scale_for_target is not None:
+        scale, found = result.scale_for_target
+        console.print(f"All tolerances times {scale:.3g} give a yield of {100 * found.value:.2f} %", highlight=False)
+    for grade in result.grades:
+        console.print(f"Grade {grade.grade}: yield {100 * grade.result.value:.2f} %", highlight=False)
+    blocks: list[Block] = [limits_table(result, brief=True), quantiles_table(result, brief=True)]
+    blocks += [tolerances_table(result), rss_table(result, brief=True)]
+    if result.sobol is not None:
+        blocks.append(sobol_table(result))
+    for block in blocks:
+        table = Table(title=block.title, title_justify="left", box=None, header_style="bold", pad_edge=False)
+        for heading, align in zip(block.headings, block.align, strict=True):
+            table.add_column(heading, justify="left" if align == "l" else "right", no_wrap="@" in heading)
+        for row in block.rows:
+            table.add_row(*row)
+        if block.title == "Tolerances":
+            table.columns.pop()  # where each figure comes from is in results.json
+        console.print()
+        console.print(table)
+    console.print("\nOf each metric the weakest field; all fields in results.json.", highlight=False)
+    for warning in result.warnings:
+        console.print(f"\nNote: {warning}", highlight=False, soft_wrap=True)
+    for trial in result.worst:
+        place = trial.file or "no design: some number of it is impossible"
+        console.print(f"Worst trial {trial.number}: {place}", highlight=False)
+
+
+def _workers(chunks: int) -> int:
+    import os
+
+    # A pool costs a second to start: not worth it below a few chunks.
+    return 1 if chunks < 8 else max(1, min(chunks, len(os.sched_getaffinity(0))))
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on stderr, from two seconds on; nothing where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    import time
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    started = time.monotonic()
+    bar = Progress(
+        TextColumn("trials"), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
+        TimeRemainingColumn(), console=Console(stderr=True), transient=True,
+    )  # fmt: skip
+    task = bar.add_task("trials", total=total)
+
+    def advance(done: int, _: int) -> None:
+        bar.update(task, completed=done)
+        if not bar.live.is_started and time.monotonic() - started > 2:
+            bar.start()
+
+    try:
+        yield advance
+    finally:
+        bar.stop()

@@ -1,0 +1,136 @@
+"""Chance: which deviations trial n has, from (seed, n) alone."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distributions import SMALLEST, Distribution, deviation, standard_deviation
+
+Array = NDArray[np.float64]
+
+Sampling = Literal["random", "sobol"]
+"""Independent random trials, or a scrambled Sobol sequence."""
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One number that a build misses."""
+
+    place: str
+    """Dotted place in the design."""
+    nominal: float
+    """[mm, rad, or none]."""
+    tolerance: float
+    """Half-width, in the same unit."""
+    distribution: Distribution = "normal"
+    truncation: float = 2.0
+    """Of "normal": the tolerance in sigmas."""
+    group: str | None = None
+    """Perturbations with the same group share their chance."""
+    opposed: bool = False
+    """Whether it moves against its group."""
+    source: str = ""
+    """Where the tolerance comes from."""
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation, in the place's unit."""
+        return self.tolerance * standard_deviation(self.distribution, self.truncation)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How trials are drawn.
+
+    Each perturbation has an independent uniform number of its own, except that a group's members share one: entirely
+    (correlation 1), or mixed with their own as normal scores ``sqrt(rho) z_group + sqrt(1 - rho) z_own``, so that
+    the scores of two members are correlated by rho.
+    """
+
+    perturbations: tuple[Perturbation, ...]
+    correlations: tuple[tuple[str, float], ...] = ()
+    """Group to rho, in (0, 1]."""
+    sampling: Sampling = "random"
+    seed: int = 0
+
+    def _rho(self, perturbation: Perturbation) -> float:
+        return dict(self.correlations)[perturbation.group] if perturbation.group else 0.0
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the independent uniform numbers: one a free perturbation, one a group, members' own parts last."""
+        free = [p.place for p in self.perturbations if not p.group]
+        shared = [f"group {name}" for name, _ in self.correlations]
+        own = [f"{p.place} (own part)" for p in self.perturbations if p.group and self._rho(p) < 1]
+        return (*free, *shared, *own)
+
+    def uniforms(self, chunk: int, size: int) -> Array:
+        """Independent uniform numbers of a chunk of `size` trials, shape (factors, size)."""
+        if self.sampling == "random":
+            stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(chunk,))))
+            return stream.random((len(self.factors), size))
+        return sobol_points(len(self.factors), chunk * size, size, self.seed)
+
+    def deviations(self, uniforms: Array) -> Array:
+        """Deviations in units of the tolerances, shape (perturbations, trials), from independent uniform numbers."""
+        row = {name: uniforms[index] for index, name in enumerate(self.factors)}
+        result = np.empty((len(self.perturbations), uniforms.shape[1]))
+        for index, p in enumerate(self.perturbations):
+            rho = self._rho(p)
+            if not p.group:
+                u = row[p.place]
+            elif rho == 1:
+                u = row[f"group {p.group}"]
+            else:
+                u = _mixed(row[f"group {p.group}"], row[f"{p.place} (own part)"], rho)
+            value = deviation(p.distribution, u, p.truncation)
+            result[index] = -value if p.opposed else value
+        return result
+
+    def values(self, deviations: Array, scale: float = 1.0) -> dict[str, Array]:
+        """Place to its numbers in each trial, all tolerances multiplied by `scale`."""
+        return {
+            p.place: p.nominal + (p.tolerance * scale) * deviations[index] for index, p in enumerate(self.perturbations)
+        }
+
+    def covariance(self) -> Array:
+        """Covariance of the deviations in the places' units, shape (perturbations, perturbations).
+
+        Exact for independent and fully tied normal-alike members; for others with a correlation below 1, the normal
+        scores' rho stands for the deviations' (right to a few percent of rho).
+        """
+        sigma = np.array([p.sigma for p in self.perturbations])
+        matrix = np.diag(sigma**2)
+        for i, p in enumerate(self.perturbations):
+            for j, other in enumerate(self.perturbations):
+                if i != j and p.group and p.group == other.group:
+                    sign = -1.0 if p.opposed != other.opposed else 1.0
+                    matrix[i, j] = sign * self._rho(p) * sigma[i] * sigma[j]
+        return matrix
+
+
+def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
+    """Points `start` to ``start + count - 1`` of a scrambled Sobol sequence, shape (dimensions, count)."""
+    from scipy.stats import qmc
+
+    engine = qmc.Sobol(max(dimensions, 1), scramble=True, bits=52, rng=np.random.default_rng(seed))
+    if start:
+        engine.fast_forward(start)
+    with warnings.catch_warnings():
+        # A piece of a run need not be a power of two; the whole run is asked for that where it is set up.
+        warnings.simplefilter("ignore", UserWarning)
+        points = engine.random(count)
+    return np.ascontiguousarray(points.T[:dimensions]) + 2.0**-53
+
+
+def _mixed(shared: Array, own: Array, rho: float) -> Array:
+    from scipy.special import ndtr, ndtri
+
+    a = ndtri(np.clip(shared, SMALLEST, 1 - SMALLEST))
+    b = ndtri(np.clip(own, SMALLEST, 1 - SMALLEST))
+    return np.asarray(ndtr(np.sqrt(rho) * a + np.sqrt(1 - rho) * b))

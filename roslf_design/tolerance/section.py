@@ -1,0 +1,234 @@
+"""A study as a section of a design report, and the words that the terminal and the report share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
+from ..report.figures.style import to_svg
+from .figures import PLOTS, drawn
+from .places import display, perturbable, short_name
+from .result import StudyResult
+
+TOP = 12
+"""Rows of a ranking."""
+
+
+def tolerance_section(result: StudyResult, command: str = "") -> Section:
+    """A study as a section of a report.
+
+    Parameters
+    ----------
+    result : StudyResult
+        What the study found.
+    command : str
+        That reruns it; printed where given.
+    """
+    blocks: list[Block] = []
+    if result.study.question:
+        blocks.append(Paragraph(result.study.question))
+    blocks.append(Statements(tuple(_statements(result))))
+    figures = {name: to_svg(figure, f"tolerance-{name}") for name, figure in drawn(result).items()}
+    captions = _captions(result)
+    blocks += [Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg) for name, svg in figures.items()]
+    blocks += [limits_table(result), quantiles_table(result), tolerances_table(result), rss_table(result)]
+    if result.sobol is not None:
+        blocks.append(sobol_table(result))
+    if result.warnings:
+        blocks.append(Bullets(result.warnings))
+    if command:
+        blocks.append(Code(command, "Run again"))
+    return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
+
+
+def headline(result: StudyResult) -> str:
+    """One sentence: the yield and its interval."""
+    low, high = result.final.result.interval
+    plan = result.plan
+    adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
+    return (
+        f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
+        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, {plan.trials} trials, seed {plan.draws.seed}"
+    )
+
+
+def _statements(result: StudyResult) -> Iterator[Statement]:
+    target = result.study.yield_target
+    good = result.final.result.value >= target
+    remedy = ""
+    if not good and result.scale_for_target is not None:
+        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
+    elif not good:
+        remedy = "No tolerance is tight enough: change the nominal design or the limits."
+    yield Statement("good" if good else "bad", f"{headline(result)}; wanted {100 * target:.4g} %.", remedy)
+    weakest = result.final.weakest
+    share = 100 * weakest.result.value
+    yield Statement(
+        "plain" if share == 100 else "caution", f"The weakest limit is that on {weakest.label}: {share:.2f} % hold it."
+    )
+    ranked = ranking(result)
+    if ranked and ranked[0][1] > 0.05:
+        place, part = ranked[0]
+        yield Statement("plain", f"{short_name(place)} goes with it most: {100 * part:.0f} % of its variance.")
+
+
+def ranking(result: StudyResult) -> list[tuple[str, float]]:
+    """Perturbations and the squares of their correlations with the weakest metric, largest first.
+
+    For independent perturbations and a nearly linear response: their shares of its variance, after adjustment.
+    """
+    labels = [column.label for column in result.plan.columns]
+    parts = result.correlations[labels.index(result.final.weakest.label)] ** 2
+    order = np.argsort(-parts, kind="stable")
+    return [(result.plan.draws.perturbations[index].place, float(parts[index])) for index in order]
+
+
+def limits_table(result: StudyResult, brief: bool = False) -> Table:
+    """Yield of each limit alone, for every variant; `brief`: of each metric, the field that fails most often."""
+    names = [variant.name for variant in result.variants]
+    rows = []
+    shown = _worst_fields(result) if brief else {limit.label for limit in result.final.limits}
+    for index, limit in enumerate(result.final.limits):
+        if limit.label not in shown:
+            continue
+        held = [f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants]
+        rows.append((limit.label, _number(limit.low), _number(limit.high), *held))
+    whole = [f"{100 * variant.result.value:.2f}" for variant in result.variants]
+    rows.append(("all together", "", "", *whole))
+    return Table(
+        tuple(rows), "ldd" + "d" * len(names), ("metric@field", "min", "max", *(f"{n} [%]" for n in names)), "Limits"
+    )
+
+
+def quantiles_table(result: StudyResult, brief: bool = False) -> Table:
+    """Nominal value, mean, spread and quantiles of every metric, finally; `brief` as for `limits_table`."""
+    final = result.final.distributions
+    heads = tuple(f"{100 * p:.4g} %" for p in final[0].probabilities)
+    rows = [
+        (
+            column.label,
+            _number(column.nominal),
+            _number(column.mean),
+            _number(column.deviation),
+            *(_number(q) for q in column.quantiles),
+            str(column.undefined),
+        )
+        for column in final
+        if not brief or column.label in _worst_fields(result)
+    ]
+    caption = "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
+    titles = ("metric@field", "nominal", "mean", "std. dev.", *heads, "undefined")
+    return Table(tuple(rows), "l" + "d" * (len(titles) - 1), titles, f"Distributions, {result.final.name}", caption)
+
+
+def tolerances_table(result: StudyResult) -> Table:
+    """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
+    kinds = perturbable(result.plan.question.design)
+    allowed = {a.place: a for a in result.allowed}
+    scale = None if result.scale_for_target is None else result.scale_for_target[0]
+    shares = dict(ranking(result))
+    rows = []
+    for p in sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0)):
+        kind, alone = kinds[p.place], allowed.get(p.place)
+        rows.append(
+            (
+                short_name(p.place),
+                display(p.tolerance, kind),
+                f"{100 * shares.get(p.place, 0.0):.1f}",
+                "" if alone is None else display(alone.tolerance, kind),
+                "" if alone is None else alone.limited_by,
+                "" if scale is None else display(p.tolerance * scale, kind),
+                p.source.split(";")[0],
+            )
+        )
+    share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
+    heads = ("parameter", "± tolerance", "r² [%]", "alone up to", "limited by", "for the wanted yield", "source")
+    caption = (
+        f"r²: squared correlation with the weakest metric. Alone up to: what uses {share} of a "
+        "limit's room by itself. For the wanted yield: all tolerances scaled by one factor."
+    )
+    return Table(tuple(rows), "lrdrlrl", heads, "Tolerances", caption)
+
+
+def rss_table(result: StudyResult, brief: bool = False) -> Table:
+    """Root sum of squares beside Monte Carlo; `brief` as for `limits_table`."""
+    rows = [
+        (
+            row.label,
+            _number(row.rss),
+            _number(row.monte_carlo),
+            _number(row.ratio),
+            _number(row.shift),
+            _linear(row.linear),
+        )
+        for row in result.rss
+        if not brief or row.label in _worst_fields(result)
+    ]
+    heads = ("metric@field", "RSS", "Monte Carlo", "ratio", "mean shift", "linear")
+    return Table(tuple(rows), "lddddl", heads, "Standard deviations as built: RSS beside Monte Carlo")
+
+
+def sobol_table(result: StudyResult) -> Table:
+    """Sobol indices of the weakest metric, ranked by total index."""
+    found = result.sobol
+    assert found is not None
+    label = result.final.weakest.label
+    row = [column.label for column in result.plan.columns].index(label)
+    rows: list[tuple[str, ...]] = []
+    if found.undefined[row]:
+        rows.append((f"undefined in {found.undefined[row]} of {found.evaluations} builds: no indices", "", ""))
+    else:
+        for index in np.argsort(-found.total[row], kind="stable")[:TOP]:
+            cells = [
+                f"{value[row, index]:.3f} ({ends[row, index, 0]:.3f} to {ends[row, index, 1]:.3f})"
+                for value, ends in ((found.first, found.first_interval), (found.total, found.total_interval))
+            ]
+            rows.append((_factor(found.factors[index]), *cells))
+    heads = ("parameter", "first order (95 %)", "total (95 %)")
+    return Table(tuple(rows), "lrr", heads, f"Sobol indices of {label}, {result.final.name}")
+
+
+def _worst_fields(result: StudyResult) -> set[str]:
+    """Of each metric, the label of the column that fails most often, else of the one that scatters most."""
+    held = {limit.label: limit.result.passed for limit in result.final.limits}
+    spread = {column.label: column.high - column.low for column in result.final.distributions}
+    worst: dict[str, str] = {}
+    for column in result.plan.columns:
+        best = worst.get(column.metric)
+        key = (held.get(column.label, 0), -spread[column.label])
+        if best is None or key < (held.get(best, 0), -spread[best]):
+            worst[column.metric] = column.label
+    return set(worst.values())
+
+
+def _captions(result: StudyResult) -> dict[str, str]:
+    weakest = result.final.weakest.label
+    return {
+        "yield": "Share of builds that hold all limits, over a common factor on all tolerances; same draws.",
+        "grades": "The same study with every graded tolerance at each grade; bars show 95 % intervals.",
+        "spread": f"{weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
+        "sensitivity": f"One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
+        "correlation": f"Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
+    }
+
+
+def _factor(name: str) -> str:
+    if name.startswith("group "):
+        return name
+    place = name.removesuffix(" (own part)")
+    return short_name(place) + ("" if place == name else ", own part")
+
+
+def _linear(yes: bool) -> str:
+    return "yes" if yes else "no: use Monte Carlo"
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "not stated"
+    if math.isinf(value):
+        return "-inf" if value < 0 else "inf"
+    return "0" if abs(value) < 1e-9 else f"{value:.4g}"
