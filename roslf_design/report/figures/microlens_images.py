@@ -1,0 +1,160 @@
+"""One microlens image: its exact outline and the exact share of each pixel that it covers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...evaluation.fields import field_discs
+from ...evaluation.rims import rims
+from ...microlens.cells import area_in_rectangle
+from ...microlens.discs import intersect, outline
+from ...microlens.lattice import cell_polygon
+from ...theory.pupils import microlens_image_pitch
+from .style import FAP_COLOUR, GREEN, GREY, INK, LENS_COLOUR, STOP_COLOURS, VERMILLION, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ...design import Design
+
+Floats = NDArray[np.float64]
+
+
+class ImageView(NamedTuple):
+    """A microlens image; lengths relative to its microlens's axis [mm]."""
+
+    centres: Floats
+    """Of the rims' discs, the FAP first, shape (K, 2)."""
+    radii: Floats
+    """Shape (K,)."""
+    outline: Floats
+    """Shape (N, 2), not closed; (0, 2) where dark."""
+    cell: Floats
+    """Corners of its own cell, shape (M, 2)."""
+    x: Floats
+    """Edges of the pixels seen, shape (I + 1,)."""
+    y: Floats
+    """Shape (J + 1,)."""
+    coverage: Floats
+    """Share of each pixel that the image covers, shape (J, I)."""
+    kept_fraction: float
+    on_sensor: float
+    """Share of the image that falls on the sensor; 1 where dark."""
+    half: float
+    """Half width of a view that shows the FAP's disc and the cell."""
+
+
+def image_view(design: Design, place: tuple[float, float]) -> ImageView:
+    """The image behind the microlens at `place` on the MLA [mm]."""
+    discs, sizes = field_discs(design, [place])
+    centres, radii = discs[0], sizes[0]
+    pitch = abs(float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
+    cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
+    half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
+    axis = np.add(place, design.microlens_array.decentre)
+    x, y = (
+        _pixel_edges(design, side, centres[0, side] + axis[side] - half, centres[0, side] + axis[side] + half)
+        - axis[side]
+        for side in (0, 1)
+    )
+    low = np.stack(np.meshgrid(x[:-1], y[:-1]), axis=-1)
+    high = np.stack(np.meshgrid(x[1:], y[1:]), axis=-1)
+    area = area_in_rectangle(centres, radii, low, high) if low.size else np.zeros(low.shape[:2])
+    image = intersect(centres, radii)
+    on_sensor = float(area.sum() / image.area) if image.lit else 1.0
+    coverage, kept = area / design.q**2, float(image.kept_fraction)
+    return ImageView(centres, radii, outline(centres, radii), cell, x, y, coverage, kept, on_sensor, half)
+
+
+def _pixel_edges(design: Design, side: int, low: float, high: float) -> Floats:
+    """Edges between pixels from the one that holds `low` to the one that holds `high` [mm]; those on the sensor."""
+    count = design.pixels[side]
+    start = design.sensor.decentre[side] - count * design.q / 2
+    first, last = math.floor((low - start) / design.q), math.ceil((high - start) / design.q)
+    first, last = min(max(first, 0), count), min(max(last, 0), count)
+    return np.asarray(start + design.q * np.arange(first, last + 1), float)
+
+
+def plot_microlens_image(design: Design, place: tuple[float, float] = (0.0, 0.0), ax: Axes | None = None) -> Axes:
+    """Draw a microlens image on its pixels, with the discs of the single rims, its cell and its chief ray.
+
+    Parameters
+    ----------
+    design : Design
+    place : (x, y)
+        The microlens's axis on the MLA [mm].
+    ax : Axes, optional
+        To draw on; a new figure's where none is given.
+
+    Returns
+    -------
+    Axes
+        In um, relative to the microlens's axis.
+    """
+    alone, ax = ax is None, new_axes(ax, width=4.5, height=4.6)
+    view = image_view(design, place)
+    um = 1e3
+    if view.coverage.size:
+        # Half grey for a full pixel leaves lines on it visible; a grid of very many must not grey the picture.
+        ax.pcolormesh(
+            um * view.x,
+            um * view.y,
+            view.coverage,
+            cmap="gray_r",
+            vmin=0,
+            vmax=2.2,
+            edgecolors="#cfcfcf",
+            linewidth=min(0.3, 10 / view.coverage.shape[1]),
+        )
+    if len(view.outline):
+        ring = um * np.concatenate([view.outline, view.outline[:1]])
+        ax.plot(ring[:, 0], ring[:, 1], color=INK, linewidth=1.5, label="outline of the image")
+    turn = np.linspace(0, 2 * np.pi, 361)
+    for k, (rim, centre, radius) in enumerate(zip(rims(design), view.centres, view.radii, strict=True)):
+        colour = (FAP_COLOUR, LENS_COLOUR, *STOP_COLOURS)[min(k, 2) if k < 2 else 2 + (k - 2) % len(STOP_COLOURS)]
+        ax.plot(
+            um * (centre[0] + radius * np.cos(turn)), um * (centre[1] + radius * np.sin(turn)),
+            color=colour, linewidth=1.0, linestyle=(0, (5, 3)), label=f"disc of the {rim.name}",
+        )  # fmt: skip
+    box = um * np.concatenate([view.cell, view.cell[:1]])
+    ax.plot(box[:, 0], box[:, 1], color=GREEN, linewidth=1.2, label="own cell")
+    middle = um * view.centres[0]
+    ax.plot(*middle, "+", color=VERMILLION, markersize=8, markeredgewidth=1.4, label="chief ray", linestyle="none")
+    ax.set_aspect("equal")
+    half = um * view.half
+    _hatch_beyond_sensor(ax, view, middle, half)
+    ax.set(
+        xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half),
+        xlabel="x from the microlens axis [µm]", ylabel="y from the microlens axis [µm]",
+    )  # fmt: skip
+    ax.spines[:].set_color(GREY)
+    title = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
+    # Rounding of a sum over pixels is not an edge.
+    ax.set_title(title if view.on_sensor > 1 - 1e-6 else f"{title}, {100 * view.on_sensor:.2g} % seen")
+    if alone:
+        ax.figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return ax
+
+
+def _hatch_beyond_sensor(ax: Axes, view: ImageView, middle: Floats, half: float) -> None:
+    """Mark where there are no pixels."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    frame = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * 1.05 * half + middle
+    vertices, codes = [*frame], [Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY]
+    if len(view.x) > 1 and len(view.y) > 1:
+        (left, right), (low, high) = ((1e3 * edges[0], 1e3 * edges[-1]) for edges in (view.x, view.y))
+        if left <= frame[0, 0] and right >= frame[1, 0] and low <= frame[0, 1] and high >= frame[2, 1]:
+            return
+        # The other way round: what both paths enclose stays free.
+        vertices += [(left, low), (left, high), (right, high), (right, low), (left, low)]
+        codes = codes * 2
+    ax.add_patch(
+        PathPatch(Path(vertices, codes), facecolor="none", edgecolor=GREY, linewidth=0.6, hatch="////",
+                  alpha=0.5, label="beyond the sensor")
+    )  # fmt: skip

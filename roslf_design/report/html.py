@@ -1,0 +1,57 @@
+"""A report as one HTML page that needs nothing else: style sheet inside, drawings inline, pictures as data."""
+
+from __future__ import annotations
+
+import base64
+from functools import cache
+from typing import TYPE_CHECKING
+
+from .blocks import Bullets, Code, Figure, Paragraph, Report, Statements, Table
+from .symbols import to_html
+from .tables import column_cells
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+TEMPLATE = "report.html.j2"
+MARKS = {"good": ("✓", "yes"), "bad": ("✗", "no"), "caution": ("!", "mind"), "plain": ("·", "note")}
+"""Sign and word of each tone."""
+
+
+def render_html(report: Report) -> str:
+    """The page as text; the same report gives the same text."""
+    return _environment().get_template(TEMPLATE).render(report=report)
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("roslf_design.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    from markupsafe import Markup
+
+    environment.filters["symbols"] = lambda text: Markup(to_html(text))
+    environment.filters["data_uri"] = lambda png: "data:image/png;base64," + base64.b64encode(png).decode()
+    environment.filters["kind"] = lambda block: KINDS[type(block)]
+    environment.filters["cells"] = column_cells
+    environment.tests["drawing"] = lambda content: isinstance(content, str)
+    environment.globals["marks"] = MARKS
+    return environment
+
+
+KINDS = {
+    Paragraph: "paragraph",
+    Statements: "statements",
+    Table: "table",
+    Figure: "figure",
+    Bullets: "bullets",
+    Code: "code",
+}
+"""The template's macro for each block."""
