@@ -78,7 +78,7 @@ def _meeting(mp, surface, p, d, s):
         return None if height is None else s * (z - z0 - height)
 
     nearest = -(p[0] * d[0] + p[1] * d[1] + (p[2] - z0) * d[2])
-    reach = 2 * mp.mpf(surface["semi"]) + 2 * abs(1 / c if c else 0)
+    reach = 2 * mp.mpf(surface["semi"]) + min(200, 2 * abs(1 / c if c else 0))  # the rest of a flat sphere is far away
     count = 800
     steps = [nearest + reach * (mp.mpf(2 * j) / count - 1) for j in range(count + 1)]
     gaps = [gap(t) for t in steps]
