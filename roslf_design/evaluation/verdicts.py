@@ -9,10 +9,10 @@ from ..design import Design
 from ..theory.matched import Matched, matched_pupil_diameter, matched_pupil_distance, matched_sensor_distance
 from .result import Field, FNumber, NonDistortion, Sampling, Verdict
 
-MATCHED_WITHIN_PX = 0.5
+SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
-MATCHED_WITHIN = 0.01
-"""The same as a share of the pitch; whichever allows more."""
+OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
+"""The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 
 
 def verdicts_of(
@@ -27,7 +27,7 @@ def verdicts_of(
 
 
 def _matched(design: Design, f: FNumber) -> Verdict:
-    ok = abs(f.mismatch_px) <= MATCHED_WITHIN_PX or abs(f.fill_factor - 1) <= MATCHED_WITHIN
+    ok = abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     if ok:
         text = f"f-number matched: fill factor {f.fill_factor:.5g}, images {kind} {abs(f.mismatch_px):.3g} px"
