@@ -52,7 +52,7 @@ def cells_sheet(design: Design, result: Evaluation) -> Figure:
 
 def zoom_places(design: Design) -> dict[str, float]:
     """Where along x the zoom looks: at the centre, and as far out as neighbours still lie before the edge [mm]."""
-    from ..evaluation.evaluate import default_fields
+    from ..evaluation import default_fields
 
     (centre, _), (edge, _), _ = default_fields(design)
     return {"centre": centre, "edge": edge - 3 * design.d}

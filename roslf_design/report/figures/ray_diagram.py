@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...evaluation.evaluate import default_fields
+from ...evaluation import default_fields
 from ...rays.fans import fans
 from ...rays.status import Status
 from ...rays.system import System
