@@ -89,7 +89,7 @@ class Sensor(Part):
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
     decentre: Offset = (0.0, 0.0)
-    """Offset from the axis [mm]."""
+    """Offset from the axis [mm], as seen at the MLA's image plane."""
 
 
 class Light(Part):

@@ -104,7 +104,13 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> tuple[str, ...]:
                 f"the sensor is {sensor:.5g} mm {side} (seen at the MLA) but the MLA only {mla:.5g} mm: "
                 "its margin stays dark, and fields are counted to the MLA's edge"
             )
-    half_x, half_y = (size / 2 for size in design.microlens_array.size)
+    array = design.microlens_array
+    if array.layout == "hexagonal" and array.lens_shape == "square":
+        found.append(
+            "square microlenses as wide as the pitch overlap in a hexagonal layout, whose rows are 0.866 pitch apart; "
+            'lens_shape = "circular" fits'
+        )
+    half_x, half_y = (size / 2 for size in array.size)
     for field in fields:
         x, y = field.x_ml_mm
         if abs(x) > half_x or abs(y) > half_y:

@@ -186,6 +186,8 @@ def test_warnings_name_what_is_odd(paper):
     wide = paper.replace({"sensor.size": (30.0, 14.0)})
     assert any("sensor is 30 mm wide" in warning for warning in roslf.evaluate(wide).warnings)
     assert roslf.evaluate(wide).fields[1].x_ml_mm == (11.5, 0.0)
+    packed = paper.replace({"microlens_array.layout": "hexagonal"})
+    assert any("overlap in a hexagonal layout" in warning for warning in roslf.evaluate(packed).warnings)
     assert any("beyond the MLA" in warning for warning in roslf.evaluate(paper, [13.0]).warnings)
 
 
