@@ -6,11 +6,11 @@ import re
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-PAGE = "index.html"
+PAGE, DOCUMENT = "index.html", "report.pdf"
 
 
 def report(
@@ -18,6 +18,8 @@ def report(
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    pdf: Annotated[bool, Parameter(negative=())] = False,
+    paper: Literal["a4", "us-letter"] = "a4",
     stamp: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """A design report: one self-contained HTML page with verdicts, tables and figures.
@@ -30,6 +32,10 @@ def report(
         A design file, or the name of a preset (see `roslf presets`).
     output
         Folder to write index.html to, made if needed. Default: report-<design>, after the design file's name.
+    pdf
+        Also write report.pdf, with the same content.
+    paper
+        Size of the PDF's pages.
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
@@ -41,13 +47,21 @@ def report(
     loaded = load(design)
     folder = Path(f"report-{folder_name(design)}") if output is None else output
     check_folder(folder)
-    command = shlex.join(["roslf", "report", design, "-o", str(folder)])
+    if pdf:
+        check_typst()
+    command = shlex.join(["roslf", "report", design, "-o", str(folder), *(["--pdf", "--paper", paper] if pdf else [])])
     with Progress() as progress:
         content = design_report(loaded, command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
-        page = render_html(content).encode()
+        files = {PAGE: render_html(content).encode()}
+        if pdf:
+            from ..report.pdf import render_pdf
+
+            progress.tell("PDF")
+            files[DOCUMENT] = render_pdf(content, paper)
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / PAGE, page)
-    print(folder / PAGE)
+    for name, data in files.items():
+        write_atomically(folder / name, data)
+        print(folder / name)
 
 
 def folder_name(design: str) -> str:
@@ -70,6 +84,22 @@ def check_folder(folder: Path) -> None:
         raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
     if (folder / PAGE).is_dir():
         raise InputError((Problem("-o", f"{folder / PAGE} is a folder; name another place"),))
+
+
+def check_typst() -> None:
+    """Tell before any work where a PDF cannot be made.
+
+    Raises
+    ------
+    InputError
+        The typst package is not installed.
+    """
+    from importlib.util import find_spec
+
+    from ..errors import InputError, Problem
+
+    if find_spec("typst") is None:
+        raise InputError((Problem("--pdf", "a PDF needs the typst package; install it: pip install typst"),))
 
 
 def stamp_lines() -> tuple[str, ...]:

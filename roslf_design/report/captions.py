@@ -58,20 +58,23 @@ def cells(result: Evaluation) -> str:
         else f"At the edge the cones lean: images are {number(1e3 * image.pitch_mm)} µm apart, not the microlens "
         "pitch, and decoding has to use that pitch."
     )
-    if any(field.status != "full" for field in result.fields):
+    if any(field.status != "full" for field in result.fields[:2]):
         drift += " Hatched cones never come: other rims block that light."
     seen = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
     return f"{seen} {touch} {drift}"
 
 
-def images(result: Evaluation) -> str:
-    """Of the microlens images."""
+def images(result: Evaluation, on_sensor: float) -> str:
+    """Of the microlens images, of which the worst has that share on the sensor."""
     clipped = [field for field in result.fields if field.status != "full"]
     follow = (
         "All three are full discs: every microlens sees the whole FAP."
         if not clipped
         else "What the dashed discs of other rims cut away is light and views lost there: a cat's eye."
     )
+    if on_sensor < 0.999:
+        follow += " Where it is hatched there is no sensor: of the outermost images only the share told as seen "
+        follow += "falls on pixels."
     return (
         "Ray-optics images, exact: grey is the share of each pixel that the image covers, the solid line its outline, "
         "dashed lines the discs of the single rims (those not seen lie outside the view), the green line its own "

@@ -12,7 +12,7 @@ from .figures.depth_precision import plot_depth_precision
 from .figures.effects_budget import plot_effects_budget
 from .figures.field_maps import field_map, plot_image_offset, plot_kept_fraction
 from .figures.matching_plane import plot_matching_plane
-from .figures.microlens_images import plot_microlens_image
+from .figures.microlens_images import image_view, plot_microlens_image
 from .figures.picture import plot_picture
 from .figures.ray_diagram import TALLEST, frame_of, instrument_is_small, plot_ray_diagram
 from .figures.style import WIDTH, drawing, to_svg
@@ -60,12 +60,13 @@ def zoom_places(design: Design) -> dict[str, float]:
 
 def image_sheet(design: Design, result: Evaluation) -> Figure:
     """Microlens images of the evaluation's fields."""
-    labels = ("centre", "edge", "corner")
+    labels, views = ("centre", "edge", "corner"), []
     with drawing():
         figure = _new(3.3)
         axes = figure.subplots(1, len(labels))
         for ax, label, field in zip(axes, labels, result.fields, strict=True):
-            plot_microlens_image(design, field.x_ml_mm, ax)
+            views.append(image_view(design, field.x_ml_mm))
+            plot_microlens_image(design, field.x_ml_mm, ax, views[-1])
             ax.set_title(f"{label}: {ax.get_title(loc='left')}")
             if ax is not axes[0]:
                 ax.set_ylabel("")
@@ -74,7 +75,12 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
         columns = len(known) if len(known) <= 5 else math.ceil(len(known) / 2)
         figure.set_figheight(2.95 + 0.2 * math.ceil(len(known) / columns))
         figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=columns)
-        return _figure("images", "Microlens images on their pixels", captions.images(result), figure)
+        return _figure(
+            "images",
+            "Microlens images on their pixels",
+            captions.images(result, min(view.on_sensor for view in views)),
+            figure,
+        )
 
 
 def map_sheet(design: Design, result: Evaluation) -> Figure:

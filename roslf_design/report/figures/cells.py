@@ -103,5 +103,7 @@ def _draw_pixels(ax: Axes, design: Design, origin: float, low: float, high: floa
     left, right = depth, 1.06 * depth
     boxes = [[(left, y), (right, y), (right, y + size), (left, y + size)] for y in starts]
     colours = [PALE if k % 2 else "white" for k in range(first, last)]
-    ax.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors=GREY, linewidths=0.3))
+    ax.add_collection(
+        PolyCollection(boxes, facecolors=colours, edgecolors=GREY, linewidths=min(0.3, 15 / max(1, last - first)))
+    )
     ax.plot([depth, depth], [low, high], color=INK, linewidth=1.2)

@@ -60,7 +60,8 @@ def plot_depth_precision(design: Design, ax: Axes | None = None, sigma_disparity
     ax = new_axes(ax, height=3.3)
     curve = depth_precision(design, sigma_disparity=sigma_disparity)
     (left,) = ax.plot(curve.distance, curve.sigma, color=BLUE, label="depth precision sigma_Z")
-    focus = float(np.interp(design.d_f, curve.distance, curve.sigma))
+    seen = design.D_F, design.d, design.f, design.d_f, design.d_3
+    focus = float(depth_sigma(sigma_disparity, gap(design.d_f, design.d_3), *seen))
     ax.plot(design.d_f, focus, "o", color=VERMILLION, markeredgecolor="white", markersize=7)
     ax.axvline(design.d_f, color=GREY, linewidth=0.8, linestyle=(0, (6, 3)))
     ax.annotate(

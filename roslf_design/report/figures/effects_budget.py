@@ -47,7 +47,7 @@ def plot_effects_budget(effects: Sequence[Effect], ax: Axes | None = None) -> Ax
     low = min(FLOOR, 1.0) if not shares.size else max(FLOOR, min(0.03, float(shares.min()) / 3))
     ax.barh(places, np.maximum(shares, low) - low, left=low, color=colours, height=0.62)
     top = max(3.0, float(shares.max(initial=0.0)))
-    high = top * (top / low) ** 0.45  # room for the notes
+    high = top * (top / low) ** 0.3  # room for the notes
     ax.set_xscale("log")
     ax.set_xlim(low, high)
     for place, effect, share in zip(places, shown, shares, strict=True):

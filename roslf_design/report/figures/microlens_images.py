@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
+GRID_UP_TO = 60
+"""Pixels across a picture up to which lines are drawn between them."""
+
+
 class ImageView(NamedTuple):
     """A microlens image; lengths relative to its microlens's axis [mm]."""
 
@@ -79,7 +83,9 @@ def _pixel_edges(design: Design, side: int, low: float, high: float) -> Floats:
     return np.asarray(start + design.q * np.arange(first, last + 1), float)
 
 
-def plot_microlens_image(design: Design, place: tuple[float, float] = (0.0, 0.0), ax: Axes | None = None) -> Axes:
+def plot_microlens_image(
+    design: Design, place: tuple[float, float] = (0.0, 0.0), ax: Axes | None = None, view: ImageView | None = None
+) -> Axes:
     """Draw a microlens image on its pixels, with the discs of the single rims, its cell and its chief ray.
 
     Parameters
@@ -89,6 +95,8 @@ def plot_microlens_image(design: Design, place: tuple[float, float] = (0.0, 0.0)
         The microlens's axis on the MLA [mm].
     ax : Axes, optional
         To draw on; a new figure's where none is given.
+    view : ImageView, optional
+        As `image_view` gives it, where it is known already.
 
     Returns
     -------
@@ -96,20 +104,12 @@ def plot_microlens_image(design: Design, place: tuple[float, float] = (0.0, 0.0)
         In um, relative to the microlens's axis.
     """
     alone, ax = ax is None, new_axes(ax, width=4.5, height=4.6)
-    view = image_view(design, place)
+    view = image_view(design, place) if view is None else view
     um = 1e3
     if view.coverage.size:
-        # Half grey for a full pixel leaves lines on it visible; a grid of very many must not grey the picture.
-        ax.pcolormesh(
-            um * view.x,
-            um * view.y,
-            view.coverage,
-            cmap="gray_r",
-            vmin=0,
-            vmax=2.2,
-            edgecolors="#cfcfcf",
-            linewidth=min(0.3, 10 / view.coverage.shape[1]),
-        )
+        # Half grey for a full pixel leaves lines on it visible; a grid of very many would itself be grey.
+        grid = {"edgecolors": "#cfcfcf", "linewidth": 0.3} if view.coverage.shape[1] <= GRID_UP_TO else {}
+        ax.pcolormesh(um * view.x, um * view.y, view.coverage, cmap="gray_r", vmin=0, vmax=2.2, **grid)
     if len(view.outline):
         ring = um * np.concatenate([view.outline, view.outline[:1]])
         ax.plot(ring[:, 0], ring[:, 1], color=INK, linewidth=1.5, label="outline of the image")

@@ -1,0 +1,123 @@
+"""A report as PDF, set by typst: the same content as the page, vector drawings, fonts that come along.
+
+Content passes into the document as JSON and files, never as markup, so that no text of a design is ever typst code.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any, Literal
+
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
+from .html import MARKS
+from .symbols import SYMBOL, typographic
+from .tables import column_cells
+
+Paper = Literal["a4", "us-letter"]
+DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
+
+
+def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
+    """The report as PDF bytes; the same report gives the same bytes.
+
+    Parameters
+    ----------
+    report : Report
+    paper : {"a4", "us-letter"}
+
+    Raises
+    ------
+    ModuleNotFoundError
+        The typst package is not installed.
+    """
+    import matplotlib
+    import typst
+
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        content = {
+            "title": report.title,
+            "subtitle": spans(report.subtitle),
+            "footer": report.footer,
+            "paper": paper,
+            "sections": [
+                {"title": section.title, "blocks": [_block(block, root) for block in section.blocks]}
+                for section in report.sections
+            ],
+        }
+        (root / "content.json").write_text(json.dumps(content))
+        (root / "main.typ").write_text(DOCUMENT.read_text())
+        pdf: bytes = typst.compile(
+            root / "main.typ",
+            root=root,
+            font_paths=[Path(matplotlib.get_data_path()) / "fonts" / "ttf"],
+            ignore_system_fonts=True,
+            timestamp=0,
+        )
+    return pdf
+
+
+def spans(text: str) -> list[list[str]]:
+    """Text in pieces of (kind, text): plain, or a symbol and its subscript."""
+    found, last = [], 0
+    text = typographic(text)
+    if len(text) == 1 and text.isalpha():
+        return [["symbol", text]]
+    for match in SYMBOL.finditer(text):
+        found.append(["plain", text[last : match.start()]])
+        found += [["symbol", match[1]], ["sub", match[2]]]
+        if match[3]:
+            found += [["plain", "/"], ["symbol", match[3][1:]]]
+        last = match.end()
+    return [piece for piece in [*found, ["plain", text[last:]]] if piece[1]]
+
+
+def _block(block: Block, root: Path) -> dict[str, Any]:
+    """One block as values that the document knows how to set."""
+    match block:
+        case Paragraph():
+            return {"kind": "paragraph", "text": spans(block.text)}
+        case Statements():
+            items = [
+                {"tone": item.tone, "mark": MARKS[item.tone][0], "text": spans(item.text), "remedy": spans(item.remedy)}
+                for item in block.items
+            ]
+            return {"kind": "statements", "items": items}
+        case Table():
+            return _table(block)
+        case Figure():
+            file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
+            file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
+            return {
+                "kind": "figure",
+                "title": spans(block.title),
+                "caption": spans(block.caption),
+                "file": file.name,
+                "alt": block.description or block.title,
+            }
+        case Bullets():
+            return {"kind": "bullets", "items": [spans(item) for item in block.items]}
+        case Code():
+            return {"kind": "code", "title": spans(block.title), "text": block.text}
+
+
+def _table(table: Table) -> dict[str, Any]:
+    rows = [
+        [
+            {"text": spans(cell.text), "whole": cell.whole, "rest": spans(cell.rest), "decimal": cell.align == "d"}
+            for cell in row
+        ]
+        for row in column_cells(table)
+    ]
+    return {
+        "kind": "table",
+        "title": spans(table.title),
+        "caption": spans(table.caption),
+        "align": list(table.align),
+        "headings": [spans(heading) for heading in table.headings],
+        "rows": rows,
+        "faint": list(table.faint),
+        "facts": table.align == "ldl" and not table.headings,
+    }
