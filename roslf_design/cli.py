@@ -17,6 +17,8 @@ from .errors import InputError
 
 COMMANDS = {
     "evaluate": "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
+    "render": "The raw light-field image that the sensor would record, with only the physics it needs.",
+    "report": "A design report: one self-contained HTML page with verdicts, tables and figures.",
     "presets": "The designs that ship, and where their files are.",
 }
 """Name of each command (a function in the module of that name in `commands`) and what it does."""

@@ -27,8 +27,10 @@ class SceneBrief:
     """Read noise r [electrons]."""
     wavelengths: tuple[float, ...] = ()
     """[mm]; empty means the design's own."""
+    diffracts: bool = True
+    """Whether microlens diffraction is rendered too, which hides what is finer than itself; `plan` sets it."""
     field_radius: float | None = None
-    """Largest X_ml that counts [mm]; None is the corner of what the sensor sees."""
+    """Largest X_ml that counts [mm]; None is the last microlens whose image the sensor's corner shows."""
 
     def __post_init__(self) -> None:
         if not self.smallest_period >= 0:

@@ -16,8 +16,13 @@ def half_sizes(design: Design) -> tuple[float, float]:
 
 
 def field_radius(design: Design, brief: SceneBrief) -> float:
-    """X_ml of the farthest microlens that counts [mm]: the brief's own, or the corner of what the sensor sees."""
-    return math.hypot(*half_sizes(design)) if brief.field_radius is None else brief.field_radius
+    """X_ml of the farthest microlens that counts [mm]: the brief's own, or the last whose image the corner shows."""
+    if brief.field_radius is not None:
+        return brief.field_radius
+    grow = abs(image_pitch(design)) / design.d
+    seen = math.hypot(*design.sensor_size) / 2 + image_diameter(design) / 2
+    array = math.hypot(*design.microlens_array.size) / 2
+    return min(seen / grow, array) if grow > 0 else array
 
 
 def field_note(design: Design, brief: SceneBrief) -> str:

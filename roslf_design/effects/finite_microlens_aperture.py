@@ -23,8 +23,8 @@ def footprint(design: Design, distance: float) -> float:
 def estimate(design: Design, brief: SceneBrief) -> Estimate:
     """Rms change of a full-contrast texture [fraction of full scale].
 
-    A box of width F takes the share 1 - sinc(F/P) of a sinusoid of period P; hard edges, two a period along each
-    axis, each change by a ramp of width F: sqrt(F/3P) rms.
+    A box of width F takes the share 1 - sinc(F/P) of a sinusoid of period P, whose rms is 1/sqrt(8); hard edges, two a
+    period along each axis, each change by a ramp of width F: sqrt(F/3P) rms.
     """
     distances = (design.d_f,) if brief.distances is None else brief.distances
     width = max(footprint(design, distance) for distance in distances)
@@ -33,8 +33,8 @@ def estimate(design: Design, brief: SceneBrief) -> Estimate:
     if brief.smallest_period == 0:
         return Estimate(1.0, f"points are smaller than the object footprint of {width:.3g} mm")
     ratio = width / brief.smallest_period
-    share = math.sqrt(ratio / 3) if brief.hard_edges else 1 - math.sin(math.pi * ratio) / (math.pi * ratio)
-    loss = 1.0 if ratio >= 1 else share
+    smooth = (1 - math.sin(math.pi * ratio) / (math.pi * ratio)) / math.sqrt(8)
+    loss = 1.0 if ratio >= 1 else math.sqrt(ratio / 3) if brief.hard_edges else smooth
     return Estimate(loss, f"object footprint {width:.3g} mm against detail of period {brief.smallest_period:.3g} mm")
 
 

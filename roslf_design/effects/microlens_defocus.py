@@ -6,6 +6,7 @@ from ..design import Design
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 from .field import exit_pupil_vergence
+from .microlens_diffraction import blur_width
 
 
 def defocus(design: Design) -> float:
@@ -24,10 +25,17 @@ def ray_blur(design: Design) -> float:
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:
-    """Ray blur [px]."""
-    blur = ray_blur(design) / design.q
-    waves = defocus_waves(design, brief.wavelength(design))
-    return Estimate(blur, f"ray blur {blur:.3g} px, {waves:.2g} waves at the microlens edge")
+    """Ray blur b [px]; where diffraction of width w blurs as well, what is left of it, b^2/(b + 10 w).
+
+    W = b/8w waves of defocus take at most 1 - sinc(2 W) = 6.6 W^2 of any frequency that diffraction lets pass, which
+    counts for so much of w; beyond a wave or so the rays' blur takes over.
+    """
+    wavelength = brief.wavelength(design)
+    blur, waves = ray_blur(design), defocus_waves(design, wavelength)
+    hidden = blur_width(design, wavelength) if brief.diffracts else 0.0
+    felt = blur * blur / (blur + 10 * hidden) if blur > 0 else 0.0
+    note = f"ray blur {blur / design.q:.3g} px, {waves:.2g} waves at the microlens edge"
+    return Estimate(felt / design.q, f"{note}, mostly hidden by diffraction" if 10 * hidden > blur else note)
 
 
 EFFECT = Effect("microlens_defocus", "Microlens defocus", "px", estimate, cost_per_pixel=5e-9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..design import Design
-from ..design.errors import InputError, Problem
+from ..errors import InputError, Problem
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 from ..design import Design
-from ..design.errors import InputError, Problem
+from ..errors import InputError, Problem
 from . import (
     cos4,
     decentres,
@@ -198,6 +198,8 @@ def plan(
             on, why = wanted[effect.name], "switched on by hand" if wanted[effect.name] else "switched off by hand"
         reason = f"{size.note}; {why}" if why else size.note
         cost = effect.cost_per_pixel * width * height
+        if effect.name == "microlens_diffraction":
+            brief = replace(brief, diffracts=on)
         lines[effect.name] = PlannedEffect(effect.name, size.value, effect.unit, limit, on, reason, cost)
     return Plan(tuple(lines[effect.name] for effect in EFFECTS))
 

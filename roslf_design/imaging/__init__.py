@@ -1,0 +1,1 @@
+"""Raw light-field images from a design, a scene and a plan of effects."""

@@ -1,0 +1,240 @@
+"""From design, scene and plan to the raw image that the sensor would record."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design
+from ..effects import Budget, Plan, plan
+from ..effects.noise import add_noise
+from ..errors import InputError, Problem
+from ..scenes import WHITE_FIELD, Scene
+from .camera import ImageLattice, planned_design
+from .convolve import CORE, Geometry, bands
+from .grid import Region, pixel_centres
+from .points import PointSource, point_image
+from .series import MOST_GROUPS, HarmonicSeries, harmonic_series
+from .trace import Sampling, Tracer
+from .transfer import MicrolensTransfer
+from .white import WhiteGeometry, add_falloff
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class RawImage:
+    """What the sensor recorded, and how it was computed."""
+
+    pixels: Image
+    """Relative intensities, shape (rows, columns), row 0 at the lowest y: 1 is a fully lit pixel."""
+    region: Region
+    """Which of the sensor's pixels."""
+    design: Design
+    scene: Scene
+    plan: Plan
+    seed: int
+    method: str
+    """"coverage", "harmonics", "convolution" or "rays", as far as it explains the whole scene."""
+    rays: int
+    """Backward rays traced."""
+    seconds: float
+    """Wall time."""
+
+    def metadata(self) -> dict[str, Any]:
+        """Everything but the pixels, JSON-ready."""
+        return {
+            "schema": "roslf.render/1",
+            "design": self.design.model_dump(mode="json", exclude_defaults=True),
+            "scene": self.scene.model_dump(mode="json", exclude_defaults=True),
+            "region": dict(zip(Region._fields, self.region, strict=True)),
+            "seed": self.seed,
+            "method": self.method,
+            "rays": self.rays,
+            "effects": self.plan.as_dicts(),
+        }
+
+
+def render(
+    design: Design,
+    scene: Scene | None = None,
+    *,
+    effects: Plan | None = None,
+    budget: Budget | None = None,
+    overrides: Iterable[str] = (),
+    seed: int = 0,
+    region: tuple[int, int, int, int] | None = None,
+    threads: int | None = None,
+    sampling: Sampling | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> RawImage:
+    """Raw light-field image of a scene.
+
+    Parameters
+    ----------
+    design : Design
+    scene : Scene, optional
+        None is a white field.
+    effects : Plan, optional
+        None makes one from `budget` and `overrides`.
+    budget : Budget, optional
+        How large an effect may be and still be left out; also the accuracy asked of sampled pixels.
+    overrides : iterable of str
+        As in `effects.plan`.
+    seed : int
+        Of sampling and noise. The same seed gives the same bytes, with any number of threads.
+    region : (column, row, columns, rows), optional
+        Part of the sensor; None is all of it.
+    threads : int, optional
+        None is one for each processor.
+    sampling : Sampling, optional
+        Rays per pixel; None follows the budget.
+    progress : callable
+        Told the share of rows that are done.
+
+    Raises
+    ------
+    InputError
+        A scene that the design cannot see, an effect that is unknown, a region outside the sensor.
+    """
+    start = time.perf_counter()
+    scene = WHITE_FIELD if scene is None else scene
+    budget = budget or Budget()
+    scene.check(design)
+    if effects is None:
+        effects = plan(design, scene, budget, overrides)
+    if seed < 0:
+        raise InputError((Problem("seed", f"{seed} is negative; give a whole number from 0 on"),))
+    if sampling is None:
+        sampling = Sampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
+    piece = Region.checked(design, region)
+    job = _Job(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
+    pixels = np.empty((piece.rows, piece.columns), np.float32)
+    generator = np.random.default_rng(seed)
+    for row, band in job.bands(piece):
+        pixels[row : row + band.shape[0]] = band
+        progress((row + band.shape[0]) / piece.rows)
+    for light, source in job.sources():
+        pixels += light * point_image(source, piece, job.colours, budget.intensity)
+    if effects.on("noise") and scene.light.exposure is not None:
+        # Rows in fixed groups: memory stays small, and the bytes do not depend on anything but the region and the seed.
+        for row in range(0, piece.rows, CORE):
+            part = pixels[row : row + CORE]
+            part[:] = add_noise(part, scene.light.exposure, scene.light.read_noise, generator)
+    seconds = time.perf_counter() - start
+    return RawImage(pixels, piece, design, scene, effects, seed, job.method, job.rays, seconds)
+
+
+class _Job:
+    """One rendering: chooses the way that is exact for the scene, and counts rays."""
+
+    def __init__(
+        self, design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: Sampling, threads: int
+    ) -> None:
+        self.design, self.scene, self.plan = design, scene, effects
+        self.budget, self.sampling, self.threads = budget, sampling, threads
+        self.seen = planned_design(design, effects)
+        self.rays = 0
+        transfer = MicrolensTransfer.of(self.seen, effects, scene.light.wavelengths)
+        self.traced = scene.white is None and bool(scene.surfaces or scene.background)
+        self.traced |= scene.white is not None and not self.seen.aligned
+        if self.traced and effects.on("finite_microlens_aperture"):
+            # Rays through the whole microlens already carry its defocus.
+            transfer = MicrolensTransfer(
+                transfer.width,
+                transfer.sensor_distance,
+                0.0,
+                transfer.wavelengths,
+                transfer.circular,
+                transfer.rotation,
+            )
+        self.transfer = None if transfer.trivial else transfer
+        self.series = self._series()
+        ways = {"harmonics": self.series is not None, "rays": self.traced, "convolution": self.transfer is not None}
+        self.method = next((name for name, used in ways.items() if used), "coverage")
+        if not self.traced and scene.white is None:
+            self.method = "points"
+
+    def bands(self, region: Region) -> Iterator[tuple[int, Image]]:
+        """Everything but point sources, a band of rows at a time."""
+        white = self.scene.white
+        if self.series is not None and white is not None:
+            for row in range(0, region.rows, CORE):
+                piece = Region(region.column, region.row + row, region.columns, min(CORE, region.rows - row))
+                yield row, np.float32(white) * self._harmonics(self.series, piece)
+            return
+        if not self.traced and white is None:
+            yield 0, np.zeros((region.rows, region.columns), np.float32)
+            return
+        yield from bands(region, self._geometry(), self.transfer, self.seen.q, self.threads)
+
+    def _geometry(self) -> Geometry:
+        if not self.traced:
+            level = np.float32(self.scene.white or 0.0)
+            geometry = WhiteGeometry.of(self.seen, self.plan)
+            return lambda region, fine: level * geometry.image(region, fine)
+        tracer = Tracer.of(self.design, self.plan, self.scene)
+
+        def traced(region: Region, fine: int) -> Image:
+            image, rays = tracer.image(region, self.sampling, fine)
+            self.rays += rays
+            return image
+
+        return traced
+
+    def _harmonics(self, series: HarmonicSeries, region: Region) -> Image:
+        x, y = pixel_centres(self.seen, region)
+        image = series.at(x, y)
+        return add_falloff(image, self.seen, x, y) if self.plan.on("cos4") else image
+
+    def _series(self) -> HarmonicSeries | None:
+        """The exact series, where neighbours are alike and diffraction ends it."""
+        if self.scene.white is None or self.traced or self.transfer is None or not self.transfer.wavelengths:
+            return None
+        if self.plan.on("vignetting") and self.plan["vignetting"].estimate > 0:
+            return None
+        if not self.plan.on("overlap") or not _array_fills_the_view(self.seen):
+            return None
+        if 2 * self.transfer.cutoff * self.seen.d > MOST_GROUPS:
+            return None
+        series = harmonic_series(self.seen, self.transfer)
+        return series if series.groups <= MOST_GROUPS else None
+
+    def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
+        """Point sources and their light, as the main lens's centre sees them."""
+        if not self.scene.points:
+            return
+        if not self.seen.aligned:
+            message = (
+                "point sources through tilted parts are not rendered; add --effects -tilts to take them as straight"
+            )
+            raise InputError((Problem("effects", message),))
+        lens = self.seen.main_lens.decentre
+        for thing in self.scene.points:
+            for x, y, distance in thing.positions:
+                light = thing.flux
+                if self.plan.on("cos4"):
+                    light *= (1 + (x * x + y * y) / (distance - self.seen.d_3) ** 2) ** -2.0
+                yield np.float32(light), PointSource(self.seen, x - lens[0], y - lens[1], distance)
+
+    @property
+    def colours(self) -> tuple[float, ...]:
+        """Wavelengths in which point sources diffract; none where no diffraction is asked for."""
+        if not (self.plan.on("microlens_diffraction") or self.plan.on("fap_diffraction")):
+            return ()
+        return self.scene.light.wavelengths or (self.design.wavelength,)
+
+
+def _array_fills_the_view(design: Design) -> bool:
+    """Whether microlens images cover all of the sensor, with one to spare on each side."""
+    lattice = ImageLattice.of(design)
+    half = np.array(design.pixels) * design.q / 2
+    corners = np.array([[x, y] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
+    place = np.linalg.solve(lattice.image_axes, (corners - lattice.image_origin).T).T @ lattice.axes.T
+    return bool((np.abs(place) <= np.array(lattice.half_size) - design.d).all())

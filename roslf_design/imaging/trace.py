@@ -1,0 +1,307 @@
+"""Geometric images by backward rays: pixel, microlens aperture and the FAP's diffraction sampled by Sobol points.
+
+Every pixel has its own random exclusive-or scramble of one common point set, so that a pixel's value depends on the
+seed and its place alone, never on tiles or threads.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._jit import THREADS, kernel, prange
+from ..design import Design
+from ..effects import Plan
+from ..rays import System
+from ..rays.constants import constants, rims
+from ..rays.frames import frames
+from ..rays.kernels import (
+    ARRAY_X,
+    D_1,
+    LENS_RADIUS,
+    LENS_X,
+    PER_D_2,
+    PER_F,
+    PER_F_ML,
+    SENSOR_X,
+    aligned_ray,
+    crossing,
+    posed_ray,
+)
+from ..scenes import Scene
+from ..scenes.scene import mouth
+from .camera import ImageLattice, planned_design
+from .grid import Region, pixel_centres
+from .sobol import sobol_points
+from .surfaces import Surfaces, encode, radiance
+
+Floats = NDArray[np.float64]
+
+BATCH = 16
+"""Rays between two looks at a pixel's error."""
+MOST = 64
+"""Candidate microlenses that one pixel may have."""
+
+POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND = range(6)
+"""Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
+light left out; FAP diffraction; circular microlenses."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many rays a pixel gets."""
+
+    least: int = 32
+    """Rays before the first look at the error."""
+    most: int = 1024
+    """Rays after which no more are spent."""
+    tolerance: float = 0.01
+    """Standard error of a pixel's value at which it is done."""
+    seed: int = 0
+    """Same seed, same bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracer:
+    """Everything the kernel needs, laid out."""
+
+    design: Design
+    """As planned."""
+    lattice: ImageLattice
+    flags: NDArray[np.bool_]
+    constants: Floats
+    maps: Floats
+    rims: Floats
+    surfaces: Surfaces
+    kicks: Floats
+    """Radius of the FAP's diffraction against the share of light within it [rad], on an even grid of shares."""
+    falloff: float
+    """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
+    mouth: float
+
+    @classmethod
+    def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
+        """For a design, a plan and a scene."""
+        seen = planned_design(design, plan)
+        system = System.from_design(seen)
+        kicked = plan.on("fap_diffraction")
+        flags = [
+            not system.aligned,
+            not plan.on("finite_microlens_aperture"),
+            not plan.on("object_defocus"),
+            not plan.on("overlap"),
+            kicked,
+            seen.microlens_array.lens_shape == "circular",
+        ]
+        wavelengths = scene.light.wavelengths or (design.wavelength,)
+        falloff = seen.d_f / seen.d_1 / (seen.d_f - seen.d_3) if plan.on("cos4") else 0.0
+        places, codes = rims(system)
+        # Frames hold the stops in the design's order; give the rims the same.
+        order = np.argsort(codes)
+        return cls(
+            seen,
+            ImageLattice.of(seen),
+            np.array(flags),
+            constants(system),
+            frames(system),
+            np.ascontiguousarray(places[order]),
+            encode(scene, seen.d_f),
+            _airy_radii(seen.D_F, wavelengths) if kicked else np.zeros(2),
+            falloff,
+            mouth(design),
+        )
+
+    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[NDArray[np.float32], int]:
+        """Trace a region.
+
+        Parameters
+        ----------
+        region : Region
+            Pixels; may reach beyond the sensor.
+        sampling : Sampling
+            Rays are per pixel: subpixels share them.
+        fine : int
+            Subpixels per pixel and axis.
+
+        Returns
+        -------
+        image : ndarray of float32, shape (rows * fine, columns * fine)
+            Relative intensities: 1 where fully lit white is seen through the whole of a microlens.
+        rays : int
+            How many were traced.
+        """
+        x, y = pixel_centres(self.design, region, fine)
+        share = fine * fine
+        counts = np.array([max(BATCH, sampling.least // share), max(BATCH, sampling.most // share)])
+        tolerance = sampling.tolerance * fine
+        image = np.zeros((y.size, x.size), np.float32)
+        spent = np.zeros(y.size, np.int64)
+        lattice = self.lattice
+        inverse = np.linalg.inv(lattice.image_axes)
+        place = np.array([region.column * fine, region.row * fine, sampling.seed])
+        with THREADS:
+            _trace.compiled(
+                x, y, self.design.q / fine, lattice.axes, lattice.image_axes, inverse, lattice.image_origin,
+                np.array(lattice.half_size), lattice.reach, lattice.neighbours, self.flags, self.constants, self.maps,
+                self.rims, *self.surfaces, self.kicks, self.falloff, self.mouth, self.design.d_3, self.design.d_f,
+                _points(int(counts[1])), counts, tolerance, place, image, spent,
+            )  # fmt: skip
+        return image, int(spent.sum())
+
+
+@functools.lru_cache(maxsize=4)
+def _points(count: int) -> NDArray[np.uint32]:
+    return sobol_points(count)
+
+
+def _airy_radii(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
+    """Angle from the axis within which each share of the light lies, for an aperture seen from far away [rad]."""
+    from scipy.special import j0, j1
+
+    x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
+    inside = 1 - j0(x) ** 2 - j1(x) ** 2
+    shares = (np.arange(count) + 0.5) / count
+    mean = sum(wavelengths) / len(wavelengths)
+    return np.asarray(np.interp(shares, np.maximum.accumulate(inside), x) * mean / (math.pi * diameter))
+
+
+@kernel()
+def mixed(a: Any, b: Any, c: Any) -> Any:
+    """Hash of three whole numbers (64-bit finaliser of the splitmix kind)."""
+    z = (a * np.uint64(0x9E3779B97F4A7C15)) ^ (b * np.uint64(0xC2B2AE3D27D4EB4F)) ^ (c * np.uint64(0x165667B19E3779F9))
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@kernel(parallel=True)
+def _trace(
+    x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
+    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, rows: Any, pictures: Any, beyond: float, kicks: Any,
+    falloff: float, mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any,
+    image: Any, spent: Any,
+) -> None:  # fmt: skip
+    """Values of pixels by backward rays."""
+    d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
+    lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
+    half = k[13]
+    unit = 1.0 / 4294967296.0
+    margin = reach + pixel * 0.7072
+    for j in prange(y.size):
+        lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
+        near_x, near_y = np.empty(MOST), np.empty(MOST)
+        used = 0
+        for i in range(x.size):
+            n = 0
+            bx, by = x[i] - origin[0], y[j] - origin[1]
+            m0 = math.floor(inverse[0, 0] * bx + inverse[0, 1] * by + 0.5)
+            n0 = math.floor(inverse[1, 0] * bx + inverse[1, 1] * by + 0.5)
+            for dm in range(-neighbours, neighbours + 1):
+                for dn in range(-neighbours, neighbours + 1):
+                    m, l = m0 + dm, n0 + dn
+                    gx = bx - (image_axes[0, 0] * m + image_axes[0, 1] * l)
+                    gy = by - (image_axes[1, 0] * m + image_axes[1, 1] * l)
+                    far = gx * gx + gy * gy
+                    if far > margin * margin:
+                        continue
+                    cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
+                    if abs(cx) > half_size[0] + 1e-9 or abs(cy) > half_size[1] + 1e-9:
+                        continue
+                    if n < MOST:
+                        slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
+                        lens_x[n], lens_y[n], gain[n] = cx, cy, 1.0 / (1.0 + slope * slope) ** 2
+                        near_x[n], near_y[n] = x[i] - gx, y[j] - gy
+                        n += 1
+            if n == 0:
+                continue
+            code = mixed(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
+            s01 = mixed(code, np.uint64(1), np.uint64(2))
+            s23 = mixed(code, np.uint64(3), np.uint64(4))
+            s45 = mixed(code, np.uint64(5), np.uint64(6))
+            low = np.uint64(0xFFFFFFFF)
+            s0, s1 = np.uint32(s01 & low), np.uint32(s01 >> np.uint64(32))
+            s2, s3 = np.uint32(s23 & low), np.uint32(s23 >> np.uint64(32))
+            s4, s5 = np.uint32(s45 & low), np.uint32(s45 >> np.uint64(32))
+            total, squares, batches, done = 0.0, 0.0, 0, 0
+            while done < counts[1]:
+                batch = 0.0
+                for r in range(done, done + BATCH):
+                    px = x[i] + ((np.uint32(points[r, 0] ^ s0) + 0.5) * unit - 0.5) * pixel
+                    py = y[j] + ((np.uint32(points[r, 1] ^ s1) + 0.5) * unit - 0.5) * pixel
+                    vx, vy = 0.0, 0.0
+                    if not flags[PINHOLE]:
+                        a = (np.uint32(points[r, 2] ^ s2) + 0.5) * unit
+                        b = (np.uint32(points[r, 3] ^ s3) + 0.5) * unit
+                        if flags[ROUND]:
+                            rho, phi = half * math.sqrt(a), 2.0 * math.pi * b
+                            vx, vy = rho * math.cos(phi), rho * math.sin(phi)
+                        else:
+                            vx, vy = (2.0 * a - 1.0) * half, (2.0 * b - 1.0) * half
+                    kick_x, kick_y = 0.0, 0.0
+                    if flags[KICKED]:
+                        at = np.uint32(points[r, 4] ^ s4) * unit * kicks.size
+                        rho, phi = kicks[int(at)], 2.0 * math.pi * (np.uint32(points[r, 5] ^ s5) * unit)
+                        kick_x, kick_y = rho * math.cos(phi), rho * math.sin(phi)
+                    first, last = 0, n
+                    if flags[OWN_ONLY]:
+                        best = 1e300
+                        for c in range(n):
+                            far = (px - near_x[c]) ** 2 + (py - near_y[c]) ** 2
+                            if far < best:
+                                best, first, last = far, c, c + 1
+                    for c in range(first, last):
+                        cx, cy = lens_x[c], lens_y[c]
+                        if flags[POSED]:
+                            lx, ly, ox, oy, good = posed_ray(k, maps, px, py, cx, cy, vx, vy)
+                            if not good or lx * lx + ly * ly > lens_square:
+                                continue
+                            kept = True
+                            for t in range(rims.shape[0]):
+                                ax, ay, _, _, front = crossing(maps[3 + t], lx, ly, ox, oy)
+                                kept = kept and front and ax * ax + ay * ay <= rims[t, 3] * rims[t, 3]
+                            if not kept:
+                                continue
+                            hx, hy, ox, oy, front = crossing(maps[2], lx, ly, ox, oy)
+                            if not front:
+                                continue
+                        else:
+                            lx, ox = aligned_ray(d_1, per_d_2, per_f_ml, per_f, k[SENSOR_X], k[ARRAY_X], px, cx, vx)
+                            ly, oy = aligned_ray(
+                                d_1, per_d_2, per_f_ml, per_f, k[SENSOR_X + 1], k[ARRAY_X + 1], py, cy, vy
+                            )
+                            if lx * lx + ly * ly > lens_square:
+                                continue
+                            kept = True
+                            for t in range(rims.shape[0]):
+                                ax, ay = lx + rims[t, 0] - ox * rims[t, 2], ly + rims[t, 1] - oy * rims[t, 2]
+                                if ax * ax + ay * ay > rims[t, 3] * rims[t, 3]:
+                                    kept = False
+                                    break
+                            if not kept:
+                                continue
+                            hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
+                        if flags[IN_FOCUS]:
+                            # The same point of the focal plane, seen from the middle of the FAP.
+                            fx, fy = hx - ox * d_f, hy - oy * d_f
+                            ox, oy = -fx / (d_f - d_3), -fy / (d_f - d_3)
+                            hx, hy = ox * d_3, oy * d_3
+                        ox, oy = ox + kick_x, oy + kick_y
+                        hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
+                        batch += gain[c] * radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
+                batch /= BATCH
+                done += BATCH
+                used += BATCH
+                batches += 1
+                total += batch
+                squares += batch * batch
+                if done >= counts[0] and batches > 1:
+                    spread = squares / batches - (total / batches) ** 2
+                    if spread <= tolerance * tolerance * (batches - 1):
+                        break
+            image[j, i] = total / batches
+        spent[j] = used
