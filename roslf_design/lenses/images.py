@@ -224,7 +224,9 @@ def _quadrature(camera: LensCamera, c: Array, wavelength: float | None) -> tuple
     at = views(camera, c, p[0], wavelength, clip=False)
     room = np.minimum(at.fap_room, at.room)
     across, along = np.gradient(room)
-    weight = np.clip(room / (np.abs(across) + np.abs(along) + 1e-300) + 0.5, 0.0, 1.0)
+    lit = np.pad(room >= 0, 1)
+    beside = lit[1:-1, 1:-1] | lit[2:, 1:-1] | lit[:-2, 1:-1] | lit[1:-1, 2:] | lit[1:-1, :-2]
+    weight = beside * np.clip(room / (np.abs(across) + np.abs(along) + 1e-300) + 0.5, 0.0, 1.0)
     total = np.sum(weight)
     d = p[0] - c
     mean = np.sum(weight[..., None] * d, axis=(0, 1)) / total

@@ -81,8 +81,9 @@ def _decode(content: bytes, origin: str) -> str:
         raise _failed(origin, "is empty; save the lens again")
     marks = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
     guess = next((name for mark, name in marks if content.startswith(mark)), None)
-    if guess is None and b"\x00" in content[:200]:
-        guess = "utf-16-le" if content[1:2] == b"\x00" else "utf-16-be"
+    for name, half in (("utf-16-le", content[1:400:2]), ("utf-16-be", content[0:400:2])):
+        if guess is None and 2 * half.count(0) > len(half):  # no mark, but every other byte is zero
+            guess = name
     for encoding in (guess,) if guess else ("utf-8", "latin-1"):
         try:
             text = content.decode(encoding)

@@ -1,0 +1,265 @@
+"""Prescriptions: what is refused, what reversal and misalignment do, files that come back as they went."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roslf_design.lenses import perturb
+from roslf_design.lenses.glass import AIR, Glass, find_glass
+from roslf_design.lenses.lens_file import dumps_lens, load_lens, loads_lens, shipped_names
+from roslf_design.lenses.prescription import LensError, Prescription, Surface
+from roslf_design.lenses.trace import Rays, trace
+from tests.oracles.lenses import incoming
+
+BK7 = find_glass("N-BK7")
+FACTS = {  # radii, thicknesses, glasses, diameter; focal length printed by the maker
+    "la1050-a": ((51.5, np.inf), (9.69,), ("N-BK7",), 50.8, 100),
+    "lb1630-a": ((101.38, -101.38), (9.47,), ("N-BK7",), 50.8, 100),
+    "ac508-100-a": ((71.12, -44.17, -363.1), (16, 4), ("N-BAF10", "SF10"), 50.8, 100),
+    "ac508-150-a": ((83.18, -72.12, -247.7), (12, 3), ("N-BK7", "SF5"), 50.8, 150),
+    "ac254-050-a": ((33.34, -22.28, -291.1), (9, 2.5), ("N-BAF10", "SF10"), 25.4, 50),
+    "ac254-100-a": ((62.75, -45.71, -128.2), (4, 2.5), ("N-BK7", "SF5"), 25.4, 100),
+}
+
+
+def test_six_lenses_ship_with_the_makers_numbers():
+    assert set(shipped_names()) == set(FACTS)
+    for name, (radii, thicknesses, glasses, diameter, _) in FACTS.items():
+        lens = load_lens(name.upper())
+        assert lens.name == name.upper()
+        np.testing.assert_allclose([s.radius for s in lens.surfaces], radii, rtol=3e-16)
+        assert tuple(s.thickness for s in lens.surfaces[:-1]) == thicknesses
+        assert tuple(s.glass.name for s in lens.surfaces[:-1]) == glasses
+        assert {2 * s.semi_diameter for s in lens.surfaces} == {diameter}
+
+
+@pytest.mark.parametrize("name", shipped_names())
+def test_values_compare_hash_pickle_and_come_back_from_a_file(name):
+    lens = load_lens(name)
+    for other in (pickle.loads(pickle.dumps(lens)), loads_lens(dumps_lens(lens)), lens.reversed().reversed()):
+        assert other == lens
+        assert hash(other) == hash(lens)
+    assert lens.reversed() != lens
+
+
+finite = st.floats(-1, 1, allow_subnormal=False)
+own_glass = Glass("polymer", "schott", (2.2, -0.01, 0.011), 4e-4, 1e-3, "made up")
+constant_glass = Glass("stuff", "constant", (1.7,))
+
+
+@given(
+    st.floats(-0.3, 0.3),
+    st.sampled_from([0.0, -1.0, 0.3]),
+    st.lists(st.floats(-1e-5, 1e-5), max_size=8),
+    st.floats(1e-3, 2.0),
+    st.tuples(finite, finite, finite),
+    st.tuples(finite, finite),
+    st.sampled_from([BK7, own_glass, constant_glass]),
+    st.floats(-1e-3, 1e-3),
+)
+def test_any_lens_comes_back_from_its_file(curvature, conic, asphere, semi, shift, tilt, glass, offset):
+    while asphere and asphere[-1] == 0:
+        asphere.pop()
+    front = Surface(curvature, semi, 3.0, glass.with_offset(offset), conic, tuple(asphere), shift, tilt)
+    lens = Prescription((front, Surface(0.0, semi / 3)), "any", wavelength=0.55e-3)
+    again = loads_lens(dumps_lens(lens))
+    expected = replace(front, semi_diameter=semi)
+    assert again == replace(lens, surfaces=(expected, lens.surfaces[1]))
+
+
+def faulty(*surfaces, **rest):
+    with pytest.raises(LensError) as caught:
+        Prescription(tuple(surfaces), **rest)
+    return str(caught.value)
+
+
+def test_impossible_lenses_are_refused_with_every_fault():
+    assert "at least one surface" in faulty()
+    assert "must end in air" in faulty(Surface(0.01, 5.0, 0.0, BK7))
+    assert "turns back" in faulty(Surface(1.0, 5.0, 1.0, BK7), Surface(0.0, 5.0))
+    told = faulty(Surface(np.nan, -1.0, -2.0, BK7), Surface(0.0, np.inf))
+    assert "surfaces.1.radius: is not a finite number" in told
+    assert "surfaces.1.diameter: -2 mm must be a positive" in told
+    assert "surfaces.2.diameter: inf mm" in told
+    thin = faulty(Surface(1 / 20, 10.0, 1.0, BK7), Surface(-1 / 20, 10.0))
+    assert "surfaces.1.thickness: the N-BK7 is" in thin
+    assert "the surfaces cross" in thin
+    between = (
+        Surface(-0.02, 9.0, 2.0, BK7),
+        Surface(-0.05, 9.0, 0.1),
+        Surface(-0.08, 9.0, 4.0, BK7),
+        Surface(0.0, 9.0),
+    )
+    assert "air gap" in faulty(*between)
+    assert "nothing follows the last surface" in faulty(Surface(0.0, 5.0, 2.0, BK7), Surface(0.0, 5.0, 1.0))
+    assert "at most 8" in faulty(Surface(0.0, 5.0, asphere=(0.0,) * 9))
+    assert "wavelength" in faulty(Surface(0.0, 5.0), wavelength=-1.0)
+
+
+def test_a_diaphragm_may_stand_within_the_sag_of_its_neighbour():
+    lens = Prescription((Surface(0.0, 5.0), Surface(-0.05, 6.0, 4.0, BK7), Surface(0.0, 8.0)))
+    assert lens.elements == ((0,), (1, 2))
+
+
+def test_elements_are_what_moves_as_one():
+    assert load_lens("AC508-100-A").elements == ((0, 1, 2),)
+    air = Surface(0.01, 5.0, 2.0, BK7), Surface(0.0, 5.0, 3.0), Surface(0.02, 5.0, 2.0, BK7), Surface(0.0, 5.0)
+    assert Prescription(air).elements == ((0, 1), (2, 3))
+
+
+def test_radius_and_index_errors_change_what_they_name():
+    lens = load_lens("AC254-100-A")
+    assert perturb.with_radius_error(lens, 2, 0.5).surfaces[1].radius == pytest.approx(-45.21)
+    assert perturb.with_curvature_error(load_lens("LA1050-A"), 2, 1e-4).surfaces[1].curvature == 1e-4
+    assert perturb.with_thickness_error(lens, 1, -0.1).length == pytest.approx(6.4)
+    heavier = perturb.with_index_error(lens, 1, 1e-3)
+    assert heavier.surfaces[0].glass.index(5e-4) == pytest.approx(float(BK7.index(5e-4)) + 1e-3)
+    assert heavier.surfaces[1:] == lens.surfaces[1:]
+    for change in (
+        lambda: perturb.with_radius_error(load_lens("LA1050-A"), 2, 1.0),
+        lambda: perturb.with_radius_error(lens, 1, -70.0),
+        lambda: perturb.with_index_error(lens, 3, 1e-3),
+        lambda: perturb.with_thickness_error(lens, 3, 1.0),
+        lambda: perturb.with_curvature_error(lens, 4, 1.0),
+        lambda: perturb.decentred(lens, 2, 0.1, 0.0),
+    ):
+        with pytest.raises(LensError):
+            change()
+
+
+rotations = st.floats(-0.1, 0.1)
+
+
+@given(rotations, rotations, st.floats(-1, 1), st.floats(-1, 1))
+def test_a_moved_element_acts_as_rays_moved_the_other_way(alpha, beta, x, y):
+    lens = load_lens("AC254-050-A")
+    moved = perturb.tilted(perturb.decentred(lens, 1, x, y), 1, alpha, beta)
+    ca, sa, cb, sb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta)
+    turn = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]]) @ np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    pivot = np.array([x, y, lens.length / 2])[:, None]
+    place, way = incoming(8.0, 20)
+    still = trace(lens, Rays(place, way), 5.5e-4)
+    home = np.array([0.0, 0.0, lens.length / 2])[:, None]
+    there = trace(moved, Rays(turn @ (place - home) + pivot, turn @ way), 5.5e-4)
+    np.testing.assert_array_equal(there.state, still.state)
+    np.testing.assert_allclose(there.rays.position, turn @ (still.rays.position - home) + pivot, rtol=0, atol=2e-13)
+    np.testing.assert_allclose(there.rays.direction, turn @ still.rays.direction, rtol=0, atol=1e-14)
+
+
+def test_a_sphere_tilted_about_its_centre_is_the_same_sphere():
+    lens = Prescription((Surface(1 / 30, 10.0, 6.0, BK7), Surface(0.0, 12.0)))
+    tilt = 0.05
+    front = replace(lens.surfaces[0], tilt=(0.0, tilt), shift=(-30 * np.sin(tilt), 0.0, 30 - 30 * np.cos(tilt)))
+    turned = replace(lens, surfaces=(front, lens.surfaces[1]))
+    rays = Rays(*incoming(5.0, 50))
+    one, other = (trace(each, rays, 5e-4, clip=False) for each in (lens, turned))
+    np.testing.assert_allclose(one.rays.position, other.rays.position, rtol=0, atol=1e-13)
+
+
+def test_wedge_turns_light_as_a_prism_does():
+    plate = Prescription((Surface(0.0, 10.0, 5.0, BK7), Surface(0.0, 10.0)))
+    wedged = perturb.surface_tilted(plate, 2, 0.0, 1e-3)
+    out = trace(wedged, Rays(np.array([[0.0], [0.0], [-5.0]]), np.array([[0.0], [0.0], [1.0]])), 5e-4)
+    n = float(BK7.index(5e-4))
+    expected = np.arcsin(n * np.sin(1e-3)) - 1e-3
+    assert abs(out.rays.direction[0, 0]) == pytest.approx(np.sin(expected), rel=1e-12)
+
+
+BROKEN = """
+nam = "x"
+[[surfaces]]
+radius = 51.5
+thickness = "9 kg"
+glas = "N-BK7"
+diameter = "0 mm"
+[[surfaces]]
+radius = "5 mm"
+curvature = "0.2 mm^-1"
+glass = "N-BK8"
+diameter = "5 mm"
+conic = "a"
+asphere = { r3 = "1", r4 = "2 mm^-2" }
+shift = ["1 mm"]
+tilt = ["1 mm", "2 mrad"]
+"""
+
+
+def test_a_lens_file_tells_every_fault_at_once():
+    with pytest.raises(LensError) as caught:
+        loads_lens(BROKEN, "bad.toml")
+    told = str(caught.value).splitlines()
+    for start in (
+        "bad.toml: nam: is not a known key; did you mean 'name'?",
+        "bad.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?",
+        'bad.toml: surfaces.1.radius: 51.5 has no unit; write it as text with one, e.g. "51.5 mm"',
+        "bad.toml: surfaces.1.thickness: \"9 kg\": 'kg' is not a known unit",
+        'bad.toml: surfaces.1.diameter: "0 mm" must be greater than zero',
+        "bad.toml: surfaces.2.radius: radius and curvature: both are given; drop one",
+        "bad.toml: surfaces.2.conic: must be a finite number",
+        "bad.toml: surfaces.2.asphere.r3: is not a known key",
+        "bad.toml: surfaces.2.asphere.r4: expected a number of mm^-3",
+        "bad.toml: surfaces.2.shift: must be a list of 3 lengths",
+        "bad.toml: surfaces.2.tilt: \"1 mm\": 'mm' is a unit of length",
+        "bad.toml: surfaces.2.glass: 'N-BK8' is not a known glass; the nearest known is 'N-BK7'",
+    ):
+        assert any(line.startswith(start) for line in told), start
+    assert len(told) == 12
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "surfaces: a lens needs at least one surface"),
+        ("surfaces = 3", "surfaces: must be a list of tables"),
+        ("surfaces = [3]", "surfaces.1: must be a table"),
+        ("name = 3\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "name: must be text"),
+        ("wavelength = '-5 nm'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "wavelength: .*positive"),
+        ("[[surfaces]]\nradius='0 mm'\ndiameter='5 mm'", "is a point"),
+        ("[[surfaces]]\nradius='inf'", "surfaces.1.diameter: is missing"),
+        ("[[surfaces]]\ndiameter='5 mm'", "surfaces.1.radius: is missing"),
+        ("[[surfaces]]\nradius='inf'\ndiameter='5 mm'\nglass=3", "glass: must be a glass's name"),
+        ("[[surfaces]]\nradius='inf'\ndiameter='5 mm'\nglass='N-BK7'", "must end in air"),
+        ("[glasses.a]\nformula='x'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "glasses.a.formula: 'x'"),
+        ("[[surfaces", "is not valid TOML"),
+    ],
+)
+def test_broken_lens_texts(text, told):
+    with pytest.raises(LensError, match=told):
+        loads_lens(text, "bad.toml")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(LensError, match=r"no such file; .*AC254-050-A"):
+        load_lens(tmp_path / "none.toml")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(LensError, match="is not UTF-8"):
+        load_lens(binary)
+    with pytest.raises(LensError, match="cannot be read"):
+        load_lens(tmp_path)
+
+
+def test_own_glass_in_a_lens_file():
+    lens = loads_lens(
+        """
+        [glasses.polymer]
+        formula = "constant"
+        index = 1.49
+        [[surfaces]]
+        radius = "20 mm"
+        thickness = "3 mm"
+        glass = "Polymer"
+        diameter = "10 mm"
+        [[surfaces]]
+        radius = "inf"
+        diameter = "10 mm"
+        """
+    )
+    assert lens.surfaces[0].glass.index(5e-4) == 1.49
+    assert lens.surfaces[1].glass == AIR
