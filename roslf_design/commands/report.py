@@ -16,22 +16,28 @@ PAGE, DOCUMENT = "index.html", "report.pdf"
 def report(
     design: str,
     /,
-    *,
+    *others: str,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     pdf: Annotated[bool, Parameter(negative=())] = False,
     paper: Literal["a4", "us-letter"] = "a4",
+    compare: Annotated[bool, Parameter(negative=())] = False,
     stamp: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """A design report: one self-contained HTML page with verdicts, tables and figures.
 
-    Example: roslf report designs/paper.toml -o reports/paper
+    Example: roslf report designs/paper.toml -o reports/paper --pdf
+    Example: roslf report --compare paper paper-mismatched
 
     Parameters
     ----------
     design
         A design file, or the name of a preset (see `roslf presets`).
+    others
+        With --compare: one or two more designs.
     output
         Folder to write index.html to, made if needed. Default: report-<design>, after the design file's name.
+    compare
+        Two or three designs side by side, differences marked.
     pdf
         Also write report.pdf, with the same content.
     paper
@@ -41,17 +47,27 @@ def report(
     """
     from ..design import load
     from ..design.write import write_atomically
-    from ..report.content import design_report
     from ..report.html import render_html
 
-    loaded = load(design)
-    folder = Path(f"report-{folder_name(design)}") if output is None else output
+    check_count(len(others), compare)
+    names = (design, *others)
+    loaded = [load(name) for name in names]
+    folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
     if pdf:
         check_typst()
-    command = shlex.join(["roslf", "report", design, "-o", str(folder), *(["--pdf", "--paper", paper] if pdf else [])])
+    options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
+    command = shlex.join(["roslf", "report", *names, *options])
+    lines = stamp_lines() if stamp else ()
     with Progress() as progress:
-        content = design_report(loaded, command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
+        if compare:
+            from ..report.compare import comparison_report
+
+            content = comparison_report(loaded, command=command, stamp=lines, progress=progress.tell)
+        else:
+            from ..report.content import design_report
+
+            content = design_report(loaded[0], command=command, stamp=lines, progress=progress.tell)
         files = {PAGE: render_html(content).encode()}
         if pdf:
             from ..report.pdf import render_pdf
@@ -62,6 +78,22 @@ def report(
     for name, data in files.items():
         write_atomically(folder / name, data)
         print(folder / name)
+
+
+def check_count(others: int, compare: bool) -> None:
+    """Refuse a number of designs that the report is not made for.
+
+    Raises
+    ------
+    InputError
+        Several without --compare; one, or more than three, with it.
+    """
+    from ..errors import InputError, Problem
+
+    if compare and others not in (1, 2):
+        raise InputError((Problem("--compare", f"{others + 1} given; name two or three designs"),))
+    if others and not compare:
+        raise InputError((Problem("report", "one design at a time; add --compare to set several side by side"),))
 
 
 def folder_name(design: str) -> str:

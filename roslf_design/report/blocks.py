@@ -45,7 +45,7 @@ class Table:
     Raises
     ------
     ValueError
-        A row as long as neither `align` nor the headings.
+        A row or `widths` not as long as `align`.
     """
 
     rows: tuple[tuple[str, ...], ...]
@@ -56,11 +56,15 @@ class Table:
     caption: str = ""
     faint: tuple[int, ...] = ()
     """Rows that matter less."""
+    widths: tuple[float, ...] = ()
+    """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
 
     def __post_init__(self) -> None:
         wrong = [row for row in (*self.rows, *filter(None, [self.headings])) if len(row) != len(self.align)]
         if wrong:
             raise ValueError(f"table {self.title!r}: {len(self.align)} columns are aligned, but a row has {wrong[0]}")
+        if self.widths and len(self.widths) != len(self.align):
+            raise ValueError(f"table {self.title!r}: {len(self.align)} columns have {len(self.widths)} widths")
 
 
 @dataclass(frozen=True)

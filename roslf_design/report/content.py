@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
 
+FACTS = (18, 14, 0)
+"""Widths of the columns of the evaluation's tables."""
 NO_PICTURE = "The 3D view is left out: {reason}."
 
 
@@ -64,23 +66,24 @@ def design_report(
             rendering.cancel()
         raise
     sections = (
-        _verdicts(result),
+        Section("Verdicts", (verdicts(result),)),
         Section("The design", (_parameters(design), *_stops(design))),
         Section("Evaluation", _tables(result)),
         Section("Rays", (figures["rays"], figures["cells"], picture)),
         Section("Microlens images", (figures["images"], figures["maps"])),
         Section("Design space", (figures["plane"], figures["depth"])),
-        Section("Effects", (figures["effects"], _effects(result), Paragraph(absent_effects(result)))),
+        Section("Effects", (figures["effects"], *_effects(result))),
         Section("Assumptions and what was left out", assumptions(design, result)),
         _making(design, command, stamp),
     )
     return Report(design.name, design.source, sections, f"roslf_design {__version__}")
 
 
-def _verdicts(result: Evaluation) -> Section:
+def verdicts(result: Evaluation, prefix: str = "") -> Statements:
+    """The answers and warnings of an evaluation, each with `prefix` before it."""
     items = [Statement("good" if v.ok else "bad", _sentence(v.text), _sentence(v.remedy)) for v in result.verdicts]
     items += [Statement("caution", _sentence(warning)) for warning in result.warnings]
-    return Section("Verdicts", (Statements(tuple(items)),))
+    return Statements(tuple(Statement(item.tone, prefix + item.text, item.remedy) for item in items))
 
 
 def _sentence(text: str) -> str:
@@ -90,6 +93,11 @@ def _sentence(text: str) -> str:
 
 
 def _parameters(design: Design) -> Table:
+    return Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
+
+
+def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
+    """Symbol, meaning, value and remark of every length of a design."""
     mla = design.microlens_array
     width, height = design.pixels
     rows = [
@@ -109,8 +117,7 @@ def _parameters(design: Design) -> Table:
         ("", "microlens array", " x ".join(_length(side) for side in mla.size), ""),
         ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), _relay(design)),
     ]
-    cells = [(symbol, name, _length(value), remark) for symbol, name, value, remark in rows]
-    return Table((*cells, *sizes), "lldl", ("symbol", "what", "value", ""))
+    return [*((symbol, name, _length(value), remark) for symbol, name, value, remark in rows), *sizes]
 
 
 def _relay(design: Design) -> str:
@@ -156,7 +163,7 @@ def _pose(part: MainLens | MicrolensArray | Sensor | Stop) -> str:
 
 
 def _tables(result: Evaluation) -> tuple[Block, ...]:
-    blocks: list[Block] = [Table(tuple(rows), "ldl", title=title) for title, rows in table_groups(result)]
+    blocks: list[Block] = [Table(tuple(rows), "ldl", title=title, widths=FACTS) for title, rows in table_groups(result)]
     fields = tuple(field_row(field) for field in result.fields)
     blocks.append(Table(fields, "llrrrr", FIELD_HEADINGS, "Microlens images over the field"))
     return tuple(blocks)
@@ -188,10 +195,11 @@ def _picture(rendering: Rendering | NoPictureError, names: tuple[Name, ...]) -> 
         return Statements((Statement("plain", NO_PICTURE.format(reason=reason)),))
 
 
-def _effects(result: Evaluation) -> Table:
+def _effects(result: Evaluation) -> tuple[Block, ...]:
     rows = tuple(effect_rows(result))
     faint = tuple(index for index, row in enumerate(rows) if row[3] == "off")
-    return Table(rows, "lddll", EFFECT_HEADINGS, faint=faint)
+    absent = absent_effects(result)
+    return Table(rows, "lddll", EFFECT_HEADINGS, faint=faint), *([Paragraph(absent)] if absent else [])
 
 
 def _making(design: Design, command: str, stamp: tuple[str, ...]) -> Section:

@@ -119,5 +119,5 @@ def _table(table: Table) -> dict[str, Any]:
         "headings": [spans(heading) for heading in table.headings],
         "rows": rows,
         "faint": list(table.faint),
-        "facts": table.align == "ldl" and not table.headings,
+        "widths": list(table.widths),
     }

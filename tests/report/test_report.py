@@ -44,7 +44,7 @@ class Page(HTMLParser):
                 self.links.append(value)
             if name == "id" and value:
                 self.anchors.append(value)
-        if tag not in ("meta", "img", "br"):
+        if tag not in ("meta", "img", "br", "col"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attrs):

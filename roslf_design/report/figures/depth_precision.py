@@ -41,6 +41,12 @@ def depth_precision(design: Design, points: int = 241, sigma_disparity: float = 
     return DepthPrecision(depth + design.d_3, depth_sigma(sigma_disparity, *numbers), defocus_blur(*numbers))
 
 
+def focal_plane_sigma(design: Design, sigma_disparity: float = SIGMA_DISPARITY) -> float:
+    """Find sigma_Z at the focal plane [mm]."""
+    seen = design.D_F, design.d, design.f, design.d_f, design.d_3
+    return float(depth_sigma(sigma_disparity, gap(design.d_f, design.d_3), *seen))
+
+
 def plot_depth_precision(design: Design, ax: Axes | None = None, sigma_disparity: float = SIGMA_DISPARITY) -> Axes:
     """Draw sigma_Z over the object distance Z, and the defocus in pitches on a second axis.
 
@@ -60,8 +66,7 @@ def plot_depth_precision(design: Design, ax: Axes | None = None, sigma_disparity
     ax = new_axes(ax, height=3.3)
     curve = depth_precision(design, sigma_disparity=sigma_disparity)
     (left,) = ax.plot(curve.distance, curve.sigma, color=BLUE, label="depth precision sigma_Z")
-    seen = design.D_F, design.d, design.f, design.d_f, design.d_3
-    focus = float(depth_sigma(sigma_disparity, gap(design.d_f, design.d_3), *seen))
+    focus = focal_plane_sigma(design, sigma_disparity)
     ax.plot(design.d_f, focus, "o", color=VERMILLION, markeredgecolor="white", markersize=7)
     ax.axvline(design.d_f, color=GREY, linewidth=0.8, linestyle=(0, (6, 3)))
     ax.annotate(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +108,8 @@ def plot_microlens_image(
     um = 1e3
     if view.coverage.size:
         # Half grey for a full pixel leaves lines on it visible; a grid of very many would itself be grey.
-        grid = {"edgecolors": "#cfcfcf", "linewidth": 0.3} if view.coverage.shape[1] <= GRID_UP_TO else {}
+        lines: dict[str, Any] = {"edgecolors": "#cfcfcf", "linewidth": 0.3}
+        grid = lines if view.coverage.shape[1] <= GRID_UP_TO else {}
         ax.pcolormesh(um * view.x, um * view.y, view.coverage, cmap="gray_r", vmin=0, vmax=2.2, **grid)
     if len(view.outline):
         ring = um * np.concatenate([view.outline, view.outline[:1]])
