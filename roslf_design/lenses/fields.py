@@ -122,13 +122,17 @@ def _focus(camera: LensCamera, point: Array, centre: Array, axis: Array) -> Arra
 
 
 def _spot(camera: LensCamera, point: Array, centre: Array, along: Array, across: Array) -> tuple[Array, Array]:
-    pupil = centre + camera.fap.diameter / 2 * sunflower(SPOT_RAYS).T
+    """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
+    turns = 2 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS
+    disc = np.concatenate([sunflower(SPOT_RAYS), [np.cos(turns), np.sin(turns)]], axis=1) * camera.fap.diameter / 2
+    pupil = centre + disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :]
     rays = _forward(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
     place, kept = np.moveaxis(rays.rays.position[:2], 0, -1), rays.kept
-    count = np.maximum(np.sum(kept, axis=-1), 1)
-    mean = np.sum(place * kept[..., None], axis=-2) / count[..., None]
+    even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
+    count = np.maximum(np.sum(even, axis=-1), 1)
+    mean = np.sum(place * even[..., None], axis=-2) / count[..., None]
     off = np.where(kept[..., None], place - mean[..., None, :], 0.0)
-    blur = np.sqrt(np.sum(np.square(off), axis=(-1, -2)) / count)
+    blur = np.sqrt(np.sum(np.square(off) * even[..., None], axis=(-1, -2)) / count)
     sides = np.stack([np.sum(off * axis[..., None, :], axis=-1) for axis in (along, across)], axis=-1)
     return blur, np.max(sides, axis=-2) - np.min(sides, axis=-2)
 

@@ -25,7 +25,7 @@ from .trace import KEPT, Rays, trace
 
 Array = NDArray[np.float64]
 
-FIT_RAYS, HELD_OUT = 4000, 4000
+FIT_RAYS, HELD_OUT = 2000, 4000
 MOST_ORDER = 12
 CHIEF_TERMS = 8
 MARGIN = 1.02
@@ -259,11 +259,16 @@ def _fit(samples: _Samples, order: int, tight: NDArray[np.intp]) -> Array:
     terms = _terms(samples, order)
     by_x, by_y = (np.concatenate([terms * part[:, i : i + 1] for i in (0, 1)]) for part in (samples.x, samples.y))
     wanted = np.stack([part.T.reshape(-1) for part in (samples.pupil, samples.slope)], axis=-1)
-    both = np.linalg.lstsq(np.concatenate([by_x, by_y], axis=1), wanted, rcond=None)[0]
+    both = _least_squares(np.concatenate([by_x, by_y], axis=1), wanted)
     count = terms.shape[1]
     p, q, r, s = both[:count, 0], both[count:, 0], both[:count, 1], both[count:, 1]
-    rooms = np.linalg.lstsq(terms, samples.rooms[:, tight], rcond=None)[0].T
+    rooms = _least_squares(terms, samples.rooms[:, tight]).T
     return np.concatenate([np.stack([p, q, r, s]), rooms])
+
+
+def _least_squares(matrix: Array, wanted: Array) -> Array:
+    q, r = np.linalg.qr(matrix)  # a tenth of the time that lstsq's singular values take
+    return np.asarray(np.linalg.solve(r, q.T @ wanted))
 
 
 def _errors(

@@ -1,0 +1,175 @@
+"""Aberrations over the field: Coddington's equations, first-order colour, growth with the field, the measured Eq. 6."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roslf_design.lenses.camera import mounted
+from roslf_design.lenses.fields import field_map, undistorted_field
+from roslf_design.lenses.first_order import first_order
+from roslf_design.lenses.images import CLIPPED, FULL, real_images, sensor_of_pupil
+from roslf_design.lenses.lens_file import load_lens
+from roslf_design.lenses.prescription import Prescription
+from roslf_design.lenses.trace import describe
+from roslf_design.theory.field import nondistortion_bound
+from tests.lenses.test_images import GREEN, bench
+
+EDGE = 11.15
+
+
+def coddington(camera, point):
+    """Astigmatic foci behind the array of the pencil along the chief ray from `point` (its x, on the focal plane).
+
+    Meridional section of a lens of spheres, surface by surface: s and t are distances along the chief ray from the
+    surface to the sagittal and tangential focus, minus before it.
+    """
+    lens = camera.lens
+    z, x, angle = camera.focal_plane, point, np.arctan2(-point, camera.fap.z - camera.focal_plane)
+    indices = [1.0, *(float(surface.glass.index(camera.wavelength)) for surface in lens.surfaces)]
+    s = t = None
+    for number, (surface, vertex) in enumerate(zip(lens.surfaces, lens.vertices, strict=True)):
+        n, m = indices[number : number + 2]
+        c = surface.curvature
+        # where the ray (z, x) + l (cos, sin) meets the circle: by its foot point next to the vertex
+        dz, dx = np.cos(angle), np.sin(angle)
+        qz, qx = z - vertex, x
+        b = dz - c * (qz * dz + qx * dx)
+        e = c * (qz * qz + qx * qx) - 2 * qz
+        step = e / (b + np.sqrt(b * b - c * e))
+        z, x = z + step * dz, x + step * dx
+        s = -step if s is None else s - step
+        t = -step if t is None else t - step
+        normal = np.arcsin(-c * x)  # direction of the normal from the axis
+        incidence = angle - normal
+        refracted = np.arcsin(n / m * np.sin(incidence))
+        oblique = c * (m * np.cos(refracted) - n * np.cos(incidence))
+        s = m / (n / s + oblique)
+        t = m * np.cos(refracted) ** 2 / (n * np.cos(incidence) ** 2 / t + oblique)
+        angle = normal + refracted
+    to_array = (camera.mla - z) / np.cos(angle)
+    return (t - to_array) * np.cos(angle), (s - to_array) * np.cos(angle)
+
+
+@pytest.mark.parametrize(
+    ("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False), ("ac508-100-a", True)]
+)
+def test_foci_are_coddingtons(name, reverse):
+    camera = bench(name, reverse=reverse)
+    fields = np.array([[1.0, 0.0], [6.0, 0.0], [EDGE, 0.0]])
+    found = field_map(camera, fields)
+    for row in range(3):
+        tangential, sagittal = coddington(camera, found.object_point[row, 0])
+        # the pencil is a thousandth of the FAP wide: its own aberration is a millionth of the blur
+        assert found.tangential_focus[row] == pytest.approx(tangential, rel=2e-6, abs=2e-5)
+        assert found.sagittal_focus[row] == pytest.approx(sagittal, rel=2e-6, abs=2e-5)
+
+
+def test_aberrations_grow_with_the_square_of_the_field():
+    camera = bench("ac508-100-a")
+    near, twice = (field_map(camera, [x, 0.0]) for x in (0.4, 0.8))
+    for name in ("distortion", "tangential_focus", "sagittal_focus"):
+        assert getattr(twice, name) / getattr(near, name) == pytest.approx(4.0, rel=0.02), name
+    axis = field_map(camera, [0.0, 0.0])
+    assert abs(axis.distortion) + abs(axis.tangential_focus) + abs(axis.sagittal_focus) < 1e-4
+    np.testing.assert_allclose(axis.object_point, 0, atol=1e-9)
+
+
+def test_the_map_turns_with_the_field():
+    camera = bench("lb1630-a")
+    along, turned = (field_map(camera, c, [486e-6]) for c in ([9.0, 0.0], [0.0, -9.0]))
+    for name in ("distortion", "tangential_focus", "sagittal_focus", "spread"):
+        np.testing.assert_allclose(getattr(turned, name), getattr(along, name), rtol=1e-7, err_msg=name)
+    np.testing.assert_allclose(turned.lateral_colour[0, 1], -along.lateral_colour[0, 0], rtol=1e-9)
+    np.testing.assert_allclose(turned.object_point[1], -along.object_point[0], rtol=1e-10)
+
+
+def test_lateral_colour_of_small_fields_is_first_orders():
+    camera = bench("la1050-a", reverse=True)
+    colours = np.array([486.1e-6, GREEN, 656.3e-6])
+    c = 0.05
+    found = field_map(camera, [c, 0.0], colours)
+    x = found.object_point[0]
+    heights = []
+    for colour in colours:
+        (a, b), (p, q) = first_order(camera.lens, colour).matrix
+        slope = -x / (camera.fap.z - camera.focal_plane)
+        front = -slope * camera.fap.z
+        out, way = a * front + b * slope, p * front + q * slope
+        heights.append(out + way * (camera.mla - camera.lens.length))
+    np.testing.assert_allclose(found.lateral_colour[:, 0], np.array(heights) - heights[1], rtol=0, atol=1e-7)
+    assert found.lateral_colour[1, 0] == 0
+    np.testing.assert_array_equal(found.lateral_colour[:, 1], 0)
+
+
+def test_blur_of_a_displaced_array_is_the_cones_width():
+    camera = bench("ac508-100-a", scale=0.1)  # a FAP so small that spherical aberration is a millionth of the slopes
+    # a disc of 5 mm times the pencil's angle; either side of focus, so that spherical aberration adds and subtracts
+    width = 5.0 * camera.fap.diameter * camera.d_f / (camera.d_1 * (camera.d_f - camera.d_3))
+    sides = [replace(camera, mla=camera.mla + step, sensor=camera.sensor + step) for step in (5.0, -5.0)]
+    found = [field_map(side, [0.0, 0.0]) for side in sides]
+    assert (found[0].blur + found[1].blur) / 2 == pytest.approx(width / np.sqrt(8), rel=1e-5)
+    np.testing.assert_allclose((found[0].spread + found[1].spread) / 2, width, rtol=1e-5)
+
+
+def test_singlets_cost_pitches_and_percents():
+    """Magnitudes of physics.md section 4: 7-17 pitches of blur, 5-12 % of distortion, some 5 pitches of colour."""
+    pitch = 0.063
+    for name, reverse in (("lb1630-a", False), ("la1050-a", True)):
+        found = field_map(bench(name, reverse=reverse), [EDGE, 0.0], [486.1e-6, 656.3e-6])
+        assert 7 < found.spread[0] / pitch < 17
+        assert 0.05 < abs(found.distortion) < 0.12
+        assert 5 < np.ptp(found.lateral_colour[:, 0]) / pitch < 7
+
+
+@pytest.mark.parametrize(("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False)])
+def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
+    camera = bench(name, reverse=reverse)
+    bound = undistorted_field(camera)
+    radius = float(bound.mla_radius)
+    assert real_images(camera, [radius * (1 - 1e-6), 0.0]).status == FULL
+    assert real_images(camera, [radius * (1 + 1e-4), 0.0]).status == CLIPPED
+    chief = sensor_of_pupil(camera, [radius, 0.0], [0.0, 0.0])
+    assert float(bound.object_radius) == pytest.approx(
+        abs(chief.views.at(camera.fap.z - camera.focal_plane)[0]), rel=1e-12
+    )
+    thin = nondistortion_bound(
+        camera.lens_diameter, camera.fap.diameter, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
+    )
+    assert 0.7 * thin.mla_radius < radius < thin.mla_radius
+
+
+def test_measured_bound_tends_to_equation_six():
+    ratios = []
+    for semi in (4.0, 2.0, 1.0):
+        lens = load_lens("AC508-150-A")
+        small = Prescription(tuple(replace(s, semi_diameter=semi) for s in lens.surfaces), "small")
+        camera = mounted(
+            small, GREEN, pupil_diameter=semi / 20, pupil_distance=120.0, sensor_distance=2.0, focal_plane=500.0
+        )
+        thin = nondistortion_bound(
+            2 * semi, semi / 20, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
+        )
+        ratios.append(float(undistorted_field(camera).mla_radius / thin.mla_radius))
+    # what remains is the lens's thickness: its two rims stand on either side of the principal planes, which is first
+    # order; take it out by the same bound for a rim at the last vertex, the nearest to the array
+    assert abs(ratios[2] - ratios[1]) < 0.3 * abs(ratios[1] - ratios[0])
+    assert abs(ratios[2] - 1) < 0.07
+
+
+def test_bound_where_even_the_axis_is_cut():
+    camera = bench("ac254-100-a", pupil=30.0)
+    assert undistorted_field(camera) == (0.0, 0.0)
+
+
+def test_dark_fields_say_why_and_hold_no_nan():
+    camera = bench("la1050-a")
+    found = field_map(camera, [[11.15, 8.0], [0.0, 0.0], [40.0, 0.0]], [486e-6])
+    assert found.status[1] == 0
+    for row in (0, 2):
+        assert describe(int(found.status[row])) != "kept"
+        assert found.blur[row] == found.tangential_focus[row] == 0
+    for values in found:
+        assert np.isfinite(values).all()
