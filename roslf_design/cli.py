@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import NamedTuple
 
 from cyclopts import App
 from cyclopts.exceptions import CycloptsError
@@ -15,13 +16,30 @@ from cyclopts.exceptions import CycloptsError
 from . import __version__
 from .errors import InputError
 
+
+class Command(NamedTuple):
+    """What `--help` says of a command."""
+
+    summary: str
+    example: str
+
+
 COMMANDS = {
-    "evaluate": "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
-    "render": "The raw light-field image that the sensor would record, with only the physics it needs.",
-    "report": "A design report: one self-contained HTML page with verdicts, tables and figures.",
-    "presets": "The designs that ship, and where their files are.",
+    "evaluate": Command(
+        "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
+        "roslf evaluate designs/paper.toml --field 11.15 --field 5,3 --json",
+    ),
+    "render": Command(
+        "The raw light-field image that the sensor would record, with only the physics it needs.",
+        "roslf render designs/paper.toml --preview -o white.tif",
+    ),
+    "report": Command(
+        "A design report: one self-contained HTML page with verdicts, tables and figures.",
+        "roslf report designs/paper.toml -o reports/paper",
+    ),
+    "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
 }
-"""Name of each command (a function in the module of that name in `commands`) and what it does."""
+"""Each command: a function in the module of that name in `commands`, imported only when called."""
 
 
 def build_app() -> App:
@@ -29,12 +47,17 @@ def build_app() -> App:
     app = App(
         name="roslf",
         help="Design and tolerance explorer for light-field cameras that look through a restricted object space.",
-        help_epilogue="Example: roslf evaluate designs/paper.toml --field 11.15",
+        help_epilogue=f"Example: {COMMANDS['evaluate'].example}",
         version=__version__,
         help_format="plaintext",
     )
-    for name, summary in COMMANDS.items():
-        app.command(f"roslf_design.commands.{name}:{name}", name=name, help=summary)
+    for name, command in COMMANDS.items():
+        app.command(
+            f"roslf_design.commands.{name}:{name}",
+            name=name,
+            help=command.summary,
+            help_epilogue=f"Example: {command.example}",
+        )
     return app
 
 

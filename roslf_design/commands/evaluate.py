@@ -18,8 +18,6 @@ def evaluate(
 ) -> None:
     """Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.
 
-    Example: roslf evaluate designs/paper.toml --field 11.15 --field 5,3 --json
-
     Parameters
     ----------
     design

@@ -11,8 +11,6 @@ from cyclopts import Parameter
 def presets(*, json: Annotated[bool, Parameter(negative=())] = False) -> None:
     """The designs that ship, and where their files are.
 
-    Example: roslf presets
-
     Parameters
     ----------
     json

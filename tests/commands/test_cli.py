@@ -84,7 +84,7 @@ def test_every_command_has_help_with_an_example(capsys):
         assert name in out
         code, text, _ = run(capsys, name, "--help")
         assert code == 0
-        assert "Example: roslf" in text, name
+        assert f"Example: roslf {name}" in text
 
 
 def test_help_imports_nothing_heavy():
