@@ -5,10 +5,14 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from ..report.blocks import Report
 
 PAGE, DOCUMENT = "index.html", "report.pdf"
 
@@ -21,6 +25,7 @@ def report(
     pdf: Annotated[bool, Parameter(negative=())] = False,
     paper: Literal["a4", "us-letter"] = "a4",
     compare: Annotated[bool, Parameter(negative=())] = False,
+    figure: Annotated[list[str] | None, Parameter(negative=())] = None,
     stamp: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """A design report: one self-contained HTML page with verdicts, tables and figures.
@@ -42,6 +47,8 @@ def report(
         Also write report.pdf, with the same content.
     paper
         Size of the PDF's pages.
+    figure
+        Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one.
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
@@ -57,6 +64,7 @@ def report(
     if pdf:
         check_typst()
     options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
+    options += [part for name in figure or () for part in ("--figure", name)]
     command = shlex.join(["roslf", "report", *names, *options])
     lines = stamp_lines() if stamp else ()
     with Progress() as progress:
@@ -68,7 +76,7 @@ def report(
             from ..report.content import design_report
 
             content = design_report(loaded[0], command=command, stamp=lines, progress=progress.tell)
-        files = {PAGE: render_html(content).encode()}
+        files = figure_files(content, figure or ()) | {PAGE: render_html(content).encode()}
         if pdf:
             from ..report.pdf import render_pdf
 
@@ -132,6 +140,30 @@ def check_typst() -> None:
 
     if find_spec("typst") is None:
         raise InputError((Problem("--pdf", "a PDF needs the typst package; install it: pip install typst"),))
+
+
+def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
+    """Figures as files of their own.
+
+    Raises
+    ------
+    InputError
+        The report has no figure of that name; says which it has.
+    """
+    from ..errors import InputError, Problem
+    from ..report.figures.style import standalone
+
+    known = {figure.name: figure for figure in content.figures}
+    unknown = [name for name in wanted if name not in known and name != "all"]
+    if unknown:
+        raise InputError(
+            tuple(Problem("--figure", f"'{name}' is not here; there are all, {', '.join(known)}") for name in unknown)
+        )
+    chosen = known if "all" in wanted else {name: known[name] for name in wanted}
+    return {
+        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": standalone(figure.content)
+        for name, figure in chosen.items()
+    }
 
 
 def stamp_lines() -> tuple[str, ...]:

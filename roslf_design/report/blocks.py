@@ -124,6 +124,11 @@ class Report:
     sections: tuple[Section, ...]
     footer: str = ""
 
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """All figures, in their order."""
+        return tuple(b for section in self.sections for b in section.blocks if isinstance(b, Figure))
+
     def with_sections(self, *more: Section) -> Report:
         """The same report with sections added before its last one, which tells how it was made."""
         return Report(self.title, self.subtitle, (*self.sections[:-1], *more, *self.sections[-1:]), self.footer)

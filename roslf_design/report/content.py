@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
 
-FACTS = (18, 14, 0)
+FACTS = (18, 15, 0)
 """Widths of the columns of the evaluation's tables."""
 NO_PICTURE = "The 3D view is left out: {reason}."
 

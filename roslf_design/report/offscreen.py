@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -29,11 +30,13 @@ class NoPictureError(Exception):
 
 
 def backend(environment: Mapping[str, str]) -> str | None:
-    """The way in which VTK could draw: "x", "egl", "osmesa", or None where no library for it is there."""
-    if environment.get("DISPLAY") and _loads("libX11.so.6") and _loads("libGL.so.1"):
-        return "x"
+    """The way in which VTK could draw: "egl", "x", "osmesa", "native", or None where no library for it is there."""
+    if sys.platform != "linux":
+        return "native"
     if _loads("libEGL.so.1"):
         return "egl"
+    if environment.get("DISPLAY") and _loads("libX11.so.6") and _loads("libGL.so.1"):
+        return "x"
     return "osmesa" if _loads("libOSMesa.so.8") or _loads("libOSMesa.so") else None
 
 
@@ -70,21 +73,13 @@ class Rendering:
             variables["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOWS[way]
         root = str(Path(__file__).resolve().parents[2])
         variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, variables.get("PYTHONPATH", "")]))
-        self._scene = json.dumps(scene).encode()
-        self._child = subprocess.Popen(
-            [sys.executable, *CHILD],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=variables,
-        )
-        assert self._child.stdin is not None
-        try:
-            self._child.stdin.write(self._scene)
-            self._child.stdin.close()
-        except BrokenPipeError:
-            pass  # the child has ended already; `result` tells how
-        self._child.stdin = None
+        # A file, not a pipe: a child that never reads cannot hold up its parent.
+        with tempfile.TemporaryFile() as file:
+            file.write(json.dumps(scene).encode())
+            file.seek(0)
+            self._child = subprocess.Popen(
+                [sys.executable, *CHILD], stdin=file, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=variables
+            )
 
     def result(self, timeout: float = TIMEOUT) -> bytes:
         """The picture as PNG bytes.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
 from .html import MARKS
-from .symbols import SYMBOL, typographic
+from .symbols import LETTERS, SYMBOL, typographic
 from .tables import column_cells
 
 Paper = Literal["a4", "us-letter"]
@@ -63,7 +63,7 @@ def spans(text: str) -> list[list[str]]:
     """Text in pieces of (kind, text): plain, or a symbol and its subscript."""
     found, last = [], 0
     text = typographic(text)
-    if len(text) == 1 and text.isalpha():
+    if text in LETTERS:
         return [["symbol", text]]
     for match in SYMBOL.finditer(text):
         found.append(["plain", text[last : match.start()]])

@@ -7,6 +7,8 @@ from html import escape
 
 SYMBOL = re.compile(r"(?<![\w.])([A-Za-zσλΔ])_(ml|[0-9A-Zfkx])(?!\w)(/[dDqL](?!\w))?")
 """A letter with a subscript, such as d_3, D_F, X_ml, σ_Z; with what it is divided by, as in d_2/d."""
+LETTERS = frozenset("DfdqHLλ")
+"""Symbols of one letter; set as such where they are a whole text, such as a cell."""
 SPELT_OUT = {"um": "µm", "lambda": "λ", "sigma": "σ"}
 """What is written in plain letters elsewhere, and its sign."""
 _WORD = re.compile(r"\b(um|lambda|sigma(?=_))(?![A-Za-z0-9])")
@@ -24,6 +26,6 @@ def to_html(text: str) -> str:
         over = f"/<var>{match[3][1:]}</var>" if match[3] else ""
         return f"<var>{match[1]}</var><sub>{match[2]}</sub>{over}"
 
-    if len(text) == 1 and text.isalpha():
-        return f"<var>{escape(text)}</var>"
+    if text in LETTERS:
+        return f"<var>{text}</var>"
     return SYMBOL.sub(lower, escape(typographic(text)))

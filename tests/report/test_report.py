@@ -2,18 +2,22 @@
 
 import re
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import pytest
 
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
+from roslf_design.errors import InputError
 from roslf_design.report import content, offscreen
 from roslf_design.report.blocks import Figure, Report, Section, Table
 from roslf_design.report.html import render_html
 from roslf_design.report.symbols import to_html
 from roslf_design.report.tables import column_cells
 from tests.report.test_figures import DESIGNS
+
+BACKEND = offscreen.backend
 
 SECTIONS = (
     "verdicts",
@@ -116,6 +120,19 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
     assert capsys.readouterr().err == ""
 
 
+def test_figures_as_files(no_gl, tmp_path, capsys):
+    with pytest.raises(InputError, match="'ray' is not here; there are all, rays, cells"):
+        command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
+    assert not (tmp_path / "out").exists()
+    command.report("rigid-scope", output=tmp_path / "out", figure=["rays", "plane"])
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["index.html", "plane.svg", "rays.svg"]
+    root = ElementTree.parse(tmp_path / "out" / "rays.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "main lens" in "".join(root.itertext())
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "--figure rays --figure plane" in page
+
+
 def test_missing_gl_leaves_a_note_that_names_the_packages(text):
     assert "The 3D view is left out" in text
     assert "libegl1 libgl1-mesa-dri" in text
@@ -124,6 +141,7 @@ def test_missing_gl_leaves_a_note_that_names_the_packages(text):
 @pytest.mark.parametrize(
     ("child", "reason"),
     [
+        ("import os; os.close(1); os._exit(0)", "no picture came"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "apt-get install libegl1 libgl1-mesa-dri"),
         ("import sys; sys.exit('no such driver')", "no such driver"),
         ("import time; time.sleep(60)", "took more than"),
@@ -133,9 +151,25 @@ def test_missing_gl_leaves_a_note_that_names_the_packages(text):
 def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, child, reason):
     monkeypatch.setattr(offscreen, "backend", lambda environment: "egl")
     monkeypatch.setattr(offscreen, "CHILD", ("-c", child))
-    rendering = offscreen.Rendering({"parts": []})
+    rendering = offscreen.Rendering({"parts": ["far more than a pipe holds" * 10_000]})
     with pytest.raises(offscreen.NoPictureError, match=reason):
         rendering.result(timeout=3)
+
+
+@pytest.mark.parametrize(
+    ("libraries", "display", "way"),
+    [
+        (("libEGL.so.1", "libX11.so.6", "libGL.so.1"), ":0", "egl"),
+        (("libX11.so.6", "libGL.so.1"), ":0", "x"),
+        (("libX11.so.6", "libGL.so.1"), "", None),
+        (("libOSMesa.so",), "", "osmesa"),
+        ((), ":0", None),
+    ],
+)
+def test_way_to_draw(monkeypatch, libraries, display, way):
+    monkeypatch.setattr(offscreen.sys, "platform", "linux")
+    monkeypatch.setattr(offscreen, "_loads", lambda name: name in libraries)
+    assert BACKEND({"DISPLAY": display}) == way
 
 
 def test_bad_input_writes_nothing(tmp_path, capsys):

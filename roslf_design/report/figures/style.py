@@ -125,6 +125,15 @@ def to_svg(figure: Figure, name: str) -> str:
     return text.strip()
 
 
+def standalone(content: str | bytes) -> bytes:
+    """What `to_svg` gives for a page, as a file of its own; the bytes of a picture as they are."""
+    if isinstance(content, bytes):
+        return content
+    look = "<style>svg { font-family: sans-serif; } * { stroke-linejoin: round; stroke-linecap: butt; }</style>"
+    head, rest = content.split(">", 1)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}>\n{look}{rest}\n'.encode()
+
+
 def _font(match: re.Match[str]) -> str:
     weight = "font-weight: 700; " if re.search(r"\b(bold|700)\b", match[0]) else ""
     return f"{weight}font-size: {match[1]}px"
