@@ -115,7 +115,7 @@ def test_blur_of_a_displaced_array_is_the_cones_width():
 
 
 def test_singlets_cost_pitches_and_percents():
-    """What such singlets are known to cost on that bench: 7-17 pitches of blur, 5-12 % of distortion, some 5 pitches of colour."""
+    """Known from that bench: 7-17 pitches of blur, 5-12 % of distortion, some 5 pitches of colour."""
     pitch = 0.063
     for name, reverse in (("lb1630-a", False), ("la1050-a", True)):
         found = field_map(bench(name, reverse=reverse), [EDGE, 0.0], [486.1e-6, 656.3e-6])
