@@ -19,7 +19,7 @@ def disc_share(x, y, radius, step):
     return np.clip((radius - np.hypot(x, y)) / step + 0.5, 0, 1)
 
 
-def sensor_intensity(design, point, *, lenses=5, coarse=(2048, 6e-3), fine=(2048, 5e-4)):
+def sensor_intensity(design, point, *, lenses=5, coarse=(1024, 6e-3), fine=(2048, 5e-4)):
     """Intensity on the sensor behind `lenses` x `lenses` microlenses about the axis.
 
     Parameters

@@ -7,15 +7,19 @@ mutually incoherent points on the FAP, and every phase is a path length to secon
 import numpy as np
 
 
-def sheet(design, sensor, a, c, v):
-    """Field kernel along one axis: pupil point a, microlens axis c, aperture points c + v, sensor points c + sensor."""
+def towards_sensor(design, sensor, v):
+    """Field kernel along one axis from aperture points v to sensor points, both from the microlens's axis."""
+    path = (sensor[:, None] - v) ** 2 / (2 * design.d_2) - v**2 / (2 * design.f_ml)
+    return np.exp(2j * np.pi / design.wavelength * path)
+
+
+def from_pupil(design, a, c, v):
+    """The same from pupil points a to aperture points c + v of the microlens at c; columns are pupil points."""
     # From the FAP through d_3 of air, the lens and d_1 of air: path (A a^2 - 2 a w + D w^2) / 2B, ray matrix A B C D.
     B = design.d_3 + design.d_1 - design.d_1 * design.d_3 / design.f
     D = 1 - design.d_3 / design.f
-    w = c + v
-    path = (-2 * a * w + D * w**2) / (2 * B) - v**2 / (2 * design.f_ml)
-    path = path + (sensor[:, None] - v) ** 2 / (2 * design.d_2)
-    return np.exp(2j * np.pi / design.wavelength * path)
+    w = (c + v)[:, None]
+    return np.exp(2j * np.pi / design.wavelength * (-2 * a * w + D * w**2) / (2 * B))
 
 
 def aperture(design, samples):
@@ -34,13 +38,10 @@ def square_images(design, pupil_points, x, y, steps, samples):
     unit = design.wavelength * design.d_2 * design.d
 
     def profile(points, sensor):
-        image = np.zeros((len(points), sensor.size))
-        for step in steps:
-            for n, a in enumerate(points):
-                image[n] += np.abs(sheet(design, sensor - step, a, 0.0, v) @ dv) ** 2
-        return image / unit
+        light = dv[:, None] * from_pupil(design, points, 0.0, v)
+        return sum(np.abs(towards_sensor(design, sensor - step, v) @ light) ** 2 for step in steps) / unit
 
-    return np.einsum("ny,nx->yx", profile(pupil_points[:, 1], y), profile(pupil_points[:, 0], x)) / len(pupil_points)
+    return np.einsum("yn,xn->yx", profile(pupil_points[:, 1], y), profile(pupil_points[:, 0], x)) / len(pupil_points)
 
 
 def round_image(design, pupil_points, x, y, samples, axis=(0.0, 0.0)):
@@ -50,13 +51,17 @@ def round_image(design, pupil_points, x, y, samples, axis=(0.0, 0.0)):
     row = design.d / 2 * np.sin(angle)
     drow = dv * np.pi / 2 * np.cos(angle)
     chord = np.sqrt((design.d / 2) ** 2 - row**2)
-    image = np.zeros((y.size, x.size))
-    for a in pupil_points:
-        field = np.zeros((y.size, x.size), complex)
-        for r, dr, half in zip(row, drow, chord, strict=True):
-            across = sheet(design, x, a[0], axis[0], v / (design.d / 2) * half) @ (dv * half / (design.d / 2))
-            field += dr * sheet(design, y, a[1], axis[1], np.array([r]))[:, :1] * across
-        image += np.abs(field) ** 2
+    field = np.zeros((y.size, x.size, len(pupil_points)), complex)
+    for r, dr, half in zip(row, drow, chord, strict=True):
+        line, dline = v * (half / (design.d / 2)), dv * (half / (design.d / 2))
+        across = towards_sensor(design, x, line) @ (
+            dline[:, None] * from_pupil(design, pupil_points[:, 0], axis[0], line)
+        )
+        along = towards_sensor(design, y, np.array([r])) * from_pupil(
+            design, pupil_points[:, 1], axis[1], np.array([r])
+        )
+        field += dr * along[:, None] * across
+    image = (np.abs(field) ** 2).sum(-1)
     return image / len(pupil_points) / (design.wavelength**2 * design.d_2**2 * np.pi * design.d**2 / 4)
 
 

@@ -1,0 +1,137 @@
+"""Diffraction against Huygens quadrature and against a coherent wave carried through the whole camera."""
+
+import numpy as np
+import pytest
+
+from roslf_design.design import load
+from roslf_design.effects import plan
+from roslf_design.imaging.camera import planned_design
+from roslf_design.imaging.convolve import bands
+from roslf_design.imaging.encircled import encircled
+from roslf_design.imaging.grid import Region, pixel_centres
+from roslf_design.imaging.points import PointSource, point_image
+from roslf_design.imaging.series import harmonic_series
+from roslf_design.imaging.transfer import MicrolensTransfer
+from roslf_design.imaging.white import WhiteGeometry
+from tests.oracles import coherent, huygens
+
+PAPER = load("paper")
+ROUND = PAPER.replace({"microlens_array.lens_shape": "circular"})
+PUPIL = huygens.disc(PAPER.D_F / 2, 24)
+
+
+def planned(design, overrides=()):
+    lines = plan(design, overrides=["-cos4", *overrides])
+    seen = planned_design(design, lines)
+    return lines, seen, MicrolensTransfer.of(seen, lines)
+
+
+def test_white_image_against_huygens_quadrature():
+    """Neighbours up to 24 pitches away are summed directly; their tails' 1/N is taken out by Richardson's step."""
+    _, seen, transfer = planned(PAPER, ["+microlens_defocus"])
+    axis = np.linspace(-0.55, 0.55, 23) * PAPER.d
+    pitch = 0.062726086956521737
+    area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
+    near, far = (
+        huygens.square_images(seen, PUPIL, axis, axis, pitch * np.arange(-n, n + 1), 160 + 8 * n) * area
+        for n in (12, 24)
+    )
+    truth = 2 * far - near
+    image = harmonic_series(seen, transfer, pixel=False).at(axis, axis)
+    assert np.sqrt(np.mean((image - truth) ** 2)) < 1e-3
+    assert np.abs(image - truth).max() < 4e-3  # 1728 pupil points and what Richardson leaves
+
+
+@pytest.mark.parametrize("f_ml", [2.0, 1.6])
+def test_isolated_round_microlens_against_huygens_quadrature(f_ml):
+    """One microlens of an array of one, in and out of focus: the convolution with its own kernel."""
+    lone = ROUND.replace({"microlens_array.size": (0.064, 0.064)}, f_ml=f_ml)
+    lines, seen, transfer = planned(lone, ["+microlens_defocus"])
+    width, height = lone.pixels
+    region = Region(width // 2 - 8, height // 2 - 8, 16, 16)
+    geometry = WhiteGeometry.of(seen, lines)
+    image = np.concatenate([band for _, band in bands(region, geometry.image, transfer, seen.q, 1)])
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    x, y = ((c[:, None] + nodes * seen.q / 2).ravel() for c in pixel_centres(seen, region))
+    area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
+    truth = huygens.round_image(seen, huygens.disc(PAPER.D_F / 2, 20), x, y, 32) * area
+    truth = np.einsum("jaib,a,b->ji", truth.reshape(16, 3, 16, 3), weights, weights) / 4
+    assert np.sqrt(np.mean((image - truth) ** 2)) < 1e-3
+    assert np.abs(image - truth).max() < 4e-3
+
+
+def test_series_and_convolution_agree_where_both_hold():
+    lines, seen, transfer = planned(PAPER)
+    region = Region(2100, 1500, 300, 200)
+    series = harmonic_series(seen, transfer).at(*pixel_centres(seen, region))
+    geometry = WhiteGeometry.of(seen, lines)
+    image = np.concatenate([band for _, band in bands(region, geometry.image, transfer, seen.q, 2)])
+    assert np.sqrt(np.mean((image - series) ** 2)) < 1e-3  # what two subpixels fold back
+
+
+def test_encircled_energy_of_the_paper_design():
+    np.testing.assert_allclose(encircled(PAPER), (0.741, 0.806), atol=5e-4)
+    np.testing.assert_allclose(encircled(ROUND), (0.730, 0.797), atol=5e-4)
+
+
+def test_encircled_energy_by_summing_the_huygens_image():
+    """The same number from the image itself, integrated over the cell."""
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    half = 0.062726086956521737 / 2
+    _, seen, _ = planned(PAPER)
+    image = huygens.square_images(seen, PUPIL, nodes * half, nodes * half, [0.0], 64)
+    summed = (image * weights[:, None] * weights).sum() * half**2
+    assert summed == pytest.approx(0.806, abs=5e-4)
+    assert summed == pytest.approx(encircled(PAPER).cell, abs=2e-4)
+
+
+@pytest.mark.parametrize("point", [(0.02, 0.03, 350.0), (0.02, 0.0, 320.0)])
+def test_point_source_against_a_wave_through_the_whole_camera(point):
+    """In and out of focus; 5 x 5 microlenses in the reference, all that count in the package."""
+    side = 52
+    width, height = PAPER.pixels
+    region = Region(width // 2 - side // 2, height // 2 - side // 2, side, side)
+    edges = (np.arange(side + 1) - side // 2) * PAPER.q
+    truth = coherent.pixel_sums(*coherent.sensor_intensity(PAPER, point), edges)
+    image = point_image(PointSource(PAPER, *point), region, (PAPER.wavelength,), 4e-3)
+    error = image - truth
+    assert np.abs(error).max() < 4e-3 * truth.max()
+    assert np.sqrt(np.mean(error**2)) < 1e-3 * truth.max()
+    assert image.sum() == pytest.approx(truth.sum(), abs=3e-3)
+
+
+def test_clipped_pupil_takes_light_away_and_the_two_integrals_agree():
+    """A stop that just holds the pencil goes through the round table; a hair smaller, through the chords."""
+    region = Region(2240, 1480, 120, 120)
+    at = (0.02, 0.05, 330.0)
+    decentred = PAPER.replace({"aperture.decentre": (0.3, -0.2)})
+    whole = PointSource(decentred, *at)
+    grazing = PointSource(decentred.replace({"stops": ({"diameter": 5.0, "distance": 60.0},)}), *at)
+    cut = PointSource(decentred.replace({"stops": ({"diameter": 3.0, "distance": 60.0},)}), *at)
+    images = [point_image(p, region, (PAPER.wavelength,), 0.05) for p in (whole, grazing, cut)]
+    assert whole.opening().unclipped
+    assert not cut.opening().unclipped
+    np.testing.assert_allclose(images[0], images[1], atol=1e-4 * images[0].max())
+    assert 0.3 < images[2].sum() / images[0].sum() < 0.99
+
+
+def test_many_incoherent_points_make_the_white_image():
+    """Points spread over one microlens's footprint, on the focal plane, light it as a white field does."""
+    n = 4
+    # Light of the neighbours' footprints comes too: fold the sensor's cells instead of repeating the scene.
+    steps = (np.arange(n // 2) + 0.5) / n
+    total = np.zeros((90, 90))
+    telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13)  # images repeat every 13 pixels exactly
+    big = Region(telecentric.pixels[0] // 2 - 45, telecentric.pixels[1] // 2 - 45, 90, 90)
+    for u in steps:
+        for v in steps:
+            source = PointSource(telecentric, u * 0.1575, v * 0.1575, 350.0)
+            quarter = point_image(source, big, (PAPER.wavelength,), 0.02)
+            total += quarter + quarter[::-1] + quarter[:, ::-1] + quarter[::-1, ::-1]
+    cell = sum(total[i : i + 13, j : j + 13] for i in range(0, 78, 13) for j in range(0, 78, 13))
+    # One pupil's light in every footprint: a pixel inside a geometric image would get q^2 / image area.
+    lines, seen, transfer = planned(telecentric)
+    scale = (np.pi * (telecentric.D_F * telecentric.d_2 / 100 / 2) ** 2 / telecentric.q**2) / n**2
+    white = harmonic_series(seen, transfer).at(*pixel_centres(seen, big))[:13, :13]
+    assert lines.on("microlens_diffraction")
+    assert np.sqrt(np.mean((cell * scale - white) ** 2)) < 0.02  # tails beyond the patch, 4 x 4 points
