@@ -37,9 +37,20 @@ COMMANDS = {
         "A design report: one self-contained HTML page with verdicts, tables and figures.",
         "roslf report designs/paper.toml -o reports/paper",
     ),
+    "tolerance": Command(
+        "A tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.",
+        "roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2",
+    ),
+    "accuracy": Command(
+        "How far numbers can be trusted, and what accuracy costs in time.",
+        "roslf accuracy hard-cases designs/paper.toml -o reports/hard-cases",
+    ),
     "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""
+
+GROUPS = frozenset({"accuracy"})
+"""Those that have commands of their own: an App instead of a function, which brings its own example."""
 
 
 def build_app() -> App:
@@ -52,12 +63,8 @@ def build_app() -> App:
         help_format="plaintext",
     )
     for name, command in COMMANDS.items():
-        app.command(
-            f"roslf_design.commands.{name}:{name}",
-            name=name,
-            help=command.summary,
-            help_epilogue=f"Example: {command.example}",
-        )
+        example = {} if name in GROUPS else {"help_epilogue": f"Example: {command.example}"}
+        app.command(f"roslf_design.commands.{name}:{name}", name=name, help=command.summary, **example)
     return app
 
 

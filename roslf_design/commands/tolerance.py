@@ -31,8 +31,6 @@ def tolerance(
 ) -> None:
     """Run a tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.
 
-    Example: roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2
-
     Parameters
     ----------
     study

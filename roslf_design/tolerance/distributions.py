@@ -19,7 +19,7 @@ Distribution = Literal["normal", "uniform", "parabolic", "end-point"]
 
 DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
 
-SMALLEST = 2.0**-54
+SMALLEST = 2.0**-53
 """Uniform numbers are kept this far from 0 and 1, so that no deviation is infinite."""
 
 
@@ -62,11 +62,11 @@ def standard_deviation(distribution: Distribution, truncation: float = 2.0) -> f
     """Standard deviation of `deviation`, in units of the tolerance; parameters as there."""
     if distribution == "normal":
         k = _positive(truncation)
+        if k < 0.02:
+            # The plain form cancels here; moments of the density's series in k^2 do not.
+            return math.sqrt((1 / 3 - k**2 / 10 + k**4 / 56) / (1 - k**2 / 6 + k**4 / 40))
         density = math.exp(-k * k / 2) / math.sqrt(2 * math.pi)
-        inside = math.erf(k / math.sqrt(2))
-        # Below, 1 - 2 k density / inside cancels: its series starts k^2/3.
-        variance = k * k / 3 * (1 - k * k / 15) if k < 1e-2 else 1 - 2 * k * density / inside
-        return math.sqrt(variance) / k
+        return math.sqrt(1 - 2 * k * density / math.erf(k / math.sqrt(2))) / k
     return {"uniform": 1 / math.sqrt(3), "parabolic": math.sqrt(0.6), "end-point": 1.0}[distribution]
 
 

@@ -13,6 +13,9 @@ from .distributions import SMALLEST, Distribution, deviation, standard_deviation
 
 Array = NDArray[np.float64]
 
+BITS = 32
+"""Of a coordinate of the Sobol sequence, which so has 2^32 points."""
+
 Sampling = Literal["random", "sobol"]
 """Independent random trials, or a scrambled Sobol sequence."""
 
@@ -118,14 +121,14 @@ def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
     """Points `start` to ``start + count - 1`` of a scrambled Sobol sequence, shape (dimensions, count)."""
     from scipy.stats import qmc
 
-    engine = qmc.Sobol(max(dimensions, 1), scramble=True, bits=52, rng=np.random.default_rng(seed))
+    engine = qmc.Sobol(max(dimensions, 1), scramble=True, bits=BITS, rng=np.random.default_rng(seed))
     if start:
         engine.fast_forward(start)
     with warnings.catch_warnings():
         # A piece of a run need not be a power of two; the whole run is asked for that where it is set up.
         warnings.simplefilter("ignore", UserWarning)
         points = engine.random(count)
-    return np.ascontiguousarray(points.T[:dimensions]) + 2.0**-53
+    return np.ascontiguousarray(points.T[:dimensions]) + 2.0 ** -(BITS + 1)
 
 
 def _mixed(shared: Array, own: Array, rho: float) -> Array:

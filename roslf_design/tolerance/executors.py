@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +18,10 @@ Work = Callable[[int], bytes]
 
 ATTEMPTS = 4
 """Times that one chunk may be running when its worker dies before the run gives up on it."""
+
+
+CONNECT = 10
+"""Seconds that a Dask scheduler has to answer."""
 
 
 class ChunkLostError(RuntimeError):
@@ -81,7 +87,19 @@ def _finished(running: dict[Future[bytes], int]) -> Iterator[tuple[int, bytes]]:
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # Not fork: the parent may hold threads (progress bar, numba) that a forked child would inherit half-alive.
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent is killed; it would else wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait_for_it() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_it, daemon=True).start()
 
 
 def on_cluster(
@@ -129,7 +147,7 @@ def on_cluster(
         else:
             where = address
         try:
-            client = stack.enter_context(untyped.Client(where, timeout=10, set_as_default=False))
+            client = stack.enter_context(untyped.Client(where, timeout=CONNECT, set_as_default=False))
         except (OSError, ValueError) as error:
             raise InputError(
                 (Problem("--scheduler", f"no Dask scheduler answers at {address} ({type(error).__name__}); check it"),)

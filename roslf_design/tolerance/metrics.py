@@ -57,7 +57,7 @@ _TABLE: tuple[tuple[str, str, str, Literal["pencil", "shape", "decoder", "axial"
         "room between the pencil and the nearest rim (Eqs. 5-6), below 0 where it is cut",
         "pencil",
     ),
-    ("centre_shift_px", "px", "image centre against that through the lens's centre (Eq. 4), along the field", "pencil"),
+    ("centre_shift_px", "px", "how far the image centre lies inside that through the lens's centre (Eq. 4)", "pencil"),
     ("kept_fraction", "", "area of the microlens image over that of the unclipped FAP", "shape"),
     ("image_area_mm2", "mm^2", "area of the microlens image", "shape"),
     ("axis_ratio", "", "minor over major axis of the microlens image's second moments; undefined where dark", "shape"),
@@ -231,11 +231,13 @@ class _Builds:
         return self.value("image_diameter_mm") / self.camera.q
 
     def _image_pitch_mm(self) -> Any:
-        camera, pitch = self.camera, self.camera.d
-        x0, y0 = self._once("chief", lambda: chief_point(camera, self.microlens))
-        xu, yu = chief_point(camera, camera.microlens(self.x + pitch, self.y))
-        xv, yv = chief_point(camera, camera.microlens(self.x, self.y + pitch))
-        return np.sqrt(np.abs((xu - x0) * (yv - y0) - (yu - y0) * (xv - x0)))
+        # Between the points half a pitch to either side: what mirrored builds share.
+        camera, half = self.camera, self.camera.d / 2
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = (
+            chief_point(camera, camera.microlens(self.x + a * half, self.y + b * half))
+            for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))
+        )
+        return np.sqrt(np.abs((x1 - x0) * (y3 - y2) - (y1 - y0) * (x3 - x2)))
 
     def _fill_factor(self) -> Any:
         return self.value("image_diameter_mm") / self.value("image_pitch_mm")
@@ -248,7 +250,7 @@ class _Builds:
 
     def _centre_shift_px(self) -> Any:
         camera = self.camera
-        x0, y0 = self._once("chief", lambda: chief_point(camera, self.microlens))
+        x0, y0 = chief_point(camera, self.microlens)
         x1, y1 = rim_image(camera, camera.rims[1], self.microlens).centre
         cos, sin = self.scene.azimuth
         return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q

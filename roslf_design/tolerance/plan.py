@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..design import Design
 from ..errors import InputError, Problem
 from .camera import DISTANCE, FOCAL, PLANE
-from .draws import Draws, Perturbation
+from .draws import BITS, Draws, Perturbation
 from .grades import Grades
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import nominal_values, parse_tolerance, perturbable
@@ -148,6 +148,8 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         problems.append(
             Problem("object_distance", f"{distance:g} mm lies within the bore (d_3 = {design.d_3:g} mm); move it out")
         )
+    if study.sampling == "sobol" and study.trials > 2**BITS:
+        problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
     metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
     question = Question(design, metrics, fields, distance)
     perturbations = _perturbations(study, design, grades, problems)

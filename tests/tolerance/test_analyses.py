@@ -1,0 +1,339 @@
+"""Analyses on cases whose answers are known: linear responses, one limit, a tied pair, Ishigami's function."""
+
+import dataclasses
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy import stats
+
+from roslf_design.design import load
+from roslf_design.tolerance.chunk import measure, one_trial, tally_chunk, trial_measured, variants_of
+from roslf_design.tolerance.compensate import Compensator
+from roslf_design.tolerance.draws import sobol_points
+from roslf_design.tolerance.dual import FORMULAS, exact_derivatives
+from roslf_design.tolerance.plan import plan_from
+from roslf_design.tolerance.sensitivity import inverse_sensitivity, root_sum_square, sensitivity
+from roslf_design.tolerance.sobol import _estimate, sobol_indices
+from roslf_design.tolerance.summary import correlations, summarise
+from roslf_design.tolerance.yields import binomial_interval, scale_for_yield, yield_at
+
+D_2 = {"place": "d_2", "tolerance": "0.02 mm", "distribution": "uniform"}
+
+
+def study(goals, perturb, **more):
+    return plan_from({"name": "known", "design": "paper", "goals": goals, "perturb": perturb, "trials": 40_000, **more})
+
+
+def shifts(rho, **more):
+    """Array and sensor shifted along x, tied: the image centre on the axis moves by a difference of both."""
+    line = {"place": ["microlens_array.decentre.0", "sensor.decentre.0"], "tolerance": "0.4 mm", "truncate": 8.0}
+    goal = [{"metric": "centre_error_x_px", "max": 50.0, "fields": [0]}]
+    tied = {"perturb": [{**line, "group": "g"}], "groups": [{"name": "g", "correlation": rho}]} if rho else {}
+    return study(goal, [line], **{**tied, **more}) if not rho else study(goal, **tied, **more)
+
+
+def test_linear_response_rss_equals_monte_carlo():
+    plan = shifts(0)
+    tally = tally_chunk(plan, 0)
+    rss = root_sum_square(plan, sensitivity(plan))
+    pitch = 1 + 2.0 * -1 / 460.0
+    assert rss[0] == pytest.approx(0.05 / plan.question.design.q * np.hypot(pitch, 1), rel=1e-6)
+    column = summarise(plan, tally)[0].distributions[0]
+    # Standard error of a standard deviation: 1/sqrt(2 n) of it.
+    assert column.deviation == pytest.approx(rss[0], rel=5 / np.sqrt(2 * plan.trials))
+    assert column.mean == pytest.approx(0, abs=5 * rss[0] / np.sqrt(plan.trials))
+    p = np.array(column.probabilities)
+    levels = stats.norm.ppf(p)
+    errors = np.sqrt(p * (1 - p) / tally.trials) / stats.norm.pdf(levels)
+    assert (np.abs(np.array(column.quantiles) / rss[0] - levels) < 4 * errors + 0.01 * np.abs(levels)).all()
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.9, 1.0])
+def test_a_correlated_pair_has_the_variance_of_a_difference(rho):
+    plan = shifts(rho)
+    pitch = 1 + 2.0 * -1 / 460.0
+    expected = 0.05 / plan.question.design.q * np.sqrt(pitch**2 + 1 - 2 * rho * pitch)
+    assert root_sum_square(plan, sensitivity(plan))[0] == pytest.approx(expected, rel=1e-5)
+    column = summarise(plan, tally_chunk(plan, 0))[0].distributions[0]
+    assert column.deviation == pytest.approx(expected, rel=0.02)
+
+
+def test_one_uniform_parameter_through_a_limit_has_a_yield_known_exactly():
+    limit = (2.0 + 0.012) / 0.063
+    plan = study([{"metric": "f_number_microlens", "max": limit}], [D_2])
+    variant = summarise(plan, tally_chunk(plan, 0))[0]
+    low, high = variant.result.interval
+    assert low < 0.8 < high
+    assert high - low < 0.009
+    plan = dataclasses.replace(plan.with_draws(sampling="sobol"), trials=32768)
+    found = summarise(plan, tally_chunk(plan, 0))[0].result.value
+    assert found == pytest.approx(0.8, abs=2 / 32768)  # a one-dimensional net: one point in each interval
+    scale, result = scale_for_yield(plan, 0.95)
+    # At scale k the part below the limit is (1 + 0.6/k)/2.
+    assert scale == pytest.approx(2 / 3, rel=2e-3)
+    assert result.value >= 0.95
+
+
+def test_truncated_normals_and_end_points_scatter_as_they_should():
+    for name, expected in (("normal", stats.truncnorm.std(-2, 2) / 2), ("end-point", 1.0), ("parabolic", np.sqrt(0.6))):
+        plan = study([{"metric": "f_number_microlens", "max": 40}], [{**D_2, "distribution": name}])
+        column = summarise(plan, tally_chunk(plan, 0))[0].distributions[0]
+        assert column.deviation == pytest.approx(expected * 0.02 / 0.063, rel=0.02)
+
+
+def test_analytic_derivatives_against_60_digits():
+    design = load("paper")
+    with mp.workdps(60):
+        names = ["f", "d_1", "D_F", "d_3", "d", "d_2", "q", "D", "wavelength"]
+        x0 = [mp.mpf(getattr(design, name)) for name in names]
+
+        def all_metrics(f, d1, de, d3, d, d2, q, big, wave):
+            df = f * d1 / (d1 - f)
+            h = df / (df - d3)
+            diameter = de * h * d2 / d1
+            pitch = d * (1 + d2 * (d1 * (d3 - f) - f * d3) ** -1 * (d3 - f))
+            return {
+                "image_diameter_mm": diameter,
+                "image_diameter_px": diameter / q,
+                "image_pitch_mm": pitch,
+                "fill_factor": diameter / pitch,
+                "mismatch_px": (diameter - pitch) / q,
+                "disparity_pitches_per_mm": de * d1 / (d * h) / (df - d3) ** 2,
+                "sigma_z_mm": (df - d3) ** 2 * d * h * mp.mpf("0.1") / (de * d1),
+                "inverse_aperture_constant": 1 / h,
+                "vergence_at_mla_per_mm": (d3 - f) / (d1 * (d3 - f) - f * d3),
+                "f_number_microlens": d2 / d,
+                "f_number_pupil": d1 / (de * h),
+                "f_number_main_lens": d1 / big,
+                "centre_shift_px_per_microlens": d * d2 * d3 * df / (q * d1**2 * (df - d3)),
+                "views_independent": d * d / (wave * d2),
+                "object_sample_mm": d * df / d1,
+                "view_baseline_mm": q * d1 / (h * d2),
+                "fresnel_number": d * d / (4 * wave * d2),
+                "airy_radius_px": mp.mpf("1.22") * wave * d2 / (d * q),
+            }
+
+        places = {
+            "main_lens.focal_length": 0,
+            "microlens_array.distance": 1,
+            "aperture.diameter": 2,
+            "aperture.distance": 3,
+            "microlens_array.pitch": 4,
+            "sensor.distance": 5,
+            "sensor.pixel": 6,
+            "main_lens.diameter": 7,
+            "light.wavelength": 8,
+        }
+        assert set(FORMULAS) == set(all_metrics(*x0))
+        for metric in FORMULAS:
+            found = exact_derivatives(design, metric)
+            assert found is not None
+            for place, index in places.items():
+                step = x0[index] * mp.mpf("1e-20")
+                ends = [all_metrics(*(x + s * step * (i == index) for i, x in enumerate(x0)))[metric] for s in (1, -1)]
+                slope = (ends[0] - ends[1]) / (2 * step)
+                assert found.get(place, 0.0) == pytest.approx(float(slope), rel=1e-11, abs=1e-14), (metric, place)
+
+
+def test_finite_differences_agree_with_the_analytic_ones():
+    data = {"name": "n", "design": "paper", "grade": "high", "report": sorted(FORMULAS)}
+    plan = plan_from({**data, "goals": [{"metric": "fill_factor", "min": 0.9}]})
+    found = sensitivity(plan)
+    known = np.isfinite(found.exact)
+    assert known.sum() > 150
+    tolerances = np.array([p.tolerance for p in plan.draws.perturbations])
+    error = np.abs(found.derivatives - found.exact) * tolerances
+    # Over a whole tolerance; 14 digits through steps of 1e-4 of it leave 1e-10 of the value itself (mismatch_px: of the
+    # 13 px that it is a difference of).
+    size = [max(abs(value), 13.0 * ("px" in c.metric)) for c, value in zip(plan.columns, plan.nominal, strict=True)]
+    allowed = 1e-6 * np.abs(found.exact) * tolerances + 1e-9 * np.array(size)[:, None]
+    assert (error <= allowed)[known].all()
+
+
+def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():
+    plan = study(
+        [{"metric": "f_number_microlens", "min": 31.0, "max": 32.5}], [D_2, {"place": "d_3", "tolerance": "1 mm"}]
+    )
+    first, second = inverse_sensitivity(plan, 0.5)
+    assert first.tolerance == pytest.approx(0.5 * (2 / 0.063 - 31.0) * 0.063, rel=1e-8)
+    assert first.limited_by == "f_number_microlens"
+    # d_3 does not enter, until the aperture would stand on or behind the lens: no design.
+    assert second.tolerance == pytest.approx(120.0, rel=1e-6)
+
+
+def test_inverse_sensitivity_of_a_bent_response_finds_the_limit_not_the_slope():
+    plan = study(
+        [{"metric": "centre_error_px", "max": 2.0, "fields": [0]}],
+        [{"place": "sensor.decentre.0", "tolerance": "1 um"}],
+    )
+    (found,) = inverse_sensitivity(plan, 1.0)
+    assert found.tolerance == pytest.approx(2.0 * plan.question.design.q, rel=1e-6)
+
+
+def test_a_nominal_design_outside_its_limits_is_told():
+    plan = study([{"metric": "fill_factor", "min": 1.2}], [D_2])
+    with pytest.raises(ValueError, match="the nominal design misses its own limits: fill_factor@0"):
+        inverse_sensitivity(plan, 1.0)
+    assert scale_for_yield(plan, 0.5) is None
+
+
+def test_sobol_indices_of_ishigamis_function():
+    n, a, b = 8192, 7.0, 0.1
+    points = np.pi * (2 * sobol_points(6, 0, n, 1) - 1)
+
+    def ishigami(x):
+        return (np.sin(x[0]) + a * np.sin(x[1]) ** 2 + b * x[2] ** 4 * np.sin(x[0]))[None]
+
+    one, two = points[:3], points[3:]
+    mixed = np.stack([ishigami(np.where(np.arange(3)[:, None] == i, two, one)) for i in range(3)])
+    first, total, first_ends, total_ends = _estimate(ishigami(one), ishigami(two), mixed, 0)
+    v1, v2, v13 = 0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, 8 * b**2 * np.pi**8 / 225
+    v = v1 + v2 + v13
+    np.testing.assert_allclose(first[0], np.array([v1, v2, 0]) / v, atol=0.015)
+    np.testing.assert_allclose(total[0], np.array([v1 + v13, v2, v13]) / v, atol=0.015)
+    for ends, exact in ((first_ends, [v1, v2, 0]), (total_ends, [v1 + v13, v2, v13])):
+        assert (ends[0, :, 0] <= np.array(exact) / v).all()
+        assert (ends[0, :, 1] >= np.array(exact) / v).all()
+
+
+def test_bootstrap_intervals_cover_as_often_as_they_say():
+    """y = 2 x_1 + x_2 with independent samples: S_1 = 0.8; 95 % intervals of 200 runs."""
+    hits = 0
+    for seed in range(200):
+        x = np.random.default_rng(seed).normal(size=(4, 400))
+        a, b = x[:2], x[2:]
+
+        def response(z):
+            return (2 * z[0] + z[1])[None]
+
+        mixed = np.stack([response(np.where(np.arange(2)[:, None] == i, b, a)) for i in range(2)])
+        _, _, ends, _ = _estimate(response(a), response(b), mixed, seed)
+        hits += bool(ends[0, 0, 0] <= 0.8 <= ends[0, 0, 1])
+    # 190 expected; a binomial of 200 at 0.93 or better stays above 176 in 999 of 1000.
+    assert hits >= 176
+
+
+def test_sobol_indices_of_a_linear_pair_and_of_an_undefined_metric():
+    plan = shifts(0, sobol_samples=1024)
+    found = sobol_indices(plan, 1024)
+    pitch = 1 + 2.0 * -1 / 460.0
+    np.testing.assert_allclose(found.first[0], np.array([pitch**2, 1]) / (pitch**2 + 1), atol=0.02)
+    broken = study([{"metric": "fill_factor", "min": 0.5}], [{"place": "d_3", "tolerance": "250 mm"}], truncate=1.0)
+    found = sobol_indices(broken, 256)
+    assert (found.undefined > 0).all()
+    assert np.isnan(found.total).all()
+
+
+@pytest.mark.parametrize(("passed", "trials"), [(0, 10), (3, 10), (10, 10), (950, 1000)])
+def test_binomial_interval_is_clopper_and_pearsons(passed, trials):
+    found = stats.binomtest(passed, trials).proportion_ci(0.95, "exact")
+    assert binomial_interval(passed, trials) == pytest.approx((found.low, found.high), abs=1e-12)
+
+
+def test_undefined_trials_are_failures_and_never_averaged_away():
+    plan = study(
+        [{"metric": "fill_factor", "min": 0.0}, {"metric": "depth_error_mm", "max": 1e9}],
+        [{"place": "d_3", "tolerance": "300 mm", "distribution": "uniform"}],
+        report=["sigma_z_mm"],
+    )
+    tally = tally_chunk(plan, 0)
+    variant = summarise(plan, tally)[0]
+    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))["aperture.distance"]
+    impossible = int(((values < 0) | (values >= 350)).sum())
+    assert impossible > 5000
+    for column in variant.distributions:
+        assert column.undefined >= impossible
+        assert np.isnan(column.mean)
+        assert np.isnan(column.deviation)
+    fill = variant.distributions[0]
+    assert variant.limits[0].result.passed == tally.trials - fill.undefined
+    assert fill.quantiles[0] == -np.inf  # a lower limit: the undefined rank below all
+    assert variant.distributions[3].quantiles[-1] == np.inf
+    assert np.isinf(tally.scores).all()
+    assert variant.result.passed <= tally.trials - impossible
+
+
+def test_adjusting_takes_back_what_it_can_and_never_harms():
+    goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "centre_error_px", "max": 1.0}]
+    line = {"place": ["sensor.distance", "microlens_array.rotation", "microlens_array.decentre"]}
+    plan = plan_from({"name": "n", "design": "paper", "grade": "precision", "goals": goals, "compensators": [line]})
+    assert variants_of(plan) == ("as built", "adjusted, linear", "adjusted")
+    x = plan.draws.deviations(plan.draws.uniforms(0, 3000))
+    seen = measure(plan, x)
+    aims = Compensator(plan).aims
+    cost = [
+        (((columns[aims.columns] - aims.nominal[:, None]) * aims.weights[:, None]) ** 2).sum(axis=0)
+        for columns in seen.variants
+    ]
+    assert (cost[2] <= cost[1]).all()
+    assert np.median(cost[2]) < 0.1 * np.median(cost[0])  # tilts and the pitch remain
+    yields = [plan.passes(columns).all(axis=0).mean() for columns in seen.variants]
+    assert yields[0] < 0.5 < 0.95 < yields[2]
+    # The adjusted designs really are those: measured again, as built.
+    moved = {a.place: row for a, row in zip(plan.adjusters, seen.moved, strict=True)}
+    assert max(np.abs(moved["microlens_array.rotation"])) > 5e-4
+
+
+def test_newton_finds_what_an_optimizer_finds():
+    from scipy.optimize import least_squares
+
+    goals = [{"metric": "mismatch_px", "max": 0.2}, {"metric": "depth_error_mm", "max": 2.0}]
+    line = {"place": ["sensor.distance", "microlens_array.distance"]}
+    plan = plan_from({"name": "n", "design": "paper", "grade": "commercial", "goals": goals, "compensators": [line]})
+    x = plan.draws.deviations(plan.draws.uniforms(0, 5))
+    compensator, values = Compensator(plan), plan.draws.values(x)
+    moved, columns = compensator.newton(values, compensator.linear(x))
+    for trial in range(5):
+        one = {place: numbers[trial : trial + 1] for place, numbers in values.items()}
+
+        def residual(shift, one=one):
+            return compensator._residual(compensator.measured(one, np.asarray(shift)[:, None]))[:, 0]
+
+        best = least_squares(residual, [0.0, 0.0], x_scale=[0.01, 0.1], xtol=1e-14, ftol=1e-14)
+        left = compensator._residual(columns)[:, trial]
+        assert (left**2).sum() == pytest.approx(2 * best.cost, rel=1e-4, abs=1e-8)
+        assert moved[:, trial] == pytest.approx(best.x, abs=2e-4)
+
+
+def test_an_adjuster_stays_within_its_reach():
+    line = {"place": "sensor.distance", "range": "1 um"}
+    plan = study([{"metric": "fill_factor", "max": 1.006}], [{"place": "D_F", "tolerance": "3 %"}], compensators=[line])
+    moved = measure(plan, plan.draws.deviations(plan.draws.uniforms(0, 500))).moved
+    assert np.abs(moved).max() == pytest.approx(1e-3)
+
+
+def test_trial_n_can_be_rebuilt_bit_for_bit():
+    line = {"place": ["sensor.distance"]}
+    data = {"name": "n", "design": "paper", "grade": "commercial", "trials": 9000, "keep_trials": 9000}
+    goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "kept_fraction", "min": 0.9}]
+    plan = plan_from({**data, "goals": goals, "compensators": [line]})
+    tally = tally_chunk(plan, 0)
+    for number in (0, 4095, 4096, 8999, int(tally.worst[0])):
+        again = trial_measured(plan, number)
+        np.testing.assert_array_equal(again.variants[:, :, 0], tally.measured[number])
+        np.testing.assert_array_equal(again.deviations[:, 0], tally.drawn[number])
+        np.testing.assert_array_equal(again.moved[:, 0], tally.moved[number])
+        design, _ = one_trial(plan, number)
+        fill = plan_from({**data, "goals": goals}).question
+        from roslf_design.tolerance.metrics import evaluate_builds
+
+        own = evaluate_builds(dataclasses.replace(fill, design=design), {}, 1)[0, 0]
+        assert own == pytest.approx(tally.measured[number, -1, 0], rel=1e-9)
+    with pytest.raises(ValueError, match="trial 9000 does not exist"):
+        one_trial(plan, 9000)
+
+
+def test_correlations_are_those_of_the_trials():
+    data = {"name": "n", "design": "paper", "grade": "precision", "trials": 5000, "keep_trials": 5000}
+    plan = plan_from({**data, "goals": [{"metric": "fill_factor", "max": 1.02}], "report": ["depth_error_mm"]})
+    tally = tally_chunk(plan, 0)
+    found = correlations(tally)
+    whole = np.corrcoef(tally.measured[:, -1].T, tally.drawn.T)[: len(found), len(found) :]
+    np.testing.assert_allclose(found, whole, atol=1e-9)
+
+
+def test_yield_at_other_scales_uses_the_same_draws():
+    plan = study([{"metric": "f_number_microlens", "max": 31.9}], [D_2])
+    yields = [yield_at(plan, scale, 4096).passed for scale in np.linspace(0.1, 4, 25)]
+    assert yields == sorted(yields, reverse=True)

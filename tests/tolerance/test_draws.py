@@ -1,0 +1,105 @@
+"""Distributions and draws, against quadrature, exact moments and scipy's own distributions."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate, stats
+
+from roslf_design.tolerance.distributions import DISTRIBUTIONS, deviation, standard_deviation
+from roslf_design.tolerance.draws import Draws, Perturbation, sobol_points
+
+DENSITIES = {
+    "uniform": lambda x: 0.5 + 0 * x,
+    "parabolic": lambda x: 1.5 * x * x,
+    "normal": lambda x: stats.truncnorm.pdf(x, -2.0, 2.0, scale=0.5),
+}
+
+
+@pytest.mark.parametrize("name", DENSITIES)
+def test_inverse_cdf_inverts_the_integral_of_the_density(name):
+    u = np.linspace(0.002, 0.998, 41)
+    x = deviation(name, u)
+    found = [integrate.quad(DENSITIES[name], -1, end, epsabs=1e-13)[0] for end in x]
+    np.testing.assert_allclose(found, u, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_standard_deviation_is_that_of_the_quantile_function(name):
+    u = (np.arange(2_000_000) + 0.5) / 2_000_000
+    assert standard_deviation(name) == pytest.approx(np.sqrt(np.mean(deviation(name, u) ** 2)), rel=1e-5)
+
+
+@given(st.floats(1e-4, 30.0))
+def test_truncated_normal_variance_against_60_digits(k):
+    with mp.workdps(60):
+        z = mp.mpf(k)
+        variance = 1 - 2 * z * mp.npdf(z) / mp.erf(z / mp.sqrt(2))
+        expected = float(mp.sqrt(variance) / z)
+    # Just above the switch to the series the plain form loses 1e-16 / (k^2/3).
+    assert standard_deviation("normal", k) == pytest.approx(expected, rel=1e-10)
+
+
+@given(st.sampled_from(DISTRIBUTIONS), st.floats(0, 1), st.floats(0.1, 9))
+def test_deviations_are_odd_bounded_and_finite(name, u, truncation):
+    x = float(deviation(name, u, truncation))
+    assert -1 <= x <= 1
+    if u != 0.5:
+        assert float(deviation(name, 1 - u, truncation)) == pytest.approx(-x, abs=1e-9)
+
+
+def test_an_unknown_distribution_and_a_bad_truncation_are_told():
+    with pytest.raises(ValueError, match="'gaussian' is not known; use one of normal"):
+        deviation("gaussian", 0.5)
+    with pytest.raises(ValueError, match="truncate: -1"):
+        deviation("normal", 0.5, -1)
+
+
+def two(rho, opposed=False, distribution="normal", truncation=8.0):
+    members = [
+        Perturbation("a", 1.0, 0.1, distribution, truncation, "g"),
+        Perturbation("b", 2.0, 0.4, distribution, truncation, "g", opposed),
+        Perturbation("c", 3.0, 0.2, "uniform"),
+    ]
+    return Draws(tuple(members), (("g", rho),), "random", 5)
+
+
+@pytest.mark.parametrize("rho", [0.3, 0.8, 1.0])
+@pytest.mark.parametrize("opposed", [False, True])
+def test_groups_have_the_wanted_correlation_and_covariance(rho, opposed):
+    draws = two(rho, opposed)
+    x = draws.deviations(draws.uniforms(0, 200_000))
+    sign = -1 if opposed else 1
+    # Standard error of a correlation over 200,000 draws: 0.0022.
+    assert np.corrcoef(x)[0, 1] == pytest.approx(sign * rho, abs=0.008)
+    assert np.corrcoef(x)[0, 2] == pytest.approx(0, abs=0.008)
+    values = draws.values(x)
+    measured = np.cov([values[name] for name in "abc"])
+    np.testing.assert_allclose(measured, draws.covariance(), atol=0.02 * 0.05**2 + 3e-4 * 0.4**2)
+    if rho == 1:
+        np.testing.assert_allclose(x[0], sign * x[1])
+
+
+def test_uniform_members_tied_in_part_are_still_uniform():
+    draws = two(0.5, distribution="uniform")
+    x = draws.deviations(draws.uniforms(0, 100_000))
+    assert stats.kstest(x[0], "uniform", (-1, 2)).pvalue > 1e-3
+    # Normal scores with correlation rho give uniforms with (6/pi) asin(rho/2).
+    assert np.corrcoef(x)[0, 1] == pytest.approx(6 / np.pi * np.arcsin(0.25), abs=0.012)
+
+
+def test_every_chunk_has_its_own_draws_and_always_the_same():
+    draws = two(0.5)
+    first, second = draws.uniforms(0, 1000), draws.uniforms(1, 1000)
+    assert not np.any(first == second)
+    np.testing.assert_array_equal(second, two(0.5).uniforms(1, 1000))
+
+
+def test_sobol_chunks_are_pieces_of_one_sequence_and_fill_space_evenly():
+    whole = sobol_points(5, 0, 4096, 3)
+    np.testing.assert_array_equal(whole[:, 1024:2048], sobol_points(5, 1024, 1024, 3))
+    assert (whole > 0).all()
+    assert (whole < 1).all()
+    for row in whole:
+        assert np.array_equal(np.bincount((row * 4096).astype(int), minlength=4096), np.ones(4096, int))

@@ -1,0 +1,298 @@
+"""Runs: the same bytes from any executor, with workers killed, runs killed and resumed, disks full."""
+
+import contextlib
+import errno
+import hashlib
+import json
+import multiprocessing
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roslf_design.errors import InputError
+from roslf_design.tolerance import executors, store
+from roslf_design.tolerance.executors import ChunkLostError, in_pool
+from roslf_design.tolerance.plan import plan_from
+from roslf_design.tolerance.run import Where, run_trials
+from roslf_design.tolerance.tally import merged, pack, unpack
+
+STUDY = """
+name = "small"
+design = "paper"
+trials = {trials}
+seed = 3
+sobol_samples = 0
+keep_trials = 100
+[[perturb]]
+place = ["f", "d_2", "D_F", "microlens_array.tilt"]
+tolerance = "0.5 %"
+"""
+
+
+@pytest.fixture(scope="module")
+def plan():
+    goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "depth_error_mm", "max": 5.0}]
+    whole = plan_from({"name": "s", "design": "paper", "grade": "precision", "goals": goals, "keep_trials": 500})
+    return replace(whole, chunk=8192, trials=8192 * 9 + 77)
+
+
+@pytest.fixture(scope="module")
+def expected(plan, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reference")
+    run_trials(plan, folder)
+    return fingerprint(folder)
+
+
+def fingerprint(folder):
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def kill_once(choose):
+    """A progress callback that kills a worker with SIGKILL after the first chunk."""
+    killed = []
+
+    def progress(done, _total):
+        if done and not killed:
+            killed.append(choose())
+            os.kill(killed[0], signal.SIGKILL)
+
+    return progress, killed
+
+
+def test_a_run_is_a_manifest_and_one_file_a_chunk(plan, expected):
+    assert sorted(expected) == [*(f"chunks/{index:06d}.npz" for index in range(10)), "manifest.json"]
+
+
+def test_a_pool_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, tmp_path):
+    progress, killed = kill_once(lambda: multiprocessing.active_children()[0].pid)
+    run_trials(plan, tmp_path, Where(2), progress=progress)
+    assert killed
+    assert fingerprint(tmp_path) == expected
+
+
+def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    cluster = distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+    )
+    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+        progress, killed = kill_once(lambda: next(iter(client.run(os.getpid).values())))
+        run_trials(plan, tmp_path, Where(2, cluster.scheduler_address), progress=progress)
+        assert killed
+    assert fingerprint(tmp_path) == expected
+
+
+def test_no_scheduler_there_is_one_clear_error(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "CONNECT", 1)
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        run_trials(plan, tmp_path, Where(1, "tcp://127.0.0.1:9"))
+
+
+def test_dask_missing_says_what_to_install(plan, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'roslf_design\[cluster\]'"):
+        run_trials(plan, tmp_path, Where(1, "local"))
+
+
+def die(_index):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
+    monkeypatch.setattr(executors, "ATTEMPTS", 2)
+    with pytest.raises(ChunkLostError, match="its worker process died 2 times"):
+        list(in_pool(die, [0], 1))
+
+
+def test_an_error_in_the_work_is_not_taken_for_a_dead_worker():
+    with pytest.raises(ZeroDivisionError):
+        list(in_pool(fail, [0, 1], 1))
+
+
+def fail(index):
+    return bytes(1 // 0 * index)
+
+
+def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(plan, expected, tmp_path, monkeypatch):
+    write, written = store.write_atomically, []
+
+    def full_after_four(path, content):
+        if len(written) == 4:
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        written.append(path)
+        write(path, content)
+
+    monkeypatch.setattr(store, "write_atomically", full_after_four)
+    with pytest.raises(OSError, match="No space left"):
+        run_trials(plan, tmp_path)
+    monkeypatch.undo()
+    partial = fingerprint(tmp_path)
+    assert len(partial) == 4
+    assert partial.items() <= expected.items()
+    with pytest.raises(InputError, match="pass --resume"):
+        run_trials(plan, tmp_path)
+    run_trials(plan, tmp_path, resume=True)
+    assert fingerprint(tmp_path) == expected
+
+
+def test_a_damaged_chunk_is_run_again(plan, expected, tmp_path):
+    run_trials(plan, tmp_path)
+    chunk = tmp_path / "chunks" / "000003.npz"
+    chunk.write_bytes(chunk.read_bytes()[:1000])
+    run_trials(plan, tmp_path, resume=True)
+    assert fingerprint(tmp_path) == expected
+
+
+def test_a_folder_of_another_run_is_not_touched(plan, tmp_path):
+    run_trials(replace(plan, trials=100), tmp_path)
+    before = fingerprint(tmp_path)
+    with pytest.raises(InputError, match="another study, seed or trial count"):
+        run_trials(plan.with_draws(seed=4), tmp_path, resume=True)
+    assert fingerprint(tmp_path) == before
+    (tmp_path / "manifest.json").write_text("{")
+    with pytest.raises(InputError, match="is damaged"):
+        run_trials(plan, tmp_path, resume=True)
+
+
+def test_results_travel_through_bytes_unchanged(plan):
+    from roslf_design.tolerance.chunk import tally_chunk
+
+    small = replace(plan, trials=3000)
+    tally = tally_chunk(small, 0)
+    content = pack(tally, "x")
+    again = unpack(content, "x")
+    for name in tally.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(again, name), getattr(tally, name))
+    assert pack(again, "x") == content
+    for damaged in (content[:-30], b"", b"PK not a zip"):
+        with pytest.raises(ValueError, match="is damaged"):
+            unpack(damaged, "x")
+    with pytest.raises(ValueError, match="another study"):
+        unpack(content, "y")
+
+
+def test_memory_does_not_grow_with_the_number_of_chunks(plan):
+    import tracemalloc
+
+    from roslf_design.tolerance.chunk import tally_chunk
+
+    one = tally_chunk(replace(plan, keep_trials=0), 0)
+    peaks = []
+    for count in (4, 40):
+        tracemalloc.start()
+        whole = merged(one for _ in range(count))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert whole.trials == count * one.trials
+        assert whole.counts.sum() == count * one.counts.sum()
+    assert peaks[1] < 1.1 * peaks[0]
+
+
+def write_study(folder, trials=20000):
+    text = STUDY.format(trials=trials) + '[[goals]]\nmetric = "fill_factor"\nmin = 0.99\nmax = 1.02\n'
+    path = folder / "study.toml"
+    path.write_text(text.replace('"microlens_array.tilt"', '"microlens_array.pitch"'))
+    return path
+
+
+def roslf(*arguments, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "roslf_design", "tolerance", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def test_a_run_killed_and_resumed_ends_in_the_same_bytes(tmp_path):
+    study = write_study(tmp_path, 230_000)
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    out, errors = roslf(study, "-o", whole).communicate(timeout=120)
+    assert errors == ""
+    assert "Yield" in out
+    process = roslf(study, "-o", cut, "--workers", 2)
+    deadline = time.monotonic() + 60
+    while len(list(cut.glob("chunks/0*.npz"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=120)
+    assert not (cut / "results.json").exists()
+    assert 2 <= len(list(cut.glob("chunks/0*.npz"))) < 8
+    for stray in cut.glob("chunks/.*"):  # what was being written when the power went
+        stray.unlink()
+    process = roslf(study, "-o", cut, "--resume", "--workers", 2)
+    process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert fingerprint(cut) == fingerprint(whole)
+
+
+def test_the_command_writes_all_its_files_and_json(tmp_path):
+    study = write_study(tmp_path)
+    process = roslf(study, "-o", tmp_path / "out", "--json", "--trials", 5000, "--seed", 8)
+    out, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (0, "")
+    data = json.loads(out)
+    assert data["schema"] == "roslf.tolerance/1"
+    assert (data["trials"], data["seed"]) == (5000, 8)
+    assert data == json.loads((tmp_path / "out" / "results.json").read_text())
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    for name in ("yield", "spread", "sensitivity", "correlation"):
+        assert {f"{name}.svg", f"{name}.png"} <= names
+    assert "grades.svg" not in names  # the study names no grade
+    assert {worst["file"] for worst in data["worst"]} <= names
+    trials = np.load(tmp_path / "out" / "trials.npz")
+    assert trials["metrics"].shape == (100, 1, 3)
+    assert trials["places"].tolist() == [p["place"] for p in data["perturbations"]]
+
+
+def test_wrong_input_is_exit_code_2_and_one_line_each(tmp_path):
+    study = write_study(tmp_path)
+    study.write_text(study.read_text().replace("fill_factor", "fil_factor").replace('"d_2"', '"d_22"'))
+    process = roslf(study, "-o", tmp_path / "out")
+    out, errors = process.communicate(timeout=120)
+    assert (process.returncode, out) == (2, "")
+    lines = errors.splitlines()
+    assert len(lines) == 2
+    assert all(line.startswith(f"roslf: {study}: ") for line in lines)
+    for bad in (["--trials", "0"], ["--workers", "0"], ["--seed", "-1"]):
+        process = roslf(write_study(tmp_path), "-o", tmp_path / "out", *bad)
+        assert bad[0] in process.communicate(timeout=120)[1]
+        assert process.returncode == 2
+
+
+@pytest.mark.parametrize("way", ["file", "limit"])
+def test_an_unwritable_place_is_one_clear_error(tmp_path, way):
+    study = write_study(tmp_path)
+    if way == "file":
+        (tmp_path / "out").write_text("in the way")
+        process = roslf(study, "-o", tmp_path / "out")
+    else:
+        limit = (20_000, 20_000)  # the kernel refuses larger files: as a full disk does
+        process = roslf(
+            study, "-o", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        )
+    out, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert out == ""
+    assert len(errors.splitlines()) == 1
+    assert errors.startswith("roslf: ")
+    with contextlib.suppress(OSError):
+        assert not list((tmp_path / "out" / "chunks").glob("*"))
+
+
+def test_help_shows_an_example():
+    out, _ = roslf("--help").communicate(timeout=120)
+    assert "roslf tolerance studies/tolerance-paper/study.toml" in out

@@ -1,0 +1,159 @@
+"""Study files and grades: read, resolved, and every fault told at once."""
+
+import numpy as np
+import pytest
+
+from roslf_design.design import load, preset_path
+from roslf_design.errors import InputError
+from roslf_design.tolerance.grades import SHIPPED, load_grades
+from roslf_design.tolerance.places import display, expand, nominal_values, parse_tolerance, perturbable, short_name
+from roslf_design.tolerance.plan import chunk_size, load_plan, plan_from
+from roslf_design.tolerance.study import load_study
+
+GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
+
+
+def faults(data):
+    with pytest.raises(InputError) as caught:
+        plan_from(data)
+    return {problem.key: problem.message for problem in caught.value.problems}
+
+
+def test_a_grade_covers_the_design_and_a_line_overrides_it():
+    line = {"place": ["d_3", "aperture.tilt"], "distribution": "uniform"}
+    plan = plan_from({**GOOD, "perturb": [line, {"place": "f", "tolerance": "3 %"}], "exclude": ["main_lens.tilt"]})
+    found = {p.place: p for p in plan.draws.perturbations}
+    assert found["main_lens.focal_length"].tolerance == pytest.approx(3.0)
+    assert found["aperture.distance"].tolerance == 0.05
+    assert found["aperture.distance"].distribution == found["aperture.tilt.1"].distribution == "uniform"
+    assert found["microlens_array.pitch"].tolerance == pytest.approx(0.063 * 5e-5)
+    assert found["microlens_array.rotation"].tolerance == pytest.approx(2e-4)
+    assert "main_lens.tilt.0" not in found
+    assert "engineering judgement" in found["aperture.diameter"].source
+    assert "sensor.relay_magnification" not in found  # the paper's camera has no relay
+
+
+def test_the_shipped_grades_hold_the_agreed_figures():
+    grades, design = load_grades(), load("paper").replace({"sensor.relay_magnification": 2.0})
+    assert grades.names == ("commercial", "precision", "high")
+    expected = {
+        "main_lens.focal_length": (2.0, 1.0, 0.5),
+        "microlens_array.distance": (0.2, 0.05, 0.02),
+        "sensor.distance": (0.05, 0.02, 0.005),
+        "aperture.distance": (0.5, 0.2, 0.05),
+        "aperture.diameter": (0.1, 0.05, 0.02),
+        "aperture.decentre.0": (0.1, 0.05, 0.02),
+        "main_lens.decentre.1": (0.1, 0.05, 0.02),
+        "main_lens.tilt.0": (0.010, 0.003, 0.001),
+        "microlens_array.tilt.0": (0.003, 0.001, 0.0002),
+        "microlens_array.rotation": (0.003, 0.001, 0.0002),
+        "microlens_array.pitch": (6.3e-5, 1.26e-5, 3.15e-6),
+        "microlens_array.focal_length": (0.1, 0.06, 0.02),
+        "sensor.relay_magnification": (0.02, 0.006, 0.002),
+    }
+    for place, widths in expected.items():
+        assert [grades.tolerances(name, design)[place] for name in grades.names] == pytest.approx(widths)
+    assert all(line.provenance for line in grades.lines)
+
+
+def test_grades_of_further_stops_follow_the_design():
+    design = load("paper").replace({"stops": [{"diameter": 9.0, "distance": 60.0}]})
+    assert load_grades().tolerances("high", design)["stops.0.diameter"] == 0.02
+
+
+def test_every_fault_is_told_at_once_with_the_nearest_name():
+    found = faults(
+        {
+            "name": "x",
+            "design": "paper",
+            "grad": "high",
+            "goals": [{"metric": "fill_facter", "min": 1}, {"metric": "sigma_z_mm"}],
+            "perturb": [{"place": "aperture.tlt", "tolerance": "1 mrad"}, {"place": "d_3", "tolerance": "1 mrad"}],
+            "fields": [[1, 2], "rim"],
+            "compensators": [{"place": "sensor.distanc"}],
+            "trials": -5,
+        }
+    )
+    assert "did you mean 'grade'" in found["grad"]
+    assert "did you mean 'fill_factor'" in found["goals.0.metric"]
+    assert "give min, max or both" in found["goals.1"]
+    assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
+    assert "this is a length" in found["perturb.1"]
+    assert 'e.g. "1 mm"' in found["fields.0"]
+    assert "centre, edge, corner" in found["fields.1"]
+    assert "did you mean 'sensor.distance'" in found["compensators.0.place"]
+    assert "trials" in found
+    assert len(found) == 9
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "words"),
+    [
+        ({"grade": "fine"}, "grade", "commercial, precision, high"),
+        ({"design": "papr"}, "design", "no such file"),
+        ({"goals": []}, "goals", "at least one"),
+        ({"fields": []}, "fields", "at least one field"),
+        ({"object_distance": "100 mm"}, "object_distance", "within the bore"),
+        ({"grade": None}, "perturb", "nothing is perturbed"),
+        ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.0", "swap"),
+        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.0.fields", "run from 0 to 2"),
+        ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
+        ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
+        ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
+        ({"perturb": [{"place": "main_lens.focal_plane", "tolerance": "1 mm"}]}, "perturb", "one follows from two"),
+        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.0", "absolute"),
+        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.0", "not negative"),
+        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.0", "not a ratio"),
+    ],
+)
+def test_faults_between_tables(change, key, words):
+    data = {name: value for name, value in {**GOOD, **change}.items() if value is not None}
+    assert words in faults(data)[key]
+
+
+def test_a_study_of_ones_own_grades_and_design_beside_it(tmp_path):
+    (tmp_path / "shop.toml").write_text(SHIPPED.read_text().replace('"0.05 mm"', '"0.04 mm"'))
+    (tmp_path / "mine.toml").write_text(preset_path("paper").read_text())
+    head = 'name = "n"\ndesign = "mine.toml"\ngrade = "precision"\ngrades = "shop.toml"\n'
+    text = head + '[[goals]]\nmetric = "fill_factor"\nmin = 0.9\n'
+    (tmp_path / "study.toml").write_text(text)
+    plan, study, _ = load_plan(tmp_path / "study.toml", trials=77, seed=9)
+    assert {p.place: p.tolerance for p in plan.draws.perturbations}["microlens_array.distance"] == 0.04
+    assert (plan.trials, plan.draws.seed, study.trials) == (77, 9, 77)
+    assert load_study(tmp_path / "study.toml")[1] == load("paper")
+
+
+def test_a_damaged_table_of_grades_is_told(tmp_path):
+    (tmp_path / "g.toml").write_text('[grades]\nloose = "x"\n[[line]]\nplace = "d"\nloos = "1 %"\n')
+    with pytest.raises(InputError) as caught:
+        load_grades(tmp_path / "g.toml")
+    assert [problem.key for problem in caught.value.problems] == ["line.0.loose", "line.0.provenance", "line.0.loos"]
+
+
+def test_places():
+    design = load("paper")
+    assert expand(design, "aperture.decentre") == ("aperture.decentre.0", "aperture.decentre.1")
+    assert expand(design, "d_1") == ("microlens_array.distance",)
+    assert expand(design, "stops.*.tilt") == ()
+    assert set(nominal_values(design)) == set(perturbable(design))
+    assert parse_tolerance("2 %", "length", -50.0) == 1.0
+    assert short_name("microlens_array.tilt.1") == "MLA tilt y"
+    assert short_name("stops.0.decentre.0") == "stop 1 decentre x"
+    assert short_name("aperture.distance") == "d_3"
+    assert [display(0.02, "length"), display(0.001, "angle"), display(0.003, "ratio")] == ["20 um", "1 mrad", "0.3 %"]
+    assert display(np.inf, "length") == "any"
+
+
+def test_group_members_share_pose_by_pose():
+    line = {"place": ["aperture.decentre", "main_lens.decentre", "d_1"], "group": "barrel"}
+    plan = plan_from({**GOOD, "perturb": [line], "groups": [{"name": "barrel", "correlation": 0.5}]})
+    groups = {p.place: p.group for p in plan.draws.perturbations if p.group}
+    assert groups["aperture.decentre.0"] == groups["main_lens.decentre.0"] == "barrel: decentre x"
+    assert groups["aperture.decentre.1"] == "barrel: decentre y"
+    assert groups["microlens_array.distance"] == "barrel"
+    assert dict(plan.draws.correlations) == dict.fromkeys(groups.values(), 0.5)
+
+
+def test_chunks_stay_few_and_large():
+    assert chunk_size(100) == chunk_size(10**6) == 2**15
+    assert 10**8 / chunk_size(10**8) < 1100
