@@ -191,7 +191,10 @@ def _print_plan(lines: Plan) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("effect", "", "estimate", "budget", "why", box=None, header_style="bold", pad_edge=False)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading in ("effect", "", "estimate", "budget"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("why")
     for line in lines:
         size = f"{line.estimate:.3g} {line.unit}"
         table.add_row(line.name, "on" if line.on else "-", size, f"{line.budget:g}", line.reason)

@@ -120,9 +120,9 @@ def test_many_incoherent_points_make_the_white_image():
     n = 4
     # Light of the neighbours' footprints comes too: fold the sensor's cells instead of repeating the scene.
     steps = (np.arange(n // 2) + 0.5) / n
-    total = np.zeros((90, 90))
+    total = np.zeros((91, 91))
     telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13)  # images repeat every 13 pixels exactly
-    big = Region(telecentric.pixels[0] // 2 - 45, telecentric.pixels[1] // 2 - 45, 90, 90)
+    big = Region(telecentric.pixels[0] // 2 - 45, telecentric.pixels[1] // 2 - 45, 91, 91)
     for u in steps:
         for v in steps:
             source = PointSource(telecentric, u * 0.1575, v * 0.1575, 350.0)

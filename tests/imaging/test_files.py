@@ -1,0 +1,168 @@
+import json
+import os
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from roslf_design.cli import main
+from roslf_design.design import load
+from roslf_design.errors import InputError
+from roslf_design.imaging.figures import draw_microlens_images, draw_preview
+from roslf_design.imaging.files import write_image
+from roslf_design.imaging.render import render
+from roslf_design.scenes import Picture, Plane, Scene
+
+tifffile = pytest.importorskip("tifffile")
+
+PAPER = load("paper")
+PIECE = (100, 200, 40, 30)
+BOARD = """
+name = "board"
+[light]
+exposure = 2000
+[[objects]]
+kind = "plane"
+texture = { kind = "checkerboard", period = "3 mm" }
+"""
+
+
+@pytest.fixture(scope="module")
+def image():
+    return render(PAPER, region=PIECE)
+
+
+def test_float_tiff_keeps_every_bit_and_says_how_it_was_made(image, tmp_path):
+    beside = write_image(image, tmp_path / "raw.tif")
+    with tifffile.TiffFile(tmp_path / "raw.tif") as file:
+        np.testing.assert_array_equal(file.asarray(), image.pixels)
+        inside = json.loads(file.pages[0].description)
+    assert inside == json.loads(beside.read_text())
+    assert inside["schema"] == "roslf.render/1"
+    assert inside["region"] == {"column": 100, "row": 200, "columns": 40, "rows": 30}
+    assert [line["name"] for line in inside["effects"]] == [line.name for line in image.plan]
+    assert inside["design"]["name"] == PAPER.name
+
+
+@pytest.mark.parametrize("name", ["raw.tif", "raw.png"])
+def test_sixteen_bits(image, tmp_path, name):
+    beside = write_image(image, tmp_path / name, "16")
+    values = np.asarray(Image.open(tmp_path / name)) if name.endswith("png") else tifffile.imread(tmp_path / name)
+    scale = json.loads(beside.read_text())["full_scale"]
+    assert values.dtype == np.uint16
+    np.testing.assert_allclose(values / 65535 * scale, image.pixels, atol=scale / 65535)
+    if name.endswith("png"):
+        assert json.loads(Image.open(tmp_path / name).text["Description"])["full_scale"] == scale
+
+
+def test_folders_of_pictures_are_not_told(tmp_path):
+    Image.fromarray(np.full((4, 4), 128, np.uint8)).save(tmp_path / "grey.png")
+    scene = Scene(objects=(Plane(texture=Picture(file=str(tmp_path / "grey.png"), width=5.0)),))
+    beside = write_image(render(PAPER, scene, region=(0, 0, 4, 4)), tmp_path / "raw.tif")
+    assert str(tmp_path) not in beside.read_text()
+    assert "grey.png" in beside.read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "part"), [("raw.jpg", "end in .tif"), ("none/raw.tif", "does not exist"), ("folder.tif", "is a folder")]
+)
+def test_places_that_cannot_be_written(image, tmp_path, name, part):
+    (tmp_path / "folder.tif").mkdir()
+    with pytest.raises(InputError, match=part):
+        write_image(image, tmp_path / name)
+
+
+def test_full_disk_leaves_nothing_behind(image, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_image(image, tmp_path / "raw.tif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_command_writes_image_json_and_preview(tmp_path, capsys):
+    (tmp_path / "board.toml").write_text(BOARD)
+    common = ["render", "paper", "--scene", str(tmp_path / "board.toml"), "--region", "2000,1500,24,16", "--seed", "4"]
+    assert main([*common, "-o", str(tmp_path / "a.tif"), "--preview", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["method"] == "rays"
+    assert main([*common, "-o", str(tmp_path / "b.tif")]) == 0
+    assert "finite_microlens_aperture" in capsys.readouterr().out
+    assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
+    assert (tmp_path / "a.json").exists()
+    assert Image.open(tmp_path / "a-preview.png").size[0] > 600
+
+
+def test_command_prints_only_the_plan(tmp_path, capsys):
+    assert (
+        main(["render", "paper", "--plan-only", "--json", "--effects", "none,+cos4", "--budget-intensity", "2%"]) == 0
+    )
+    lines = json.loads(capsys.readouterr().out)["plans"][0]["effects"]
+    assert {line["name"] for line in lines if line["on"]} == {"pupil_geometry", "pixel_integration", "cos4"}
+    assert next(line for line in lines if line["name"] == "cos4")["budget"] == 0.02
+
+
+def test_several_scenes_make_a_folder(tmp_path, capsys):
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.toml").write_text('[[objects]]\nkind = "white"\n')
+    scenes = ["--scene", str(tmp_path / "one.toml"), "--scene", str(tmp_path / "two.toml")]
+    assert main(["render", "paper", *scenes, "--region", "0,0,8,8", "-o", str(tmp_path / "out")]) == 0
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["one.json", "one.tif", "two.json", "two.tif"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["--effects", "+cos5"], "did you mean 'cos4'"),
+        (["--scene", "absent.toml"], "no such file"),
+        (["--budget-px", "-1"], "--budget-px"),
+        (["--budget-intensity", "some"], "--budget-intensity"),
+        (["--region", "1,2,3"], "--region"),
+        (["--region", "0,0,9999,5"], "within 4600 x 3080"),
+        (["-o", "raw.jpg"], "end in .tif"),
+        (["--seed", "-3", "--region", "0,0,4,4"], "seed"),
+    ],
+)
+def test_bad_input_exits_with_two_and_one_line(arguments, part, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "paper", *arguments]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert part in said[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "part"),
+    [
+        ('distance = "90 mm"', "behind the bore's mouth"),
+        ('distance = "5 mm"\nsize = ["20 mm", "20 mm"]\ntilt = ["0 mrad", "1 rad"]', "inside the main lens"),
+        ('texture = { kind = "image", file = "no.png", width = "5 mm" }', "cannot read"),
+    ],
+)
+def test_scenes_that_cannot_be_seen_exit_with_two(line, part, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.toml").write_text(f'[[objects]]\nkind = "plane"\n{line}\n')
+    assert main(["render", "paper", "--scene", "s.toml"]) == 2
+    assert part in capsys.readouterr().err
+
+
+def test_zero_exposure_exits_with_two(tmp_path, capsys):
+    (tmp_path / "s.toml").write_text('[light]\nexposure = 0\n[[objects]]\nkind = "white"\n')
+    assert main(["render", "paper", "--scene", str(tmp_path / "s.toml")]) == 2
+    assert "light.exposure" in capsys.readouterr().err
+
+
+def test_figures_have_labelled_axes(image):
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    rays, waves = figure.subplots(1, 2)
+    assert draw_microlens_images(rays, waves, PAPER, samples=31) == (rays, waves)
+    assert "74.1%" in waves.get_title()
+    assert all("µm" in axes.get_xlabel() for axes in (rays, waves))
+    preview = draw_preview(image)
+    assert {axes.get_title() for axes in preview.axes} >= {"centre", "edge", "corner"}
