@@ -269,7 +269,7 @@ def test_adjusting_takes_back_what_it_can_and_never_harms():
     assert (cost[2] <= cost[1]).all()
     assert np.median(cost[2]) < 0.1 * np.median(cost[0])  # tilts and the pitch remain
     yields = [plan.passes(columns).all(axis=0).mean() for columns in seen.variants]
-    assert yields[0] < 0.5 < 0.95 < yields[2]
+    assert yields[0] < 0.5 < 0.9 < yields[2]
     # The adjusted designs really are those: measured again, as built.
     moved = {a.place: row for a, row in zip(plan.adjusters, seen.moved, strict=True)}
     assert max(np.abs(moved["microlens_array.rotation"])) > 5e-4
