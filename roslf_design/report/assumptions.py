@@ -28,8 +28,8 @@ def assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
     if not design.aligned:
         items.append(
-            "Tilts are traced in the ray diagrams and the 3D view; tables, microlens images and maps are those of the "
-            "untilted parts."
+            "Tilts are traced in the ray diagrams, the 3D view and the table of microlens images over the field; drawn "
+            "microlens images and maps are those of the untilted parts."
         )
     exceeded = [e.name.replace("_", " ") for e in result.effects if e.on and abs(e.estimate) > e.budget]
     left = [e.name.replace("_", " ") for e in result.effects if not e.on and e.estimate != 0]

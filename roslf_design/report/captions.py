@@ -35,10 +35,15 @@ def rays(design: Design, result: Evaluation) -> str:
             f"Outer pencils lose light, most at the {field.limited_by}: "
             f"{number(-field.room_at_corner_mm, 3)} mm of room are missing at the corner."
         )
+    plane = (
+        "Each field lies in its own meridional plane, turned into the page."
+        if is_centred(design)
+        else "Drawn in the plane x-z, as decentres and tilts make the sides differ."
+    )
     return (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
-        f"mount blue. {follow} Each field lies in its own meridional plane, turned into the page."
+        f"mount blue. {follow} {plane}"
     )
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects.field import half_sizes
+from ..evaluation import default_fields
+from ..evaluation.rims import axes_in_space
 from ..rays.forward import trace_pupil
 from ..rays.frames import poses
 from ..rays.status import Status
@@ -109,8 +110,8 @@ def _elements(design: Design, wall: float, front: float) -> list[dict[str, Any]]
 def _rays(design: Design, start: float) -> list[dict[str, Any]]:
     """Pencils of the centre, the right edge and a lower corner: rim and middle of the FAP."""
     system = System.from_design(design)
-    half_x, half_y = half_sizes(design)
-    x, y = design.sensor.decentre
+    centre, edge, (x, y) = default_fields(design)
+    far_corner = (2 * centre[0] - x, 2 * centre[1] - y)
     around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
     pupil = np.concatenate([np.zeros((2, 1)), np.stack([np.cos(around), np.sin(around)])], axis=1)
     planes = {int(Status.APERTURE) + k: -stop.distance for k, stop in enumerate(design.all_stops)}
@@ -118,10 +119,10 @@ def _rays(design: Design, start: float) -> list[dict[str, Any]]:
     end = design.d_1 + design.d_2
     parts: list[dict[str, Any]] = []
     blocked: list[list[list[float]]] = []
-    for place, colour in zip(((x, y), (x + half_x, y), (x - half_x, y - half_y)), FIELD_COLOURS, strict=True):
+    for place, colour in zip((centre, edge, far_corner), FIELD_COLOURS, strict=True):
         # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
         rays = trace_pupil(system, (0.999 * pupil[0], 0.999 * pupil[1]), place)
-        mla = np.add(place, design.microlens_array.decentre)
+        (mla,) = axes_in_space(design, [place])
         landing = np.add(np.stack(rays.sensor, -1), design.sensor.decentre)
         kept: list[list[list[float]]] = []
         for i, status in enumerate(rays.status):

@@ -192,3 +192,20 @@ def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():
 def test_names_never_touch():
     names = [(0.0, "FAP"), (0.3, "main lens"), (0.5, "MLA, sensor"), (9.0, "far")]
     assert name_rows(names, 1.0) == [0, 1, 2, 0]
+
+
+def test_maps_and_images_follow_a_turned_and_shifted_array():
+    import math
+
+    paper = load("paper")
+    moved = paper.replace(
+        {"microlens_array.rotation": math.pi / 2, "microlens_array.decentre.0": 0.5, "sensor.decentre.1": 0.25}
+    )
+    ax = figures.plot_kept_fraction(moved)
+    sensor = next(patch for patch in ax.patches if patch.get_label() == "sensor")
+    corners = sensor.get_patch_transform().transform([(0, 0), (1, 0), (1, 1), (0, 1)])
+    # In the array's axes the sensor, at (-0.5, 0.25) from its centre, is turned by a quarter the other way.
+    np.testing.assert_allclose(corners.mean(axis=0), (0.25, 0.5), atol=1e-12)
+    np.testing.assert_allclose(np.ptp(corners, axis=0), paper.sensor_size[::-1], rtol=1e-12)
+    view, straight = image_view(moved, (2.0, 1.0)), image_view(paper, (-1.0 + 0.5, 2.0))
+    np.testing.assert_allclose(view.centres, straight.centres, atol=1e-12)

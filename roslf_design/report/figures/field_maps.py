@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...evaluation.fields import field_discs
-from ...evaluation.rims import field_limit
+from ...evaluation.rims import axes_in_space, field_limit
 from ...microlens.discs import intersect
 from .style import BLUE, GREY, INK, VERMILLION, new_axes
 
@@ -124,17 +124,18 @@ def _draw_frame(ax: Axes, design: Design, fields: FieldMap) -> None:
         Rectangle((-width / 2, -height / 2), width, height, fill=False, edgecolor=GREY, linewidth=0.8, label="MLA")
     )
     width, height = design.sensor_size
-    x, y = design.sensor.decentre
+    x, y = _on_mla(design, design.sensor.decentre)
+    turn = -math.degrees(design.microlens_array.rotation)
     ax.add_patch(
-        Rectangle((x - width / 2, y - height / 2), width, height, fill=False, edgecolor=BLUE, linewidth=1.4,
-                  label="sensor", path_effects=halo)
+        Rectangle((x - width / 2, y - height / 2), width, height, angle=turn, rotation_point="center", fill=False,
+                  edgecolor=BLUE, linewidth=1.4, label="sensor", path_effects=halo)
     )  # fmt: skip
     half_x, half_y = (size / 2 for size in design.microlens_array.size)
     reach = math.hypot(half_x, half_y)
     radius = field_limit(design, 0.0).radius * design.d_1 / design.d_f
     shown = 0 < radius <= 1.35 * reach
     if shown:
-        centre = design.main_lens.decentre
+        centre = _on_mla(design, design.main_lens.decentre)
         ax.add_patch(
             Circle(centre, radius, fill=False, edgecolor=VERMILLION, linewidth=1.6,
                    label=f"Eq. 6: undistorted within {radius:.4g} mm", path_effects=halo)
@@ -152,3 +153,10 @@ def _draw_frame(ax: Axes, design: Design, fields: FieldMap) -> None:
     ax.locator_params(nbins=6)
     ax.spines[:].set_visible(False)
     ax.tick_params(color=GREY)
+
+
+def _on_mla(design: Design, point: tuple[float, float]) -> tuple[float, float]:
+    """A point against the optical axis in the MLA's own axes [mm]."""
+    (home, along, up) = axes_in_space(design, [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    offset = np.subtract(point, home)
+    return float(offset @ (along - home)), float(offset @ (up - home))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...evaluation.fields import field_discs
-from ...evaluation.rims import rims
+from ...evaluation.rims import axes_in_space, rims
 from ...microlens.cells import area_in_rectangle
 from ...microlens.discs import intersect, outline
 from ...microlens.lattice import cell_polygon
@@ -59,7 +59,7 @@ def image_view(design: Design, place: tuple[float, float]) -> ImageView:
     pitch = abs(float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
-    axis = np.add(place, design.microlens_array.decentre)
+    (axis,) = axes_in_space(design, [place])
     x, y = (
         _pixel_edges(design, side, centres[0, side] + axis[side] - half, centres[0, side] + axis[side] + half)
         - axis[side]
