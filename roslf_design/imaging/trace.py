@@ -79,7 +79,7 @@ class Tracer:
     rims: Floats
     surfaces: Surfaces
     kicks: Floats
-    """Radius of the FAP's diffraction against the share of light within it [rad], on an even grid of shares."""
+    """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
@@ -111,7 +111,7 @@ class Tracer:
             frames(system),
             np.ascontiguousarray(places[order]),
             encode(scene, seen.d_f),
-            _airy_radii(seen.D_F, wavelengths) if kicked else np.zeros(2),
+            _airy_kicks(seen.D_F, wavelengths) if kicked else np.zeros((1, 3)),
             falloff,
             mouth(design),
         )
@@ -159,15 +159,17 @@ def _points(count: int) -> NDArray[np.uint32]:
     return sobol_points(count)
 
 
-def _airy_radii(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
-    """Angle from the axis within which each share of the light lies, for an aperture seen from far away [rad]."""
+def _airy_kicks(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
+    """Directions of an Airy pattern, shape (count, 3): angle from the axis at even shares, a turn's cos and sin."""
     from scipy.special import j0, j1
 
     x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
     inside = 1 - j0(x) ** 2 - j1(x) ** 2
     shares = (np.arange(count) + 0.5) / count
     mean = sum(wavelengths) / len(wavelengths)
-    return np.asarray(np.interp(shares, np.maximum.accumulate(inside), x) * mean / (math.pi * diameter))
+    angle = np.interp(shares, np.maximum.accumulate(inside), x) * mean / (math.pi * diameter)
+    turn = 2 * math.pi * shares
+    return np.stack([angle, np.cos(turn), np.sin(turn)], -1)
 
 
 @kernel()
@@ -244,9 +246,9 @@ def _trace(
                             vx, vy = (2.0 * a - 1.0) * half, (2.0 * b - 1.0) * half
                     kick_x, kick_y = 0.0, 0.0
                     if flags[KICKED]:
-                        at = np.uint32(points[r, 4] ^ s4) * unit * kicks.size
-                        rho, phi = kicks[int(at)], 2.0 * math.pi * (np.uint32(points[r, 5] ^ s5) * unit)
-                        kick_x, kick_y = rho * math.cos(phi), rho * math.sin(phi)
+                        near = int(np.uint32(points[r, 4] ^ s4) * unit * kicks.shape[0])
+                        turn = int(np.uint32(points[r, 5] ^ s5) * unit * kicks.shape[0])
+                        kick_x, kick_y = kicks[near, 0] * kicks[turn, 1], kicks[near, 0] * kicks[turn, 2]
                     first, last = 0, n
                     if flags[OWN_ONLY]:
                         best = 1e300
