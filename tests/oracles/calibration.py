@@ -63,3 +63,76 @@ def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0
     if noise:
         image = image + np.random.default_rng(seed).normal(0, noise, shape)
     return image
+
+
+def traced_view(camera, scene, view):
+    """Microlens and pixel of a ray through thin lens and pinhole microlens, at 60 digits, from the ray alone.
+
+    `camera` holds f, d_1, d_2, d_3, d, q; `scene` (X, Y, Z) with Z from the main lens; `view` (s', t') the pixel in the
+    microlens image, counted from where the ray through the pupil's centre lands. Returns (u, v) with u_0 = 0: found by
+    bisecting nothing, since each plane section is linear: two trial pupil points give the line.
+    """
+    import mpmath as mp
+
+    with mp.workdps(60):
+        f, d_1, d_2, d_3, d, q = (mp.mpf(camera[k]) for k in ("f", "d_1", "d_2", "d_3", "d", "q"))
+        found = []
+        for height, pixel in zip(scene[:2], view, strict=True):
+            x, z = mp.mpf(height), mp.mpf(scene[2])
+
+            def land(pupil, x=x, z=z):
+                """Height on the array and on the sensor of the ray from the scene point through `pupil` on the FAP."""
+                rise = (pupil - x) / (z - d_3)  # towards the lens
+                lens = pupil + rise * d_3
+                after = rise - lens / f
+                array = lens + after * d_1
+                return array, array + after * d_2
+
+            def chief(array):
+                """Where on the sensor a ray through the FAP's centre lands behind the microlens at `array`."""
+                # Rays through the FAP's centre: lens height l, slope l/d_3 before, array at l + (l/d_3 - l/f) d_1.
+                if d_3 == 0:
+                    return array + array / d_1 * d_2
+                unit = 1 + (1 / d_3 - 1 / f) * d_1
+                lens = array / unit
+                return array + (lens / d_3 - lens / f) * d_2
+
+            def pixel_of(pupil):
+                array, sensor = land(pupil)
+                return (sensor - chief(array)) / q
+
+            zero, one = pixel_of(mp.mpf(0)), pixel_of(mp.mpf(1))
+            pupil = (mp.mpf(pixel) - zero) / (one - zero)
+            found.append(float(land(pupil)[0] / d))
+        return found
+
+
+def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49):
+    """Picture of a checkerboard in one view, each sample averaged over a lattice of rays that meet the board's plane.
+
+    `camera` holds A, m, d_2, x_0, y_0, q, d; the board's `cells` (across, down) of `cell` mm are centred on its origin,
+    on a white sheet one cell wider all round; u, v are the view's samples [pitches].
+    """
+    A, m, d_2, d, q = (camera[k] for k in ("A", "m", "d_2", "d", "q"))
+    step = np.array([u[1] - u[0], v[1] - v[0]])
+    offsets = (np.outer(np.arange(rays), [1 / rays, (math.sqrt(5) - 1) / 2]) + 0.5 / rays) % 1 - 0.5
+    normal = rotation[:, 2]
+    picture = np.zeros((len(v), len(u)))
+    pupil = -(q * A / d_2) * np.asarray(view, float)
+    for ox, oy in offsets:
+        uu, vv = np.meshgrid(u + ox * step[0], v + oy * step[1])
+        slope_x = -(d * (uu - camera["x_0"]) + m * pupil[0]) / A
+        slope_y = -(d * (vv - camera["y_0"]) + m * pupil[1]) / A
+        # (pupil + Z slope, Z) - translation lies in the board's plane.
+        start = np.array([pupil[0], pupil[1], 0.0]) - translation
+        z = -(normal @ start) / (normal[0] * slope_x + normal[1] * slope_y + normal[2])
+        x = start[0] + z * slope_x
+        y = start[1] + z * slope_y
+        depth = start[2] + z
+        a = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * depth) / cell + cells[0] / 2
+        b = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * depth) / cell + cells[1] / 2
+        dark = (np.floor(a) + np.floor(b)) % 2 == 0
+        on = (a > 0) & (a < cells[0]) & (b > 0) & (b < cells[1])
+        paper = (a > -1) & (a < cells[0] + 1) & (b > -1) & (b < cells[1] + 1)
+        picture += np.where(on & dark, 0.08, np.where(paper, 0.9, 0.5))
+    return picture / rays

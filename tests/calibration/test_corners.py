@@ -1,0 +1,177 @@
+"""Checkerboard corners in real and drawn views, and the calibration that follows from them."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from roslf_design.calibration.board import Board
+from roslf_design.calibration.calibrate import calibrate
+from roslf_design.calibration.checkerboard import checked_grid
+from roslf_design.calibration.corners import find_corners, observe, observe_pictures
+from roslf_design.calibration.datasheet import DataSheet
+from roslf_design.calibration.errors import CalibrationError, MissingExtraError
+from roslf_design.calibration.lightfield import LightField
+from roslf_design.calibration.lines import fit_lines
+from roslf_design.calibration.model import Camera, project_boards, rotation_matrix
+from roslf_design.calibration.saddle import fit_saddles
+from roslf_design.calibration.step_one import step_one
+from roslf_design.calibration.synthetic import Session, random_poses
+from tests.oracles.calibration import board_view
+
+BOARD = Board(4, 5, 6.0)
+CAMERA = {"A": 92.0, "m": 0.4, "d_2": 2.0, "x_0": 80.0, "y_0": 75.0, "q": 0.004847826, "d": 0.12}
+
+
+def drawn_field(pose, offsets, noise, rng):
+    u, v = np.arange(0.0, 165.0), np.arange(0.0, 150.0)
+    turn, shift = rotation_matrix(pose[:3]), pose[3:]
+    values = np.array([[board_view(CAMERA, turn, shift, (4, 5), 6.0, (s, t), u, v) for s in offsets] for t in offsets])
+    values = (values + rng.normal(0, noise, values.shape)).astype(np.float32)
+    return LightField(values, np.ones_like(values), offsets, offsets.copy(), u, v, 13.0)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    pytest.importorskip("cv2")
+    rng = np.random.default_rng(11)
+    poses = random_poses(Session(boards=6, tilt=0.35, offset=4.0), 120.0, rng)
+    offsets = np.array([-5.0, 0.0, 5.0])
+    fields = {f"board-{k}": drawn_field(pose, offsets, 0.01, rng) for k, pose in enumerate(poses.vector)}
+    return fields, poses
+
+
+def test_drawn_boards_are_measured_to_a_few_hundredths_of_a_sample(drawn):
+    fields, poses = drawn
+    observations = observe(fields, BOARD)
+    assert observations.missing == ()
+    assert observations.seen.all()
+    assert len(observations.views) == 9
+    camera = Camera(92.0, 0.4, 0.5, 80.0, 75.0, q=CAMERA["q"], d=CAMERA["d"])
+    truth = project_boards(camera.vector(), poses.vector, BOARD.points, observations.views).uv
+    error = observations.uv - truth  # a board of 4 x 5 cells knows its way round by its colours
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert np.abs(error).max() < 0.1
+
+
+def test_calibration_from_drawn_boards_finds_the_camera(drawn):
+    found = calibrate(observe(drawn[0], BOARD), DataSheet(100.0, CAMERA["q"], CAMERA["d"], 1.0))
+    sigma = found.fit.covariance.sigma
+    for name, true in (("A", 92.0), ("m", 0.4), ("inverse_d_2", 0.5), ("x_0", 80.0), ("y_0", 75.0)):
+        assert getattr(found.fit.camera, name) == pytest.approx(true, abs=3.5 * sigma[name]), name
+    assert found.joint.rms < 0.08
+    assert found.refined.pupil_distance == pytest.approx(120.0, abs=3.5 * sigma["A"] / 0.4)
+
+
+def test_images_without_a_board_are_named_and_the_others_used(drawn):
+    fields = dict(list(drawn[0].items())[:2])
+    some = next(iter(fields.values()))
+    fields["lens cap"] = LightField(some.values * 0, some.weight, some.s, some.t, some.u, some.v, some.pitch)
+    observations = observe(fields, BOARD)
+    assert observations.missing == ("lens cap",)
+    assert observations.names == ("board-0", "board-1")
+    with pytest.raises(
+        CalibrationError, match=r"no board of 4 x 5 cells \(3 x 4 inner corners\) was found .* lens cap"
+    ):
+        observe({"lens cap": fields["lens cap"]}, BOARD)
+    with pytest.raises(CalibrationError, match="no images of the board"):
+        observe({}, BOARD)
+    small = LightField(some.values[..., :60], some.weight[..., :60], some.s, some.t, some.u[:60], some.v, some.pitch)
+    with pytest.raises(CalibrationError, match="light field of small differs in size"):
+        observe({"board-0": some, "small": small}, BOARD)
+
+
+def test_dark_views_are_left_out_and_gaps_filled(drawn):
+    field = next(iter(drawn[0].values()))
+    weight = field.weight.copy()
+    weight[0, 0] = 0.0
+    weight[:, :, 70, 60:63] = 0.0
+    values = np.where(weight > 0, field.values, np.nan).astype(np.float32)
+    holed = LightField(values, weight, field.s, field.t, field.u, field.v, field.pitch)
+    observations = observe({"holed": holed}, BOARD)
+    assert len(observations.views) == 8
+    assert observations.seen.any(axis=(0, 2)).all()
+    assert len(observe({"holed": holed}, BOARD, most_views=1).views) == 1
+
+
+def test_a_wrong_grid_is_not_taken_for_the_board():
+    picture = (np.add.outer(np.arange(60) // 10, np.arange(50) // 10) % 2).astype(float)  # 5 x 6 cells of 10 px
+    across, down = np.meshgrid([9.5, 19.5, 29.5, 39.5], [9.5, 19.5, 29.5, 39.5, 49.5])
+    true = np.stack([across, down], axis=-1).reshape(-1, 2)
+    board = Board(5, 6, 1.0)
+    np.testing.assert_array_equal(checked_grid(true, board, picture), true)
+    np.testing.assert_array_equal(checked_grid(true[::-1].copy(), board, picture), true)  # half a turn
+    mirrored = true.reshape(5, 4, 2)[:, ::-1].reshape(-1, 2)
+    np.testing.assert_array_equal(checked_grid(mirrored, board, picture), true)
+    skipping = true.copy().reshape(5, 4, 2)
+    skipping[2:, :, 1] += 10.0
+    assert checked_grid(skipping.reshape(-1, 2), board, np.pad(picture, (0, 20))) is None
+    assert checked_grid(true + np.array([10.0, 0.0]), board, np.pad(picture, (0, 20), constant_values=1.0)) is None
+    assert checked_grid(true * 0.1, board, picture) is None
+
+
+def test_saddles_are_exact_on_exact_pictures():
+    from scipy.special import erf
+
+    half = 6
+    y, x = np.mgrid[-20:21, -20:21].astype(float)
+    for angle, other, blur, at in ((0.0, math.pi / 2, 0.3, (0.31, -0.42)), (0.4, 1.7, 0.8, (-0.2, 0.1))):
+        picture = np.zeros_like(x)
+        for i, j in _square_rule(12):
+            a = math.cos(angle) * (y + j - at[1]) - math.sin(angle) * (x + i - at[0])
+            b = math.cos(other) * (y + j - at[1]) - math.sin(other) * (x + i - at[0])
+            picture += erf(a / (blur * math.sqrt(2))) * erf(b / (blur * math.sqrt(2))) / 144
+        found = fit_saddles(
+            5 - 2 * picture + 0.01 * x,
+            np.ones(x.shape, bool),
+            np.array([[20.6, 19.5]]),
+            np.array([[angle, other]]),
+            half,
+        )
+        assert found.settled.all()
+        np.testing.assert_allclose(found.corners[0] - 20, at, atol=2e-3)  # three nodes a sample for an edge of 0.3 px
+        assert found.contrast[0] == pytest.approx(-2.0, rel=0.02)
+
+
+def _square_rule(n):
+    middle = (np.arange(n) + 0.5) / n - 0.5
+    return np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
+
+
+def test_real_views_of_a_first_generation_lytro(shared_data):
+    pytest.importorskip("cv2")
+    from PIL import Image
+
+    folder = shared_data / "lytro-checkerboard"
+    pictures = {path.name: np.asarray(Image.open(path).convert("L")) for path in sorted(folder.glob("*.png"))}
+    observations = observe_pictures(pictures, Board(23, 20, 4.0))
+    assert len(observations.names) == len(pictures) == 9
+    assert observations.missing == ()
+    found = step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
+    assert found.rms <= 0.15
+    assert abs(found.camera.A - 539.0) < 0.02 * 539.0
+    poses = json.loads((folder / "CalInfo.json").read_text())["EstCamPosesV"]
+    theirs = 1000 * np.array(poses)[:, 2]  # of one of the board's outer corners, from another origin on the axis
+    outer = observations.points[[0, 21, -22, -1]]
+    ours = np.einsum("bj,nj->bn", rotation_matrix(found.poses.rotation)[:, 2], outer) + found.poses.translation[:, 2:]
+    shift = np.linspace(0, 60, 601)
+    off = np.abs(theirs[:, None, None] - ours[:, :, None] - shift).min(axis=1).max(axis=0)
+    assert off.min() < 2.0  # their square is 4.1 x 4.0 mm
+
+
+def test_nothing_in_a_blank_picture():
+    pytest.importorskip("cv2")
+    assert find_corners(np.zeros((60, 60)), BOARD) is None
+    assert find_corners(np.full((60, 60), np.nan), BOARD) is None
+    with pytest.raises(CalibrationError, match=r"no board of 4 x 5 cells was found in: picture 1"):
+        observe_pictures([np.zeros((60, 60))], BOARD)
+
+
+def test_without_opencv_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)  # importing it now fails
+    with pytest.raises(
+        MissingExtraError, match=r"checkerboard corners needs .*'cv2'.*`pip install 'roslf_design\[calibrate\]'"
+    ):
+        find_corners(np.zeros((60, 60)), BOARD)
