@@ -8,7 +8,7 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 .PHONY: report test lint bench clean
 
 report: $(INSTALLED)
-	$(BIN)/roslf report designs/paper.toml -o reports/paper
+	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
 
 test: $(INSTALLED_DEV) lint
 	$(BIN)/python -m pytest -n 2

@@ -87,10 +87,18 @@ COUNTED = (
 
 
 def default_fields(design: Design) -> tuple[tuple[float, float], ...]:
-    """Centre, edge and corner of what the sensor sees of the MLA [mm]."""
-    half_x, half_y = half_sizes(design)
+    """Centre, edge and corner of what the sensor sees of the MLA [mm].
+
+    Edge and corner are where the sensor or the array ends or, where images move outwards, the outermost microlenses
+    whose own cells still lie on the sensor.
+    """
+    pitch = abs(float(theory.microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
+    edge, corner = (
+        min(half, max(0.0, sensor / 2 - pitch / 2) * design.d / pitch) if pitch else half
+        for half, sensor in zip(half_sizes(design), design.sensor_size, strict=True)
+    )
     x, y = (sensor - mla for sensor, mla in zip(design.sensor.decentre, design.microlens_array.decentre, strict=True))
-    return ((x, y), (x + half_x, y), (x + half_x, y + half_y))
+    return ((x, y), (x + edge, y), (x + edge, y + corner))
 
 
 def _axis(field: float | tuple[float, float]) -> tuple[float, float]:

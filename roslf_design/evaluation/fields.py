@@ -40,7 +40,7 @@ def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tupl
     centres, radii = field_discs(design, axes)
     past = [intersect(centres[:, :count], radii[:, :count]) for count in range(1, radii.shape[1] + 1)]
     shape = past[-1]
-    own = own_cell_area(design, centres, radii) / (math.pi * radii[:, 0] ** 2)
+    own = own_cell_area(design, axes_in_space(design, axes), centres, radii) / (math.pi * radii[:, 0] ** 2)
     kept = np.stack([prefix.kept_fraction for prefix in past], -1)
     return tuple(
         Field(

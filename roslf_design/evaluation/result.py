@@ -160,6 +160,8 @@ class Verdict:
 
     name: str
     ok: bool
+    level: str
+    """"good", "limit" (nature's, to be known rather than mended) or "fault"."""
     text: str
     """The answer with its margin."""
     remedy: str

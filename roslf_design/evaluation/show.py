@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from .result import Evaluation, Field
 
+MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
+"""Sign of each level of verdict."""
 Row = tuple[str, str, str]
 """Quantity, value with unit, remark."""
 
@@ -143,8 +145,8 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
 
     console.print(f"[bold]{result.design}[/bold]\n")
     for verdict in result.verdicts:
-        mark = "[green]✓[/green]" if verdict.ok else "[red]✗[/red]"
-        console.print(f"{mark} {verdict.text}", highlight=False)
+        colour = {"good": "green", "limit": "yellow", "fault": "red"}[verdict.level]
+        console.print(f"[{colour}]{MARKS[verdict.level]}[/{colour}] {verdict.text}", highlight=False)
         if verdict.remedy:
             console.print(f"  → {verdict.remedy}", highlight=False)
     for warning in result.warnings:
@@ -182,7 +184,7 @@ def as_text(result: Evaluation) -> str:
 def as_html(result: Evaluation) -> str:
     """The notebook form: verdicts and tables."""
     parts = [f"<h3>{escape(result.design)}</h3><ul>"]
-    parts += [f"<li>{'✓' if v.ok else '✗'} {escape(v.text)} <em>{escape(v.remedy)}</em></li>" for v in result.verdicts]
+    parts += [f"<li>{MARKS[v.level]} {escape(v.text)} <em>{escape(v.remedy)}</em></li>" for v in result.verdicts]
     parts += [f"<li>⚠ {escape(warning)}</li>" for warning in result.warnings]
     parts.append("</ul>")
     groups: list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]] = [

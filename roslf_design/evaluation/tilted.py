@@ -25,16 +25,15 @@ RIM_POINTS = 4096
 def count_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[Field, ...]:
     """Shape and ray budget of the microlens at each place, every tilt included, from `RAYS` rays each."""
     system = System.from_design(design)
-    endless = replace(system, sensor=replace(system.sensor, size=(math.inf, math.inf)))
     # One rim after the other, in the order of the budget: the FAP and the main lens, then each further stop.
-    behind = [replace(endless, stops=endless.stops[: 1 + count]) for count in range(len(endless.stops))]
+    behind = [replace(system, stops=system.stops[: 1 + count]) for count in range(len(system.stops))]
     return tuple(_count(design, behind, axis) for axis in axes)
 
 
 def _count(design: Design, behind: Sequence[System], axis: tuple[float, float]) -> Field:
     samples = pupil_samples(RAYS)
     traced = [trace_pupil(system, (samples[0], samples[1]), axis) for system in behind]
-    past = [np.isin(rays.status, (Status.KEPT, Status.NEIGHBOUR)) for rays in traced]
+    past = [np.isin(rays.status, (Status.KEPT, Status.NEIGHBOUR, Status.OFF_SENSOR)) for rays in traced]
     kept, status = past[-1], traced[-1].status
     landing = np.stack(traced[-1].sensor, -1)[kept] + np.asarray(design.sensor.decentre)
     share = float(kept.mean())

@@ -31,12 +31,12 @@ def _matched(design: Design, f: FNumber) -> Verdict:
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     if ok:
         text = f"f-number matched: fill factor {f.fill_factor:.5g}, images {kind} {abs(f.mismatch_px):.3g} px"
-        return Verdict("f_number_matched", ok, text, "")
+        return Verdict("f_number_matched", True, "good", text, "")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
         f"{f.fill_factor:.4g}, images {kind} {abs(f.mismatch_px):.3g} px"
     )
-    return Verdict("f_number_matched", ok, text, _match_remedy(design))
+    return Verdict("f_number_matched", False, "fault", text, _match_remedy(design))
 
 
 def _match_remedy(design: Design) -> str:
@@ -63,12 +63,12 @@ def _undistorted(design: Design, field: NonDistortion) -> Verdict:
             else "at any field"
         )
         text = f"field undistorted: microlens images are full discs {bound}; {seen}"
-        return Verdict("field_undistorted", True, text, "")
+        return Verdict("field_undistorted", True, "good", text, "")
     text = (
         f"field distorted: cat's-eye images beyond {field.x0_max_mm:.4g} mm object radius "
         f"({field.x_ml_max_mm:.4g} mm on the MLA), cut by the {field.limited_by}; {seen}"
     )
-    return Verdict("field_undistorted", False, text, _field_remedy(design, field))
+    return Verdict("field_undistorted", False, "fault", text, _field_remedy(design, field))
 
 
 def _field_remedy(design: Design, field: NonDistortion) -> str:
@@ -85,10 +85,11 @@ def _resolved(sampling: Sampling) -> Verdict:
     views, independent = sampling.views_geometric, sampling.views_independent
     if independent >= views:
         text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
-        return Verdict("views_resolved", True, text, "")
+        return Verdict("views_resolved", True, "good", text, "")
     return Verdict(
         "views_resolved",
         False,
+        "limit",
         f"diffraction limits the views: {views:.3g} pixels across a microlens image hold {independent:.3g} independent "
         "views per axis (4 N_F)",
         "larger microlenses or a shorter d_2 gain views; larger pixels would lose nothing",

@@ -12,7 +12,7 @@ from ..evaluation import evaluate
 from ..evaluation.show import EFFECT_HEADINGS, FIELD_HEADINGS, absent_effects, effect_rows, field_row, table_groups
 from . import sheets
 from .assumptions import assumptions
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .offscreen import NoPictureError, Rendering
 from .scene3d import Name, instrument_scene
 
@@ -79,9 +79,13 @@ def design_report(
     return Report(design.name, design.source, sections, f"roslf_design {__version__}")
 
 
+TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
+"""How each level of verdict is shown."""
+
+
 def verdicts(result: Evaluation, prefix: str = "") -> Statements:
     """The answers and warnings of an evaluation, each with `prefix` before it."""
-    items = [Statement("good" if v.ok else "bad", _sentence(v.text), _sentence(v.remedy)) for v in result.verdicts]
+    items = [Statement(TONES[v.level], _sentence(v.text), _sentence(v.remedy)) for v in result.verdicts]
     items += [Statement("caution", _sentence(warning)) for warning in result.warnings]
     return Statements(tuple(Statement(item.tone, prefix + item.text, item.remedy) for item in items))
 
