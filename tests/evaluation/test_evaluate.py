@@ -124,7 +124,7 @@ def test_default_fields_image_onto_the_sensor(paper, name):
     design = paper.replace(d_3=100.0) if name == "telecentric" else roslf.load(name)
     for field in roslf.evaluate(design).fields:
         budget = field.ray_budget
-        # A matched image lies in its cell but for the overlap, of one twice as wide a quarter; at the sensor's very edge
+        # A matched image lies in its cell but for the overlap, of one twice as wide a quarter; at the sensor's edge
         # half of that would be missing.
         assert budget.own_cell > (0.26 if "mismatched-" in name else 0.97 * field.kept_fraction)
 
