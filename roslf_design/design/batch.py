@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from .check import CONJUGATES
 from .design import Design
 from .errors import DesignError, Problem
 from .parameters import PATHS, Parameters
+from .real_lens import focal_length_at
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,8 @@ class DesignBatch:
         given = {**(values or {}), **{PATHS[name]: value for name, value in symbols.items()}}
         if "q" in symbols:
             given[PATHS["q"]] = np.multiply(symbols["q"], base.sensor.relay_magnification)
+        if base.main_lens.prescription is not None:
+            _check_lens_keeps_f(given)
         if all(key in given for key in CONJUGATES):
             raise DesignError((Problem(", ".join(CONJUGATES), "vary two of these; the third follows"),))
         self._base = base
@@ -104,6 +108,13 @@ class DesignBatch:
         f = self._values.get(focal, base.f)
         d_f = self._values.get(plane, base.d_f)
         d_1 = self._values.get(distance, base.d_1)
+        colours = self._values.get(PATHS["wavelength"])
+        if base.main_lens.prescription is not None and colours is not None:
+            f = np.asarray(np.vectorize(partial(focal_length_at, base.main_lens.prescription), otypes=[float])(colours))
+            if plane not in self._values and base.microlens_array.distance is None and distance not in self._values:
+                return f, d_f, mla_distance(f, d_f)
+            if plane not in self._values:
+                return f, focal_plane_distance(f, d_1), d_1
         if plane in self._values and distance in self._values:
             return focal_length(d_f, d_1), d_f, d_1
         if plane in self._values:
@@ -150,6 +161,16 @@ class DesignBatch:
         return f"DesignBatch({self._base.name!r}, {varied or 'nothing varied'})"
 
 
+def _check_lens_keeps_f(given: Mapping[str, Any]) -> None:
+    """Two of f, d_f and d_1 varied would vary f, which a real lens's prescription gives."""
+    focal, plane, distance = CONJUGATES
+    if focal in given:
+        raise DesignError((Problem(focal, "follows from the main lens's prescription; it cannot be varied by itself"),))
+    if plane in given and distance in given:
+        message = "vary one of these; the other follows from the main lens's prescription"
+        raise DesignError((Problem(f"{plane}, {distance}", message),))
+
+
 def _frozen(place: str, value: ArrayLike) -> Array:
     array = np.array(value, dtype=float)
     if not np.all(np.isfinite(array)):
@@ -159,7 +180,7 @@ def _frozen(place: str, value: ArrayLike) -> Array:
 
 
 def _value_at(design: Design, place: str) -> Any:
-    resolved = dict(zip(CONJUGATES, ("f", "d_f", "d_1"), strict=True))
+    resolved = {**dict(zip(CONJUGATES, ("f", "d_f", "d_1"), strict=True)), PATHS["D"]: "D"}
     if place in resolved:
         return getattr(design, resolved[place])
     value: Any = design

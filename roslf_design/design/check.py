@@ -45,7 +45,7 @@ def _conjugates(values: Mapping[str, float | None]) -> list[Problem]:
     problems = []
     for key, distance in ((CONJUGATES[1], d_f), (CONJUGATES[2], d_1)):
         if f is not None and distance is not None and distance <= f:
-            shown, focal = format_quantity(distance, "length"), format_quantity(f, "length")
+            shown, focal = format_quantity(distance, "length"), format_quantity(_rounded(f), "length")
             problems.append(
                 Problem(key, f"{shown} is not beyond the focal length {focal}, so no real image forms; make it longer")
             )

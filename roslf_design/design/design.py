@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, model_validator
 
@@ -13,6 +14,10 @@ from .errors import DesignError, Problem
 from .messages import problems_of
 from .parameters import PATHS, Parameters
 from .parts import Light, MainLens, MicrolensArray, Part, Sensor, Stop
+from .real_lens import focal_length_at, lens_problems, mounted_lens, own_diameter
+
+if TYPE_CHECKING:
+    from ..lenses.prescription import Prescription
 
 
 class Design(Part):
@@ -46,7 +51,9 @@ class Design(Part):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
-        problems = cross_check(dict(_checked_values(self)))
+        lens = self.main_lens
+        own = (lens.prescription, lens.reversed, self.wavelength, lens.focal_length, lens.diameter)
+        problems = tuple(lens_problems(*own)) or cross_check(dict(_checked_values(self)))
         if problems:
             raise ValueError("\n".join(map(str, problems)))
         return self
@@ -87,6 +94,7 @@ class Design(Part):
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
         data = _mutable(self.model_dump())
+        data["main_lens"]["prescription"] = self.main_lens.prescription
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
         return build(data, from_file=False)
@@ -95,6 +103,8 @@ class Design(Part):
     def f(self) -> float:
         """Main lens focal length f [mm]."""
         lens = self.main_lens
+        if lens.prescription is not None:
+            return focal_length_at(lens.prescription, self.wavelength)
         if lens.focal_length is not None:
             return lens.focal_length
         assert lens.focal_plane is not None
@@ -105,8 +115,8 @@ class Design(Part):
     def d_f(self) -> float:
         """Focal-plane distance d_f [mm]."""
         lens, d_1 = self.main_lens, self.microlens_array.distance
-        if lens.focal_length is not None and d_1 is not None:
-            return float(focal_plane_distance(lens.focal_length, d_1))
+        if d_1 is not None and (lens.focal_length is not None or lens.prescription is not None):
+            return float(focal_plane_distance(self.f, d_1))
         assert lens.focal_plane is not None
         return lens.focal_plane
 
@@ -121,7 +131,25 @@ class Design(Part):
     @property
     def D(self) -> float:
         """Main lens clear aperture D [mm]."""
-        return self.main_lens.diameter
+        lens = self.main_lens
+        if lens.diameter is not None:
+            return lens.diameter
+        assert lens.prescription is not None
+        return own_diameter(lens.prescription)
+
+    @property
+    def lens(self) -> Prescription | None:
+        """The real main lens as it stands in the camera: turned round, cut down; None for the ideal lens."""
+        lens = self.main_lens
+        return None if lens.prescription is None else mounted_lens(lens.prescription, lens.reversed, lens.diameter)
+
+    @property
+    def thin_twin(self) -> Design:
+        """The same camera with an ideal lens of the same focal length and clear aperture; itself where it has one."""
+        if self.main_lens.prescription is None:
+            return self
+        ideal = {"prescription": None, "reversed": False, "focal_length": self.f, "diameter": self.D}
+        return self.model_copy(update={"main_lens": self.main_lens.model_copy(update=ideal)})
 
     @property
     def D_F(self) -> float:
@@ -189,16 +217,18 @@ class Design(Part):
         return Parameters(*(float(getattr(self, symbol)) for symbol in Parameters._fields))
 
 
-def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "") -> Design:
-    """A design from nested values, or every fault of them in one `DesignError`."""
+def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path = "") -> Design:
+    """A design from nested values, or every fault of them in one `DesignError`; `folder` is that of the design file."""
+    context = {"from_file": from_file, "folder": folder}
     try:
-        return Design.model_validate(data, context={"from_file": from_file})
+        return Design.model_validate(data, context=context)
     except ValidationError as error:
-        raise DesignError(problems_of(error, data, Design, from_file=from_file), origin) from None
+        raise DesignError(problems_of(error, data, Design, from_file=from_file, folder=folder), origin) from None
 
 
 def _checked_values(design: Design) -> Iterator[tuple[str, float | None]]:
-    yield CONJUGATES[0], design.main_lens.focal_length
+    real = design.main_lens.prescription is not None
+    yield CONJUGATES[0], design.f if real else design.main_lens.focal_length
     yield CONJUGATES[1], design.main_lens.focal_plane
     yield CONJUGATES[2], design.microlens_array.distance
     yield "aperture.distance", design.aperture.distance
@@ -216,6 +246,8 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
     """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
+    if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
+        return _with_lens_follower(design, wanted)
     changed = [key for key in CONJUGATES if wanted.get(key) is not None]
     if not changed or len(changed) == 3:
         return wanted
@@ -226,6 +258,15 @@ def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
         follower = next(key for key in CONJUGATES if key not in changed)
     resolved = dict(zip(CONJUGATES, (design.f, design.d_f, design.d_1), strict=True))
     return {**resolved, **wanted, follower: None}
+
+
+def _with_lens_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
+    """The same where f is the lens's own: of d_f and d_1 the one that is not changed follows."""
+    _, plane, distance = CONJUGATES
+    changed = [key for key in (plane, distance) if wanted.get(key) is not None]
+    if len(changed) != 1:
+        return wanted
+    return {**wanted, plane if changed[0] == distance else distance: None}
 
 
 def _put(data: dict[str, Any], path: str, value: Any) -> None:

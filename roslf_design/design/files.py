@@ -31,16 +31,19 @@ def load(path: str | os.PathLike[str]) -> Design:
     place = Path(path)
     if not place.exists() and origin in preset_names():
         place = preset_path(origin)
-    return build(read_toml(place, origin), from_file=True, origin=origin)
+    return build(read_toml(place, origin), from_file=True, origin=origin, folder=place.parent)
 
 
-def loads(text: str, origin: str = "") -> Design:
-    """Read a design from TOML text; `origin` is what errors call it."""
-    return build(_parse(text, origin), from_file=True, origin=origin)
+def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> Design:
+    """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from."""
+    return build(_parse(text, origin), from_file=True, origin=origin, folder=Path(folder))
 
 
 def dumps(design: Design) -> str:
-    """Write a design as TOML text that `loads` turns into an equal design."""
+    """Write a design as TOML text that `loads` turns into an equal design.
+
+    A real main lens that ships is written by its name, any other as a table, so that the text needs no lens file.
+    """
     import tomli_w
 
     data: dict[str, Any] = design.model_dump(mode="json", exclude_none=True, exclude_defaults=True)

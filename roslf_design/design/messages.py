@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from .check import CONJUGATES, cross_check
-from .errors import Problem
+from .errors import InputError, Problem
+from .parts import Light
+from .real_lens import focal_length_at, lens_problems, read_prescription
 from .units import Distance, Length
 
 REMEDIES = {
@@ -21,7 +24,12 @@ REMEDIES = {
 
 
 def problems_of(
-    error: ValidationError, data: Mapping[str, Any], model: type[BaseModel], *, from_file: bool
+    error: ValidationError,
+    data: Mapping[str, Any],
+    model: type[BaseModel],
+    *,
+    from_file: bool,
+    folder: str | Path = "",
 ) -> tuple[Problem, ...]:
     """Every fault that pydantic found, and those between the values that could be read all the same.
 
@@ -35,11 +43,61 @@ def problems_of(
         The model they were validated against, for its known keys.
     from_file : bool
         Whether numbers need units.
+    folder : path-like
+        What the path of a lens file counts from.
     """
     # A fault of the whole (empty place) comes from the cross-check, which is told here with the places it found.
-    found = [_problem(detail, model) for detail in error.errors(include_url=False) if detail["loc"]]
+    found = [
+        problem
+        for detail in error.errors(include_url=False)
+        if detail["loc"]
+        for problem in (_problems_within(detail) or [_problem(detail, model)])
+    ]
     readable = dict(_readable(data, from_file))
+    lens = data.get("main_lens")
+    if isinstance(lens, Mapping) and (lens.get("prescription") is not None or lens.get("reversed")):
+        faults, focal_length = _about_lens(data, lens, readable, from_file, folder)
+        if focal_length is None:
+            readable.pop(CONJUGATES[0], None)
+        else:
+            readable[CONJUGATES[0]] = focal_length
+        found += faults
     return (*found, *cross_check(readable))
+
+
+def _problems_within(detail: ErrorDetails) -> list[Problem]:
+    """Faults of another file that a key names, each a line of its own: the file, the place in it, what is wrong."""
+    error = detail.get("ctx", {}).get("error")
+    if not isinstance(error, InputError):
+        return []
+    key = ".".join(str(step) for step in detail["loc"])
+    return [Problem(key, str(InputError((problem,), error.origin))) for problem in error.problems]
+
+
+def _about_lens(
+    data: Mapping[str, Any],
+    given: Mapping[str, Any],
+    readable: Mapping[str, float | None],
+    from_file: bool,
+    folder: str | Path,
+) -> tuple[list[Problem], float | None]:
+    """What a real main lens contradicts, and its focal length [mm]; None where it or its wavelength is not readable."""
+    light = data.get("light", {})
+    wavelength = light.get("wavelength", Light().wavelength) if isinstance(light, Mapping) else None
+    context = {"from_file": from_file and isinstance(light, Mapping) and "wavelength" in light}
+    turned = given.get("reversed", False) is True
+    try:
+        lens = read_prescription(given.get("prescription"), folder)
+        colour = TypeAdapter(Length).validate_python(wavelength, context=context)
+        wide = given.get("diameter")
+        if wide is not None:
+            wide = TypeAdapter(Length).validate_python(wide, context={"from_file": from_file})
+    except (ValueError, ValidationError):  # told already, under its own key
+        return [], None
+    faults = list(lens_problems(lens, turned, colour, readable.get(CONJUGATES[0]), wide))
+    if lens is None:
+        return faults, readable.get(CONJUGATES[0])
+    return faults, None if faults else focal_length_at(lens, colour)
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
@@ -87,7 +145,9 @@ def _missing(model: type[BaseModel], place: tuple[Any, ...]) -> str:
     inner = _model_at(model, place)
     if inner is None:
         return "is missing; add it"
-    needed = ", ".join(name for name, field in inner.model_fields.items() if field.is_required())
+    # A default that is validated is none: it stands for a value that another key gives.
+    fields = inner.model_fields.items()
+    needed = ", ".join(name for name, field in fields if field.is_required() or field.validate_default)
     return f"is missing; add the table [{'.'.join(map(str, place))}] with {needed}"
 
 

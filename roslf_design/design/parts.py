@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
+from .real_lens import Lens
 from .units import Angle, AnyLength, Distance, Length
 
 Offset = tuple[AnyLength, AnyLength]
@@ -25,18 +27,34 @@ class Part(BaseModel):
 
 
 class MainLens(Part):
-    """The main lens at z = 0, ideal and thin."""
+    """The main lens: ideal and thin at z = 0, or a real one, whose principal planes then stand where z = 0 splits.
 
-    diameter: Length
-    """D, clear aperture [mm]."""
+    With a prescription the focal length is the lens's own at the design's wavelength; d_f, d_3 and the further stops
+    count from its object-side principal plane, d_1 from its image-side one.
+    """
+
+    prescription: Lens = None
+    """A real lens; None is the ideal one."""
+    reversed: StrictBool = False
+    """Whether the real lens stands the other way round than its prescription says."""
+    diameter: Length | None = Field(default=None, validate_default=True)
+    """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens."""
     focal_length: Length | None = None
-    """f [mm]; None where d_f and d_1 give it."""
+    """f [mm]; None where d_f and d_1, or a prescription, give it."""
     focal_plane: Length | None = None
     """d_f, distance of the object plane in focus on the MLA [mm]; None where f and d_1 give it."""
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
+
+    @field_validator("diameter", mode="after")
+    @classmethod
+    def _needed(cls, value: float | None, info: ValidationInfo) -> float | None:
+        # A prescription that could not be read is told of by itself.
+        if value is None and info.data.get("prescription", ...) is None:
+            raise PydanticCustomError("missing", "Field required")
+        return value
 
 
 class Stop(Part):

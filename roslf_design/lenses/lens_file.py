@@ -89,14 +89,15 @@ def loads_lens(text: str, origin: str = "") -> Prescription:
     except tomllib.TOMLDecodeError as error:
         detail = str(error)
         raise _failed(origin, f"is not valid TOML: {detail[:1].lower()}{detail[1:]}; mend the line named") from None
-    return _build(data, origin)
+    return lens_of(data, origin)
 
 
 def _failed(origin: str, message: str) -> LensError:
     return LensError((Problem("", message),), origin)
 
 
-def _build(data: Mapping[str, Any], origin: str) -> Prescription:
+def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
+    """A lens from the nested values of a lens file; `origin` is what errors call it."""
     found = [*_unknown("", data, TOP)]
     own: dict[str, Glass] = {}
     for name, table in _table(data.get("glasses", {}), "glasses", found).items():
@@ -257,6 +258,11 @@ def dumps_lens(lens: Prescription) -> str:
     """Write a lens as TOML text that `loads_lens` turns into an equal lens."""
     import tomli_w
 
+    return tomli_w.dumps(table_of(lens))
+
+
+def table_of(lens: Prescription) -> dict[str, Any]:
+    """The nested values of a lens file that `lens_of` turns into an equal lens."""
     data: dict[str, Any] = {key: text for key in ("name", "source") if (text := getattr(lens, key))}
     if lens.wavelength is not None:
         data["wavelength"] = format_quantity(lens.wavelength, "length")
@@ -264,7 +270,7 @@ def dumps_lens(lens: Prescription) -> str:
     own = {s.glass.name: replace(s.glass, offset=0.0) for s in lens.surfaces if s.glass.name.upper() not in catalogue()}
     if own:
         data["glasses"] = {name: _glass_table(glass) for name, glass in own.items()}
-    return tomli_w.dumps(data)
+    return data
 
 
 def _row(surface: Surface) -> dict[str, Any]:

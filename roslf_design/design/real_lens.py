@@ -1,0 +1,146 @@
+"""A main lens given by its prescription: read when the design is, held as a value, written so that it reads back.
+
+``prescription`` in a design file is the name of a lens that ships ("LA1050-A"), the path of a lens file (.toml or
+.zmx) relative to the design file, or the lens itself as a table with a lens file's keys. Whichever it was, the design
+holds the lens as a value. Written again, a lens that ships becomes its name, and every other one a table: the design
+file then needs nothing beside it, and can be moved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, PlainSerializer, ValidationInfo
+
+from ..errors import InputError, Problem
+from .units import format_quantity
+
+# The lenses package is imported only where a design has a prescription: ideal designs are read without it.
+if TYPE_CHECKING:
+    from ..lenses.prescription import Prescription
+else:
+    Prescription = Any
+
+AGREEMENT = 1e-6
+"""Largest relative difference between a given focal length and the lens's own that counts as rounding."""
+
+
+def read_prescription(value: Any, folder: str | Path = "") -> Prescription | None:
+    """A lens from what a design file (or Python) gives.
+
+    Parameters
+    ----------
+    value : str, mapping, Prescription or None
+        Name, path, table, or the lens itself.
+    folder : path-like
+        What a relative path counts from.
+
+    Raises
+    ------
+    LensError
+        Names the lens file and every fault in it.
+    ValueError
+        None of these.
+    """
+    if value is None:
+        return None
+    from ..lenses.lens_file import lens_of, load_lens, shipped_names
+    from ..lenses.prescription import Prescription as Lens
+
+    if isinstance(value, Lens):
+        return value
+    if isinstance(value, Mapping):
+        return lens_of(value)
+    if not isinstance(value, str) or not value.strip():
+        known = ", ".join(name.upper() for name in shipped_names())
+        raise ValueError(f"expected a lens file (.toml or .zmx) or a lens that ships ({known}), got {value!r}")
+    place = Path(folder) / value
+    return load_lens(value if not place.exists() and value.lower() in shipped_names() else place)
+
+
+def _validated(value: Any, info: ValidationInfo) -> Any:
+    return read_prescription(value, (info.context or {}).get("folder", ""))
+
+
+def written(lens: Prescription | None) -> str | dict[str, Any] | None:
+    """What a design file says of a lens: its name where it ships, else a table of its own."""
+    if lens is None:
+        return None
+    from ..lenses.lens_file import load_lens, shipped_names, table_of
+
+    if lens.name.lower() in shipped_names() and load_lens(lens.name.lower()) == replace(lens, name=lens.name):
+        return lens.name
+    return table_of(lens)
+
+
+Lens = Annotated[
+    Prescription | None, BeforeValidator(_validated), PlainSerializer(written, return_type=Any, when_used="json")
+]
+"""A lens's prescription, or None for the ideal lens."""
+
+
+@lru_cache(maxsize=256)
+def mounted_lens(lens: Prescription, turned: bool, diameter: float | None) -> Prescription:
+    """The lens as it stands in the camera: turned round where asked for, cut down to a clear diameter [mm]."""
+    lens = lens.reversed() if turned else lens
+    if diameter is None or diameter >= own_diameter(lens):
+        return lens
+    cut = tuple(replace(s, semi_diameter=min(s.semi_diameter, diameter / 2)) for s in lens.surfaces)
+    return replace(lens, surfaces=cut)
+
+
+def own_diameter(lens: Prescription) -> float:
+    """Smallest clear diameter of a lens [mm]: D of its thin twin."""
+    return 2 * min(surface.semi_diameter for surface in lens.surfaces)
+
+
+@lru_cache(maxsize=1024)
+def focal_length_at(lens: Prescription, wavelength: float) -> float:
+    """Focal length at a wavelength [mm]; infinite for an afocal lens, negative for a diverging one.
+
+    Raises
+    ------
+    InputError
+        The wavelength is outside a glass's range.
+    """
+    from ..lenses.first_order import first_order
+
+    return first_order(lens, wavelength).focal_length
+
+
+def lens_problems(
+    lens: Prescription | None, turned: bool, wavelength: float, given_focal: float | None, given_diameter: float | None
+) -> Iterator[Problem]:
+    """What a main lens's keys contradict: the lens's own focal length and diameter, its glasses' wavelengths."""
+    if lens is None:
+        if turned:
+            message = "an ideal lens looks the same from both sides; drop it, or give main_lens.prescription"
+            yield Problem("main_lens.reversed", message)
+        return
+    try:
+        focal = focal_length_at(lens, wavelength)
+    except InputError as error:
+        for problem in error.problems:
+            yield Problem("light.wavelength", f"{lens.name}: {problem.message}")
+        return
+    if not (0 < focal < math.inf):
+        yield Problem("main_lens.prescription", f"{lens.name} does not converge light; it forms no real image")
+    elif given_focal is not None and abs(given_focal / focal - 1) > AGREEMENT:
+        yield Problem(
+            "main_lens.focal_length",
+            f"{format_quantity(given_focal, 'length')} contradicts the prescription: {lens.name} has f = {focal:.7g} "
+            f"mm at {format_quantity(wavelength, 'length')} (residual {given_focal - focal:+.4g} mm); drop "
+            "main_lens.focal_length",
+        )
+    widest = own_diameter(lens)
+    if given_diameter is not None and given_diameter > widest * (1 + AGREEMENT):
+        yield Problem(
+            "main_lens.diameter",
+            f"{format_quantity(given_diameter, 'length')} is wider than {lens.name}, whose clear diameter is "
+            f"{widest:.6g} mm; drop it, or give a smaller one for a stop at the lens",
+        )
