@@ -30,7 +30,7 @@ def homography(plane: Array, image: Array) -> Array:
             np.concatenate([zero, p, -q[:, 1:2] * p], axis=1),
         ]
     )
-    matrix = np.linalg.inv(there) @ np.linalg.svd(rows)[2][-1].reshape(3, 3) @ here
+    matrix = np.linalg.inv(there) @ np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1].reshape(3, 3) @ here
     result: Array = matrix / matrix[2, 2]
     return result
 

@@ -51,7 +51,7 @@ class Posterior:
         return float(low), float(high)
 
     def draws(self, name: str) -> Array:
-        """Draws of a quantity or a parameter."""
+        """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
         if name in self.quantities:
             return self.quantities[name]
         if name not in self.names:

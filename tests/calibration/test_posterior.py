@@ -1,0 +1,245 @@
+"""The posterior against brute force, exact laws, another library's diagnostics, and its own repeatability."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roslf_design.calibration.board import Observations
+from roslf_design.calibration.calibrate import calibrate
+from roslf_design.calibration.consequences import depth_errors, variance_shares
+from roslf_design.calibration.coverage import coverage, fisher_draws
+from roslf_design.calibration.datasheet import DataSheet, derived
+from roslf_design.calibration.diagnostics import bulk_ess, r_hat, tail_ess
+from roslf_design.calibration.errors import CalibrationError, MissingExtraError
+from roslf_design.calibration.likelihood import ProfileLikelihood
+from roslf_design.calibration.model import Camera, Poses, project_boards
+from roslf_design.calibration.posterior import sample_posterior
+from roslf_design.calibration.synthetic import Session, ideal_observations, observe_synthetic, random_poses
+from roslf_design.theory import back_substitution_covariance
+
+CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
+SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
+SESSION = Session(boards=5, views=3)
+
+
+def calibrated(session=SESSION, seed=0, distortion=0, camera=CAMERA):
+    rng = np.random.default_rng(seed)
+    observations = observe_synthetic(camera, random_poses(session, 120.0, rng), session, rng)
+    return calibrate(observations, SHEET, distortion=distortion)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return calibrated().fit
+
+
+@pytest.fixture(scope="module")
+def posterior(fit):
+    return sample_posterior(fit, SHEET, seed=3, chunk=400)
+
+
+def brute_force(fit, camera):
+    """Sum of squares with every pose fitted by scipy, from the model of corners in views alone."""
+    from scipy.optimize import least_squares
+
+    data = fit.statistics
+    total = 0.0
+    for b in range(len(data.values)):
+        middle = data.at[b, 0]
+        views = middle + np.array([[0, 0], [1e-3, 0], [-1e-3, 0], [0, 1e-3], [0, -1e-3]])
+
+        def off(pose, b=b, views=views):
+            uv = project_boards(camera.vector(), pose[None], data.points, views).uv[0]
+            place = uv[0]
+            slope = ((uv[1] - uv[2])[:, 0] + (uv[3] - uv[4])[:, 1]) / 4e-3  # share 1/2: a round pupil
+            model = np.concatenate([place, slope[:, None]], axis=1)
+            return ((model - data.values[b]) / data.sigma[b]).ravel()
+
+        total += 2 * least_squares(off, fit.poses.vector[b], method="lm", x_scale="jac", diff_step=1e-7).cost
+    return total
+
+
+def test_likelihood_is_the_misfit_with_every_pose_fitted(fit):
+    likelihood = ProfileLikelihood(fit)
+    root = np.linalg.cholesky(fit.covariance.matrix)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        step = 1.5 * rng.normal(size=5)
+        camera = fit.camera.with_values(fit.covariance.names, fit.camera.vector(fit.covariance.names) + root @ step)
+        value = likelihood(camera.vector()[None, :7])[0]
+        assert value == pytest.approx(-0.5 * brute_force(fit, camera), abs=0.02)  # one closed-form step a pose
+    np.testing.assert_allclose(likelihood.peak, -0.5 * brute_force(fit, fit.camera), atol=1e-4)
+
+
+def test_boards_behind_the_camera_are_impossible_not_undefined(fit):
+    likelihood = ProfileLikelihood(fit)
+    cameras = np.tile(likelihood.best, (3, 1))
+    cameras[0, 0], cameras[1, 1], cameras[2, 2] = -92.0, -0.4, -0.5
+    assert (likelihood(cameras) == -np.inf).all()
+
+
+def test_posterior_is_the_normal_law_of_the_fisher_matrix_near_its_peak(fit, posterior):
+    assert posterior.converged, posterior.message
+    assert posterior.message.startswith("converged")
+    sigma = fit.covariance.sigma
+    for name in fit.covariance.names:
+        draws = posterior.parameters[:, posterior.names.index(name)]
+        assert draws.std() == pytest.approx(sigma[name], rel=0.15)
+        assert abs(draws.mean() - getattr(fit.camera, name)) < 0.35 * sigma[name]
+    assert posterior.draws("f").mean() == pytest.approx(100.0, abs=0.1)
+    assert posterior.draws("f").std() == pytest.approx(1.0, rel=0.08)
+    names = ["A", "m"]
+    spread = np.zeros((3, 3))
+    spread[0, 0] = 1.0
+    spread[1:, 1:] = fit.covariance.part(names)
+    lengths = back_substitution_covariance(100.0, fit.camera.A, fit.camera.m, spread)
+    for k, name in enumerate(("d_1", "d_f", "H", "d_3")):
+        assert posterior.quantities[name].std() == pytest.approx(math.sqrt(lengths[k, k]), rel=0.15)
+    low, high = posterior.interval("d_3", 0.95)
+    assert low < 120.0 < high
+    summary = posterior.summary()
+    assert summary["d_3"]["low_95"] < summary["d_3"]["low_68"] < summary["d_3"]["median"] < summary["d_3"]["high_68"]
+    with pytest.raises(ValueError, match="no quantity 'd_4' in the posterior: it holds A, m"):
+        posterior.interval("d_4")
+
+
+def test_same_seed_same_draws_however_evaluated(fit):
+    runs = [sample_posterior(fit, SHEET, seed=5, chunk=20, most_steps=20, vectorize=v) for v in (True, True, False)]
+    for other in runs[1:]:
+        np.testing.assert_array_equal(runs[0].parameters, other.parameters)
+        np.testing.assert_array_equal(runs[0].quantities["d_2"], other.quantities["d_2"])
+    different = sample_posterior(fit, SHEET, seed=6, chunk=20, most_steps=20)
+    assert not np.array_equal(runs[0].parameters, different.parameters)
+
+
+def test_a_short_run_says_that_it_did_not_converge(fit):
+    short = sample_posterior(fit, SHEET, seed=0, chunk=10, most_steps=10)
+    assert not short.converged
+    assert short.message.startswith("NOT converged after 10 steps: R-hat")
+    with pytest.raises(CalibrationError, match="at least 4 ensembles, got 2"):
+        sample_posterior(fit, SHEET, seed=0, ensembles=2)
+
+
+def test_without_emcee_the_message_says_what_to_install(fit, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "emcee", None)
+    with pytest.raises(MissingExtraError, match=r"sampling the posterior needs .*'emcee'"):
+        sample_posterior(fit, SHEET, seed=0)
+
+
+def test_distortion_is_sampled_where_asked():
+    camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
+    fit = calibrated(Session(boards=6, views=3, offset=20.0), distortion=2, camera=camera).fit
+    posterior = sample_posterior(fit, SHEET, seed=1, chunk=300, most_steps=300)
+    assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "f")
+    assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
+
+
+def test_images_say_nothing_of_q_d_and_the_board_s_scale():
+    poses = random_poses(SESSION, 120.0, np.random.default_rng(2))
+    uv = ideal_observations(CAMERA, poses, SESSION).uv
+    q, d, scale = 1.03, 0.98, 1.01
+    lengths = derived(CAMERA.vector(), SHEET, np.asarray(100.0), np.array([q * SHEET.q, d * SHEET.d, scale]))
+    other = replace(
+        CAMERA,
+        A=float(lengths["A"]),
+        m=float(lengths["m"]),
+        inverse_d_2=1 / float(lengths["d_2"]),
+        q=q * SHEET.q,
+        d=d * SHEET.d,
+    )
+    grown = Poses(poses.rotation, poses.translation * scale)
+    board = replace(SESSION.board, cell=SESSION.board.cell * scale)
+    np.testing.assert_allclose(ideal_observations(other, grown, replace(SESSION, board=board)).uv, uv, rtol=1e-12)
+
+
+def test_variance_shares_add_up_and_agree_with_draws(fit):
+    shares = variance_shares(fit, SHEET)
+    draws = fisher_draws(fit, SHEET, 40_000, np.random.default_rng(0))
+    for name, parts in shares.items():
+        assert sum(v for key, v in parts.items() if key != "sigma") == pytest.approx(1.0)
+        assert parts["sigma"] == pytest.approx(draws[name].std(), rel=0.03)
+    assert shares["d_f"]["f"] > 0.95  # d_f = f (1 + m)/m, and m is known well
+    known = variance_shares(fit, replace(SHEET, f_sigma=0.0, d_sigma=0.0, cell_sigma=0.0))
+    assert known["d_3"]["images"] == pytest.approx(1.0)
+    assert shares["d_3"]["sigma"] ** 2 * shares["d_3"]["f"] == pytest.approx((1 + 1 / fit.camera.m) ** 2, rel=1e-3)
+
+
+def test_depth_errors_are_those_of_the_draws(fit, posterior):
+    d_3 = 100 + (100 - fit.camera.A) / fit.camera.m
+    d_f = 100 * (1 + fit.camera.m) / fit.camera.m
+    found = depth_errors(posterior, fit, SHEET, np.array([250.0, d_f, 500.0]))
+    # On the focal plane the slope is 0 whatever A and d_2 are: Z is d_f's error, Z_F is A/m's.
+    assert found["from_lens"][1] == pytest.approx(posterior.quantities["d_f"].std(), rel=1e-3)
+    assert found["from_pupil"][1] == pytest.approx(
+        (posterior.quantities["A"] / posterior.quantities["m"]).std(), rel=1e-3
+    )
+    assert (found["low_95"] < 0).all()
+    assert (found["high_95"] > 0).all()
+    with pytest.raises(CalibrationError, match="beyond the FAP"):
+        depth_errors(posterior, fit, SHEET, np.array([d_3 - 1.0]))
+
+
+def test_data_sheets_are_checked():
+    with pytest.raises(CalibrationError, match="f must be a positive length, got -1"):
+        DataSheet(-1.0, 1.0, 1.0, 0.1)
+    with pytest.raises(CalibrationError, match="d_sigma must be zero or positive"):
+        DataSheet(1.0, 1.0, 1.0, 0.1, d_sigma=-1.0)
+    with pytest.raises(CalibrationError, match="20 % at most"):
+        DataSheet(1.0, 1.0, 1.0, 0.5)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7, 0.95])
+@pytest.mark.parametrize("shape", [(4, 1000), (6, 301)])
+def test_diagnostics_agree_with_arviz(memory, shape):
+    stats = pytest.importorskip("arviz_stats.base").array_stats
+    shocks = np.random.default_rng(7).standard_t(4, size=shape)
+    chain = np.zeros(shape)
+    for k in range(1, shape[1]):
+        chain[:, k] = memory * chain[:, k - 1] + shocks[:, k]
+    assert r_hat(chain) == pytest.approx(float(stats.rhat(chain)), abs=1e-9)
+    assert bulk_ess(chain) == pytest.approx(float(stats.ess(chain, method="bulk")), rel=0.02)
+    assert tail_ess(chain) == pytest.approx(float(stats.ess(chain, method="tail", prob=(0.05, 0.95))), rel=0.02)
+
+
+def test_diagnostics_of_still_and_parted_chains():
+    assert r_hat(np.ones((4, 10))) == 1.0
+    assert bulk_ess(np.ones((4, 10))) == 40
+    parted = np.random.default_rng(0).normal(size=(4, 400)) + np.array([0, 0, 0, 3.0])[:, None]
+    assert r_hat(parted) > 1.3
+    assert bulk_ess(parted) < 30
+    with pytest.raises(ValueError, match="at least 4 draws"):
+        r_hat(np.ones((4, 3)))
+
+
+def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say():
+    found = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=6, views=3), trials=40, seed=1)
+    assert found.failed == 0
+    assert found.trials == 40
+    low, high = found.expected
+    assert (low, high) == pytest.approx((0.475, 0.85), abs=0.03)  # binomial, 99 of 100
+    for name, share in found.share.items():
+        assert low <= share <= high, (name, share)
+        assert abs(found.pulls[name].mean()) < 0.5
+        assert 0.7 < found.pulls[name].std() < 1.35
+
+
+def test_intervals_of_the_sampled_posterior_hold_too():
+    found = coverage(
+        140.0, 2.0, 120.0, SHEET, Session(boards=4, views=3), trials=3, seed=2, level=0.95, method="ensembles"
+    )
+    assert found.failed == 0
+    assert all(share >= found.expected[0] > 0 for share in found.share.values())
+    fisher = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=4, views=3), trials=3, seed=2, level=0.95)
+    for name, pulls in found.pulls.items():  # the same cameras, judged alike by both
+        np.testing.assert_allclose(pulls, fisher.pulls[name], atol=0.5)
+
+
+def test_one_view_observations_have_no_posterior():
+    rng = np.random.default_rng(0)
+    session = replace(SESSION, views=1)
+    seen = observe_synthetic(CAMERA, random_poses(session, 120.0, rng), session, rng)
+    assert isinstance(seen, Observations)
+    with pytest.raises(CalibrationError, match="one view only"):
+        calibrate(seen, SHEET)
