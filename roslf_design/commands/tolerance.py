@@ -36,7 +36,8 @@ def tolerance(
     study
         A study file: a design, what it may miss, the limits it is held to.
     output
-        Folder for results.json, trials.npz, figures, the worst trials as design files, and the chunks of the run.
+        Folder for results.json, summary.txt, trials.npz, figures, the worst trials as design files, and the run's
+        chunks.
     json
         Print the JSON object instead of tables.
     seed
@@ -70,8 +71,9 @@ def tolerance(
             print(f"roslf: {error}", file=sys.stderr)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
-    text = json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+    text = _lines(result.to_dict())
     write_atomically(output / "results.json", (text + "\n").encode())
+    write_atomically(output / "summary.txt", summary(result).encode())
     write_atomically(output / "trials.npz", npz_bytes(trial_arrays(plan, tally)))
     for name, content in pictures(result).items():
         write_atomically(output / name, content)
@@ -117,6 +119,23 @@ def print_result(result: StudyResult, console: Console) -> None:
     for trial in result.worst:
         place = trial.file or "no design: some number of it is impossible"
         console.print(f"Worst trial {trial.number}: {place}", highlight=False)
+
+
+def summary(result: StudyResult) -> str:
+    """The terminal's tables as text of a fixed width."""
+    import io
+
+    from rich.console import Console
+
+    page = io.StringIO()
+    print_result(result, Console(file=page, width=132, color_system=None, force_terminal=False))
+    return "".join(f"{line.rstrip()}\n" for line in page.getvalue().splitlines())
+
+
+def _lines(data: dict[str, object]) -> str:
+    """JSON with one line a key: short, and still readable by a difference."""
+    rows = (f'"{key}": {json_text.dumps(value, allow_nan=False, ensure_ascii=False)}' for key, value in data.items())
+    return "{\n" + ",\n".join(rows) + "\n}"
 
 
 def _workers(chunks: int) -> int:

@@ -79,14 +79,14 @@ def plot_sensitivity(result: StudyResult, ax: Axes | None = None) -> Axes:
     ax.set_yticks(places, names)
     nominal = _nominal(result, row)
     reach = max(float(np.abs([plus, minus]).max()), 1e-300)
-    for edge in (limit.low, limit.high):
-        if np.isfinite(edge) and abs(edge - nominal) < 3 * reach:
-            ax.axvline(edge - nominal, color=VERMILLION, linewidth=1)
-            ax.text(edge - nominal, len(order) - 0.3, "limit", color=VERMILLION, ha="center", va="bottom")
+    near = [edge - nominal for edge in (limit.low, limit.high) if abs(edge - nominal) < 3 * reach]
+    for edge in near:
+        _mark_limit(ax, edge)
+    ax.margins(x=0.15 if near else 0.05)
     ax.axvline(0, color=INK, linewidth=0.7)
     ax.grid(axis="x")
-    ax.set(xlabel=f"change of {_axis(result, row)}", ylim=(-0.7, len(order) + 0.2))
-    ax.legend(loc="lower right")
+    ax.set(xlabel=f"change of {_axis(result, row)}", ylim=(-0.7, len(order) - 0.3))
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
     return ax
 
 
@@ -94,10 +94,10 @@ def plot_correlations(result: StudyResult, ax: Axes | None = None) -> Axes:
     """Draw the correlation of each perturbation with the weakest metric over all trials, ranked."""
     _, row = _weakest(result)
     values = result.correlations[row]
-    order = _largest(np.abs(values))
+    noise = 2 / np.sqrt(result.plan.trials)
+    order = _largest(np.where(np.abs(values) > noise, np.abs(values), 0.0))
     ax = new_axes(ax, width=5.6, height=0.9 + 0.2 * len(order))
     places = np.arange(len(order))[::-1]
-    noise = 2 / np.sqrt(result.plan.trials)
     ax.axvspan(-noise, noise, color=PALE, alpha=0.8, linewidth=0)
     ax.barh(places, values[order], 0.7, color=[BLUE if values[index] > 0 else ORANGE for index in order])
     ax.set_yticks(places, [short_name(result.plan.draws.perturbations[index].place) for index in order])
@@ -137,15 +137,17 @@ def plot_spread(result: StudyResult, ax: Axes | None = None) -> Axes:
             cuts, bars = np.array(column.cuts), np.array(column.histogram)
             density = bars / bars.sum() / np.diff(cuts)
             ax.stairs(density, cuts, fill=filled, color=colour, alpha=alpha, label=variant.name)
-    drawn = ax.get_xlim()
-    width = drawn[1] - drawn[0]
-    for edge in (limit.low, limit.high):
-        if np.isfinite(edge) and drawn[0] - width < edge < drawn[1] + width:
-            ax.axvline(edge, color=VERMILLION, linewidth=1.2)
-            ax.text(edge, 0.98, " limit", color=VERMILLION, va="top", transform=ax.get_xaxis_transform())
+    column = shown[-1].distributions[row]
+    edges = [edge for edge in (limit.low, limit.high) if np.isfinite(edge)]
+    reach = max(column.high - column.low, *(abs(edge - column.nominal) for edge in edges))
+    left, right = ax.get_xlim()
+    low, high = min([left, *edges]) - 0.1 * reach, max([right, *edges]) + 0.1 * reach
+    ax.set_xlim(max(low, column.nominal - 1.5 * reach), min(high, column.nominal + 1.5 * reach))
+    for edge in edges:
+        _mark_limit(ax, edge, column.nominal)
     ax.axvline(_nominal(result, row), color=GREY, linewidth=0.8, linestyle=(0, (6, 3)))
     ax.set(xlabel=_axis(result, row), ylabel="share of builds per unit", ylim=(0, None))
-    ax.legend(loc="center right")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
     return ax
 
 
@@ -185,6 +187,14 @@ def svg_file(figure: Figure, name: str) -> bytes:
     text = to_svg(figure, f"tolerance-{name}")
     head = '<?xml version="1.0" encoding="utf-8"?>\n'
     return (head + text.replace("<svg ", '<svg font-family="DejaVu Sans, Verdana, sans-serif" ', 1) + "\n").encode()
+
+
+def _mark_limit(ax: Axes, place: float, nominal: float = 0.0) -> None:
+    """A limit's line, its name on the side where nothing is allowed."""
+    ax.axvline(place, color=VERMILLION, linewidth=1.2)
+    above = place >= nominal
+    text, side = (" limit", "left") if above else ("limit ", "right")
+    ax.text(place, 0.98, text, color=VERMILLION, ha=side, va="top", transform=ax.get_xaxis_transform())
 
 
 def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -1,0 +1,79 @@
+"""Common parts of ellipses: affine images of discs, whose common parts are known otherwise; hard and empty cases."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from roslf_design.microlens.discs import intersect
+from roslf_design.tolerance.ellipses import _all, intersect_ellipses
+
+
+def stretched(centres, radii, affine):
+    """The ellipses that discs become under an affine map."""
+    shape = np.einsum("ij,kj->ik", affine, affine)
+    matrices = radii[..., None] ** 2 * np.array([shape[0, 0], shape[0, 1], shape[1, 1]])
+    return centres @ affine.T, matrices
+
+
+@given(st.integers(0, 10**6), st.integers(2, 4), st.floats(0.3, 3.0), st.floats(-0.8, 0.8))
+def test_stretched_discs_have_stretched_areas_and_centroids(seed, count, stretch, shear):
+    stream = np.random.default_rng(seed)
+    centres, radii = stream.normal(0, 0.4, (30, count, 2)), stream.uniform(0.6, 1.5, (30, count))
+    affine = np.array([[stretch, shear], [0.0, 1.0]])
+    expected = intersect(centres, radii)
+    found = intersect_ellipses(*stretched(centres, radii, affine))
+    np.testing.assert_allclose(found.kept_fraction, expected.kept_fraction, atol=1e-12)
+    np.testing.assert_allclose(found.area, expected.area * stretch, atol=1e-12 * np.pi * 1.5**2 * stretch)
+    large = expected.kept_fraction > 1e-3
+    # Moments of a sliver are differences of numbers as large as the ellipse's.
+    np.testing.assert_allclose(
+        np.stack([found.x, found.y], -1)[large], (expected.centroid @ affine.T)[large], atol=1e-10 * max(stretch, 1)
+    )
+    if stretch == 1 and shear == 0:
+        np.testing.assert_allclose(found.axis_ratio[large], expected.axis_ratio[large], atol=1e-7)
+
+
+@pytest.mark.parametrize("copies", [2, 3])
+def test_equal_ellipses_are_one(copies):
+    matrices = np.tile([1.0, 0.3, 0.5], (1, copies, 1))
+    found = intersect_ellipses(np.zeros((1, copies, 2)), matrices)
+    assert found.kept_fraction[0] == pytest.approx(1, abs=1e-13)
+    low, high = np.linalg.eigvalsh([[1.0, 0.3], [0.3, 0.5]])
+    assert found.axis_ratio[0] == pytest.approx(np.sqrt(low / high), rel=1e-12)
+
+
+def test_an_ellipse_inside_all_others_is_whole_exactly():
+    matrices = np.array([[[1.0, 0.1, 0.8], [4.0, 0.0, 4.0], [9.0, 2.0, 7.0]]])
+    found = intersect_ellipses(np.zeros((1, 3, 2)), matrices)
+    assert found.kept_fraction[0] == 1.0
+    assert found.area[0] == np.pi * np.sqrt(0.8 - 0.01)
+    assert (found.x[0], found.y[0]) == (0.0, 0.0)
+
+
+def test_apart_and_touching_ellipses_have_nothing_in_common():
+    one = np.tile([1.0, 0.0, 0.25], (3, 2, 1))
+    centres = np.zeros((3, 2, 2))
+    centres[:, 1, 0] = 3.0, 2.0 + 1e-9, 2.0
+    found = intersect_ellipses(centres, one)
+    np.testing.assert_allclose(found.area, 0.0, atol=1e-12)
+    assert np.isnan(found.x[0])
+    assert np.isnan(found.axis_ratio[0])
+
+
+def test_crossing_ellipses_meet_in_four_points():
+    found = intersect_ellipses(np.zeros((1, 2, 2)), np.array([[[4.0, 0.0, 1.0], [1.0, 0.0, 4.0]]]))
+    # By symmetry eight times the part between the diagonal and the axis: 4 a b atan(b/a).
+    assert found.area[0] == pytest.approx(4 * 2 * np.arctan(0.5), rel=1e-13)
+    assert found.axis_ratio[0] == pytest.approx(1, abs=1e-12)
+
+
+def test_compiled_and_interpreted_kernels_agree():
+    stream = np.random.default_rng(4)
+    centres, radii = stream.normal(0, 0.4, (12, 3, 2)), stream.uniform(0.6, 1.5, (12, 3))
+    matrices = np.stack([radii**2, 0.1 * radii**2, 0.8 * radii**2], -1)
+    nodes = np.polynomial.legendre.leggauss(10)
+    results = np.empty((2, 6, 12))
+    _all.interpreted(centres, matrices, results[0], *nodes)
+    _all.compiled(centres, matrices, results[1], *nodes)
+    np.testing.assert_allclose(results[0], results[1], atol=1e-13)
