@@ -14,11 +14,17 @@ def airy_radius_on_mla(design: Design, wavelength: float) -> float:
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:
-    """Airy radius [microlens pitches]; zero for a uniform scene, which is incoherent and stays uniform."""
+    """Airy radius [microlens pitches]; zero for a uniform scene, which is incoherent and stays uniform.
+
+    With matched f-numbers it is 1.22 times the microlenses' own blur, in pitches on either side: one and the same
+    uncertainty. Textures are therefore blurred at the FAP only where the microlenses do not diffract already; point
+    sources carry both, coherently.
+    """
     radius = airy_radius_on_mla(design, brief.wavelength(design)) / design.d
     if brief.white:
         return Estimate(0.0, f"a uniform scene stays uniform (detail would blur by {radius:.3g} pitches)")
-    return Estimate(radius, f"Airy radius on the MLA {radius:.3g} pitches")
+    carried = ", carried by the microlenses' own diffraction" if brief.diffracts and brief.smallest_period > 0 else ""
+    return Estimate(radius, f"Airy radius on the MLA {radius:.3g} pitches{carried}")
 
 
 EFFECT = Effect("fap_diffraction", "FAP diffraction at the MLA", "pitch", estimate, cost_per_pixel=100e-9)

@@ -89,7 +89,9 @@ class Tracer:
         """For a design, a plan and a scene."""
         seen = planned_design(design, plan)
         system = System.from_design(seen)
-        kicked = plan.on("fap_diffraction")
+        # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
+        # twice: against points carried as coherent waves, rays left alone are nearer the truth.
+        kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
         flags = [
             not system.aligned,
             not plan.on("finite_microlens_aperture"),

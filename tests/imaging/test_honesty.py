@@ -22,8 +22,8 @@ OUT_OF_FOCUS = PAPER.replace(f_ml=1.0)
 SHARP = PAPER.replace(wavelength=7e-6)
 PITCH_ON_OBJECT = 0.1575
 
-MANY = Sampling(256, 256, 0.0, 7)
-"""Rays enough that their noise, the same with and without an effect, does not count."""
+MANY, FEW = Sampling(256, 256, 0.0, 7), Sampling(64, 64, 0.0, 7)
+"""Rays enough that their noise does not count: against exact areas, and where it is the same with and without."""
 
 
 def small(scene_period, distance=None, edges=False):
@@ -34,8 +34,9 @@ def small(scene_period, distance=None, edges=False):
 def measure(design, scene, name, region, budget, overrides, how):
     """Estimate of an effect, whether it is on, and how much switching it changes the image."""
     lines = plan(design, scene, budget, overrides)
-    with_it = render(design, scene, budget=budget, overrides=[*overrides, f"+{name}"], region=region, sampling=MANY)
-    without = render(design, scene, budget=budget, overrides=[*overrides, f"-{name}"], region=region, sampling=MANY)
+    sampling = MANY if scene is None else FEW
+    with_it = render(design, scene, budget=budget, overrides=[*overrides, f"+{name}"], region=region, sampling=sampling)
+    without = render(design, scene, budget=budget, overrides=[*overrides, f"-{name}"], region=region, sampling=sampling)
     change = with_it.pixels.astype(float) - without.pixels
     if how == "largest":
         size = np.abs(change).max()
@@ -70,7 +71,7 @@ LEFT_OUT = [
     ("tilted array", PAPER.replace({"microlens_array.tilt": (2e-4, 1e-4)}), None, "tilts", {}, NO_BLUR, "largest"),
     ("smooth texture", PAPER, small(2.0), "finite_microlens_aperture", {}, [], "rms"),
     ("nearly in focus", PAPER, small(2.0, 349.0), "object_defocus", {}, [], along_array),
-    ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.5}, [], along_array),
+    ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.5}, NO_BLUR[:1], along_array),
     ("bright", PAPER, Scene(light=SceneLight(exposure=4e4, read_noise=20)), "noise", {}, [], "rms"),
 ]
 
@@ -87,7 +88,7 @@ RENDERED = [
     ("tilted array", PAPER.replace({"microlens_array.tilt": (8e-3, 0.0)}), None, "tilts", {}, NO_BLUR, "largest"),
     ("fine texture", PAPER, small(0.5), "finite_microlens_aperture", {}, [], "rms"),
     ("out of focus", PAPER, small(2.0, 335.0), "object_defocus", {}, [], along_array),
-    ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.05}, [], along_array),
+    ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.05}, NO_BLUR[:1], along_array),
     ("dim", PAPER, Scene(light=SceneLight(exposure=500.0)), "noise", {}, [], "rms"),
 ]
 

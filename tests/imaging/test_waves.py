@@ -10,14 +10,17 @@ from roslf_design.imaging.convolve import bands
 from roslf_design.imaging.encircled import encircled
 from roslf_design.imaging.grid import Region, pixel_centres
 from roslf_design.imaging.points import PointSource, point_image
+from roslf_design.imaging.render import render
 from roslf_design.imaging.series import harmonic_series
+from roslf_design.imaging.trace import Sampling
 from roslf_design.imaging.transfer import MicrolensTransfer
 from roslf_design.imaging.white import WhiteGeometry
+from roslf_design.scenes import Plane, Scene, Sinusoid
 from tests.oracles import coherent, huygens
 
 PAPER = load("paper")
 ROUND = PAPER.replace({"microlens_array.lens_shape": "circular"})
-PUPIL = huygens.disc(PAPER.D_F / 2, 24)
+PUPIL = huygens.disc(PAPER.D_F / 2, 20)
 
 
 def planned(design, overrides=()):
@@ -27,19 +30,19 @@ def planned(design, overrides=()):
 
 
 def test_white_image_against_huygens_quadrature():
-    """Neighbours up to 24 pitches away are summed directly; their tails' 1/N is taken out by Richardson's step."""
+    """Neighbours up to 16 pitches away are summed directly; their tails' 1/N is taken out by Richardson's step."""
     _, seen, transfer = planned(PAPER, ["+microlens_defocus"])
     axis = np.linspace(-0.55, 0.55, 23) * PAPER.d
     pitch = 0.062726086956521737
     area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (
         huygens.square_images(seen, PUPIL, axis, axis, pitch * np.arange(-n, n + 1), 160 + 8 * n) * area
-        for n in (12, 24)
+        for n in (8, 16)
     )
     truth = 2 * far - near
     image = harmonic_series(seen, transfer, pixel=False).at(axis, axis)
     assert np.sqrt(np.mean((image - truth) ** 2)) < 1e-3
-    assert np.abs(image - truth).max() < 4e-3  # 1728 pupil points and what Richardson leaves
+    assert np.abs(image - truth).max() < 6e-3  # 1200 pupil points; with 4800 it is 1.1e-3
 
 
 @pytest.mark.parametrize("f_ml", [2.0, 1.6])
@@ -135,3 +138,33 @@ def test_many_incoherent_points_make_the_white_image():
     white = harmonic_series(seen, transfer).at(*pixel_centres(seen, big))[:13, :13]
     assert lines.on("microlens_diffraction")
     assert np.sqrt(np.mean((cell * scale - white) ** 2)) < 0.02  # tails beyond the patch, 4 x 4 points
+
+
+def test_error_of_the_incoherent_model_for_a_texture():
+    """A grating of four pitches on the focal plane: coherent points, added up, against rays and one convolution."""
+    telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13)  # images repeat every 13 pixels exactly
+    period, cells, pitch = 4, 9, 0.1575
+    side = 13 * cells
+    middle = Region(telecentric.pixels[0] // 2 - side // 2, telecentric.pixels[1] // 2 - side // 2, side, side)
+    truth = np.zeros((13, 13 * period))
+    for u in (0.125, 0.375):
+        for v in (0.125, 0.375):
+            quarter = point_image(
+                PointSource(telecentric, u * pitch, v * pitch, 350.0), middle, (PAPER.wavelength,), 0.02
+            )
+            for sign, image in ((1, quarter), (-1, quarter[:, ::-1])):
+                # Sources in all cells along y; along x each cell's source with its own brightness.
+                folded = sum(image[13 * j : 13 * j + 13] for j in range(cells))
+                folded = folded + folded[::-1]
+                for cell in range(-cells, cells + period):
+                    bright = 0.5 * (1 + np.cos(2 * np.pi * (sign * u + cell) / period))
+                    for place in range(period):
+                        piece = place + cell + cells // 2
+                        if 0 <= piece < cells:
+                            truth[:, 13 * place : 13 * place + 13] += bright * folded[:, 13 * piece : 13 * piece + 13]
+    scene = Scene(objects=(Plane(texture=Sinusoid(period=period * pitch)),))
+    region = (middle.column + 13 * (cells // 2), middle.row + 13 * (cells // 2), 13 * period, 13)
+    sampling = Sampling(512, 512, 0.0)
+    image = render(telecentric, scene, region=region, overrides=["-cos4"], sampling=sampling).pixels
+    truth *= image.mean() / truth.mean()  # 2 % of the light lies in tails beyond the patch
+    assert np.sqrt(np.mean((image - truth) ** 2)) < 0.02
