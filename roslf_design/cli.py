@@ -41,6 +41,14 @@ COMMANDS = {
         "A tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.",
         "roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2",
     ),
+    "optimize": Command(
+        "Find the design: from a bore and what must be seen, or what stands in the way.",
+        "roslf optimize studies/optimize-rigid-scope/study.toml -o out/rigid-scope",
+    ),
+    "catalogue": Command(
+        "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
+        'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
+    ),
     "accuracy": Command(
         "How far numbers can be trusted, and what accuracy costs in time.",
         "roslf accuracy hard-cases designs/paper.toml -o reports/hard-cases",

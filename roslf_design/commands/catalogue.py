@@ -1,0 +1,91 @@
+"""`roslf catalogue`."""
+
+from __future__ import annotations
+
+import json as json_text
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+Kinds = Literal["lenses", "microlens_arrays", "sensors"]
+
+
+def catalogue(
+    *,
+    kind: Annotated[list[Kinds] | None, Parameter(negative=())] = None,
+    where: Annotated[list[str] | None, Parameter(negative=())] = None,
+    file: Annotated[list[Path] | None, Parameter(negative=())] = None,
+    json: Annotated[bool, Parameter(negative=())] = False,
+) -> None:
+    """Parts that can be bought, with where their figures come from and how sure they are.
+
+    Example: roslf catalogue --kind lenses --where "focal_length<=100 mm" --where "diameter=25.4 mm"
+
+    Parameters
+    ----------
+    kind
+        Only these kinds; may be given several times.
+    where
+        A condition on a key: =, <, <=, > or >=, with a length as text ("pitch<150 um") or words ("maker=Thorlabs");
+        may be given several times, and all must hold. Parts without the key are left out.
+    file
+        Further catalogue files of your own, in the same format.
+    json
+        Print JSON instead of tables.
+    """
+    from ..optimize.filters import read_condition
+    from ..optimize.parts import KINDS, load_catalogue, rows
+
+    conditions = [read_condition(text) for text in where or []]
+    parts = load_catalogue(file or [])
+    found = [row for row in rows(parts, kind or KINDS) if all(condition.holds(row) for condition in conditions)]
+    if json:
+        print(json_text.dumps({"schema": "roslf.catalogue/1", "parts": found}, indent=1, ensure_ascii=False))
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console()
+    shown = {
+        "lenses": ("diameter", "clear_aperture", "focal_length"),
+        "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
+        "sensors": ("pixel", "pixels", "size"),
+    }
+    notes: list[str] = []
+    for name in KINDS:
+        mine = [row for row in found if row["kind"] == name]
+        if not mine:
+            continue
+        table = Table(title=name.replace("_", " "), title_justify="left", box=None, header_style="bold", pad_edge=False)
+        for heading in ("part", "maker", *(key.replace("_", " ") for key in shown[name]), "confidence", "note"):
+            table.add_column(heading)
+        for row in mine:
+            told = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
+            if told not in notes:
+                notes.append(told)
+            cells = [
+                row["part"],
+                row.get("maker", ""),
+                *(_cell(row, key) for key in shown[name]),
+                row["confidence"],
+                str(1 + notes.index(told)),
+            ]
+            table.add_row(*(Text(cell) for cell in cells))
+        console.print(table)
+        console.print()
+    for number, note in enumerate(notes, 1):
+        console.print(f"{number}  {note}", highlight=False, soft_wrap=True)
+    console.print(f"\n{len(found)} parts. Add your own with --file, or in a study.", highlight=False)
+
+
+def _cell(row: Mapping[str, Any], key: str) -> str:
+    value = row.get(key)
+    if value is None:
+        return ""
+    if key == "pixels":
+        return " x ".join(str(number) for number in value)
+    numbers = value if isinstance(value, (list, tuple)) else [value]
+    return " x ".join(f"{number:.6g} mm" if number >= 0.3 else f"{1e3 * number:.6g} um" for number in numbers)

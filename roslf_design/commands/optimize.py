@@ -1,0 +1,115 @@
+"""`roslf optimize`."""
+
+from __future__ import annotations
+
+import json as json_text
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..optimize.run import Result
+
+
+def optimize(
+    study: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    json: Annotated[bool, Parameter(negative=())] = False,
+    seed: int | None = None,
+) -> None:
+    """Find the design: from what the bore allows and what must be seen, or say what stands in the way.
+
+    Example: roslf optimize studies/optimize-rigid-scope/study.toml -o out/rigid-scope
+
+    Parameters
+    ----------
+    study
+        A study file: what may vary, what must hold, what is wanted.
+    output
+        Folder for results.json, the designs found, figures and a page.
+    json
+        Print the JSON object instead of tables.
+    seed
+        Instead of the study's; the same seed gives the same bytes.
+    """
+    from ..errors import InputError, Problem
+    from ..optimize.files import write_result
+    from ..optimize.result import to_dict
+    from ..optimize.run import run
+    from ..optimize.study import load_study
+
+    if seed is not None and seed < 0:
+        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
+    blocked = next((place for place in (output, *output.parents) if place.exists() and not place.is_dir()), None)
+    if blocked is not None:
+        raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
+    posed = load_study(study, seed)
+    with _Status() as status:
+        try:
+            result = run(posed, status.tell)
+        except InputError as error:
+            raise error if error.origin else InputError(error.problems, str(study)) from None
+    words = ["roslf", "optimize", str(study), "-o", str(output)]
+    command = shlex.join(words if seed is None else [*words, "--seed", str(seed)])
+    written = write_result(result, output, command)
+    if json:
+        print(json_text.dumps(to_dict(result), indent=1, allow_nan=False, ensure_ascii=False))
+        return
+    from rich.console import Console
+
+    print_result(result, written, Console())
+
+
+def print_result(result: Result, written: list[Path], console: Console) -> None:
+    """Sentences and tables for a terminal."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..optimize.section import statements, tables
+
+    marks = {"good": ("✓", "green"), "bad": ("✗", "red"), "caution": ("!", "yellow"), "plain": ("·", "dim")}
+    console.print(Text(result.answer.asked.name, style="bold"))
+    for statement in statements(result):
+        mark, colour = marks[statement.tone]
+        console.print(
+            Text(f"{mark} ", style=colour) + Text(f"{statement.text} {statement.remedy}".strip()), soft_wrap=True
+        )
+    for block in tables(result):
+        table = Table(title=block.title, title_justify="left", box=None, header_style="bold", pad_edge=False)
+        for heading, align in zip(block.headings, block.align, strict=True):
+            table.add_column(Text(heading), justify="left" if align == "l" else "right")
+        for row in block.rows:
+            table.add_row(*(Text(cell) for cell in row))
+        console.print()
+        console.print(table)
+    console.print()
+    for note in result.answer.notes:
+        console.print(f"Note: {note}", highlight=False, soft_wrap=True)
+    console.print(f"{result.seconds:.1f} s; written to {written[0].parent}: ", end="", highlight=False)
+    console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
+
+
+class _Status:
+    """One line on stderr that tells what is being done; silent where stderr is not a terminal."""
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+
+    def __enter__(self) -> _Status:
+        return self
+
+    def tell(self, what: str) -> None:
+        """Replace the line."""
+        if self._shown:
+            print(f"\r\x1b[2Koptimize: {what} ...", end="", file=sys.stderr, flush=True)
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,48 @@
+"""Optimising designs: from a bore and what must be seen to a design and a parts list, or to what stands in the way.
+
+A study file gives a `Problem` (variables, constraints, goals); `solve` finds the best design from many starts and says
+how far to trust it, or names the smallest set of limits that cannot hold together and what would relax it. `run` does
+everything that a study file asks for: reduce a bore to one stop, trace a front, make a design robust, choose parts.
+"""
+
+from __future__ import annotations
+
+from .bore import EquivalentPupil, Tube, reduce_bore
+from .combinations import Combinations
+from .pareto import Front, pareto_front
+from .parts import Catalogue, load_catalogue
+from .problem import Constraint, Goal, Problem
+from .quantities import QUANTITIES, Quantity, quantity_named
+from .run import Result, run
+from .search import Ranking, rank
+from .solve import Answer, Settings, solve
+from .study import Study, load_study, read_study
+from .variables import Variable
+
+__all__ = [
+    "QUANTITIES",
+    "Answer",
+    "Catalogue",
+    "Combinations",
+    "Constraint",
+    "EquivalentPupil",
+    "Front",
+    "Goal",
+    "Problem",
+    "Quantity",
+    "Ranking",
+    "Result",
+    "Settings",
+    "Study",
+    "Tube",
+    "Variable",
+    "load_catalogue",
+    "load_study",
+    "pareto_front",
+    "quantity_named",
+    "rank",
+    "read_study",
+    "reduce_bore",
+    "run",
+    "solve",
+]

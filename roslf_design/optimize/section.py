@@ -1,0 +1,229 @@
+"""A study as a section of a design report, and the words that the terminal and the report share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
+from ..report.figures.style import to_svg
+from .conflicts import Conflict
+from .figures import drawn
+from .problem import Constraint, Goal
+from .run import Result
+from .solve import Answer
+
+TITLES = {
+    "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
+    "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
+    "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
+}
+
+
+def optimize_section(result: Result, command: str = "") -> Section:
+    """A study as a section of a report.
+
+    Parameters
+    ----------
+    result : Result
+        What the study found.
+    command : str
+        That reruns it; printed where given.
+    """
+    answer = result.answer
+    blocks: list[Block] = []
+    if answer.asked.question:
+        blocks.append(Paragraph(answer.asked.question))
+    blocks.append(Statements(tuple(statements(result))))
+    blocks += list(tables(result))
+    for name, figure in drawn(result).items():
+        title, caption = TITLES[name]
+        blocks.append(Figure(f"optimize-{name}", title, caption, to_svg(figure, f"optimize-{name}")))
+    if answer.notes:
+        blocks.append(Bullets(answer.notes))
+    if command:
+        blocks.append(Code(command, "Run again"))
+    return Section(f"Optimisation: {answer.asked.name}", tuple(blocks), "optimisation")
+
+
+def statements(result: Result) -> Iterator[Statement]:
+    """The answer in sentences."""
+    answer = result.answer
+    if answer.feasible:
+        reached = ", ".join(f"{goal.label} = {_value(answer, goal)}" for goal in answer.asked.goals)
+        yield Statement("good", f"A design holds every limit; best found: {reached}.")
+        yield _agreement(answer)
+    elif answer.conflict is not None:
+        conflict = answer.conflict
+        ways = [_relaxation(r.label, r.limit, r.needed, r.unit) for r in conflict.relaxations if r.needed is not None]
+        remedy = f"Any one of these would do: {'; '.join(ways)}." if ways else ""
+        if conflict.bounds:
+            remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
+        told = " and ".join(conflict.smallest)
+        shown = "" if conflict.complete else " (a smaller set was not excluded in the time given)"
+        yield Statement(
+            "bad", f"No design was found: within the bounds, these cannot hold together: {told}{shown}.", remedy.strip()
+        )
+    if result.bore is not None:
+        yield _about_bore(result)
+    if result.robust is not None:
+        yield _price(result)
+    if result.ranking is not None:
+        ranking = result.ranking
+        text = (
+            f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
+            f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
+        )
+        late = f"{ranking.open} more were not settled in the time given; give more seconds." if ranking.open else ""
+        yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+
+
+def _agreement(answer: Answer) -> Statement:
+    worst = answer.conditions.residual if answer.conditions is not None else 0.0
+    text = (
+        f"{answer.same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
+        f"{answer.evaluations} evaluations"
+    )
+    doubts = [check.solver for check in answer.checks if not check.agrees(answer.merit)]
+    if answer.checks and not doubts:
+        text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
+    if answer.same > 1 and worst < 1e-4 and not doubts:
+        return Statement("good", f"{text}.")
+    remedy = "Give more starts." if answer.same <= 1 else ""
+    if worst >= 1e-4:
+        remedy += f" First-order conditions hold only to {worst:.1g}: the goals have a kink here, or a bound is missed."
+    return Statement("caution", f"{text}.", remedy.strip())
+
+
+def _about_bore(result: Result) -> Statement:
+    assert result.bore is not None
+    pupil = result.bore.pupil
+    text = (
+        f"The bore acts as one stop of {pupil.diameter:.4g} mm at {pupil.distance:.4g} mm; over the field kept "
+        f"fractions differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the "
+        "light is on the wrong side of its rim"
+    )
+    good = pupil.worst_misplaced <= 0.05
+    remedy = "" if good else "Check the result with every rim as a stop of the design."
+    if not result.bore.settled:
+        remedy += " The stop that suits an optimum best changes with it, without end: of those tried this misled least."
+    return Statement("plain" if good and result.bore.settled else "caution", f"{text}.", remedy.strip())
+
+
+def _price(result: Result) -> Statement:
+    robust, goal = result.robust, result.answer.problem.goals[0]
+    assert robust is not None
+    before, after = robust.nominal, robust.robust
+    unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
+    text = (
+        f"Of builds, {100 * before.yield_.value:.1f} % of the nominal optimum's hold every limit, "
+        f"{100 * after.yield_.value:.1f} % of the robust design's; it costs {goal.label} {before.goal_nominal:.4g} -> "
+        f"{after.goal_nominal:.4g}{unit}."
+    )
+    return Statement("plain", text)
+
+
+def tables(result: Result) -> Iterator[Table]:
+    """The tables of a study."""
+    answer = result.answer
+    yield _variables(result)
+    yield _held(answer)
+    if answer.conditions is not None and answer.conditions.active:
+        yield _active(answer)
+    if answer.stages:
+        rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
+        yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
+    if answer.conflict is not None:
+        yield _ways(answer.conflict)
+    if result.ranking is not None and result.ranking.best:
+        yield _parts(result)
+
+
+def _variables(result: Result) -> Table:
+    answer = result.answer
+    robust = result.robust
+    rows = []
+    values = answer.variables()
+    for index, variable in enumerate(answer.problem.variables):
+        row = [variable.name, f"{variable.low:.5g}", f"{values[variable.name]:.7g}", f"{variable.high:.5g}"]
+        if robust is not None:
+            row.append(f"{float(answer.problem.values(robust.unit[None])[variable.place][0]):.7g}")
+        rows.append(tuple(row))
+        assert index < answer.problem.n
+    heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(["robust [mm]"] if robust is not None else []))
+    title = "The design" if answer.feasible else "The least-violating point"
+    return Table(tuple(rows), "l" + "d" * (len(heads) - 1), heads, title)
+
+
+def _held(answer: Answer) -> Table:
+    rows = [
+        (goal.label, "", f"{answer.number(goal):.6g}", "", goal.quantity.unit, f"goal: {goal.direction}")
+        for goal in answer.asked.goals
+    ]
+    for constraint in answer.asked.constraints:
+        low = "" if constraint.low is None else f"{constraint.low:.6g}"
+        high = "" if constraint.high is None else f"{constraint.high:.6g}"
+        value = answer.number(constraint)
+        shown = "0" if abs(value) < 1e-9 else f"{value:.6g}"
+        rows.append((constraint.label, low, shown, high, constraint.quantity.unit, ""))
+    return Table(tuple(rows), "ldddll", ("quantity", "min", "value", "max", "unit", ""), "Goals and limits")
+
+
+def _active(answer: Answer) -> Table:
+    assert answer.conditions is not None
+    single = len(answer.problem.goals) == 1
+    rows = []
+    for active in answer.conditions.active:
+        fine = active.unit == "mm" and active.merit_per_unit > 1
+        per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
+        size = 1e-3 if fine else 1.0
+        if active.multiplier < 1e-9:
+            buys = "nothing: touched, not pressed"
+        elif single and active.goal_per_unit is not None:
+            goal = answer.problem.goals[0]
+            unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
+            buys = f"{size * active.goal_per_unit:.4g}{unit} {per}"
+        else:
+            buys = f"{100 * size * active.merit_per_unit:.4g} % {per}"
+        rows.append((active.label, f"{active.multiplier:.4g}", buys))
+    of = answer.problem.goals[0].label if single else "the goals together"
+    return Table(
+        tuple(rows), "ldl", ("limit", "multiplier", f"relaxing it buys, of {of}"), "Limits that the optimum rests on"
+    )
+
+
+def _ways(conflict: Conflict) -> Table:
+    missed = {violation.label: violation for violation in conflict.violations}
+    rows = []
+    for r in conflict.relaxations:
+        own = missed.get(r.label)
+        needed = "does not help alone" if r.needed is None else f"{r.needed:.6g}"
+        rows.append((r.label, f"{r.limit:.6g}", "" if own is None else f"{own.value:.6g}", needed, r.unit))
+    heads = ("limit", "asked", "at the least-violating point", "moved alone, feasible from", "unit")
+    return Table(tuple(rows), "lrrrl", heads, "What stands in the way")
+
+
+def _parts(result: Result) -> Table:
+    ranking = result.ranking
+    assert ranking is not None
+    problem = ranking.combinations.problem
+    rows = []
+    for place, ranked in enumerate(ranking.best, 1):
+        own = ranking.combinations.problem_at(ranked.number)
+        values, cameras = own.values(ranked.search.unit[None]), own.cameras(ranked.search.unit[None])
+        goals = [f"{float(g.values(cameras).ravel()[0]):.4g}" for g in own.goals]
+        names = [part.part for part in ranking.combinations.chosen(ranked.number)]
+        rows.append((str(place), *names, *goals, *(f"{float(values[v.place][0]):.5g}" for v in own.variables)))
+    kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
+    goals = [f"{g.label} [{g.quantity.unit}]" if g.quantity.unit else g.label for g in problem.goals]
+    heads = ("", *kinds, *goals, *(f"{v.name} [mm]" for v in problem.variables))
+    align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
+    return Table(tuple(rows), align, heads, "Parts")
+
+
+def _relaxation(label: str, limit: float, needed: float | None, unit: str) -> str:
+    return f"{label} {needed:.5g} instead of {limit:.5g}{f' {unit}' if unit else ''}"
+
+
+def _value(answer: Answer, part: Goal | Constraint) -> str:
+    unit = f" {part.quantity.unit}" if part.quantity.unit else ""
+    return f"{answer.number(part):.5g}{unit}"
