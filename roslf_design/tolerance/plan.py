@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..errors import InputError, Problem
+from ..evaluation import default_fields
 from .camera import DISTANCE, FOCAL, PLANE
 from .draws import BITS, Draws, Perturbation
 from .grades import Grades
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import nominal_values, parse_tolerance, perturbable
-from .study import CALIBRATION, Goal, Study, load_study, read_study
+from .study import CALIBRATION, FIELD_NAMES, Goal, Study, load_study, read_study
 
 Array = NDArray[np.float64]
 
@@ -184,9 +185,9 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
 
 
 def _field(item: Any, design: Design) -> tuple[float, float]:
-    width, height = design.sensor_size
-    named = {"centre": (0.0, 0.0), "edge": (width / 2, 0.0), "corner": (width / 2, height / 2)}
-    return named[item] if isinstance(item, str) else (float(item[0]), float(item[1]))
+    if isinstance(item, str):
+        return default_fields(design)[FIELD_NAMES.index(item)]
+    return float(item[0]), float(item[1])
 
 
 def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:

@@ -33,7 +33,7 @@ CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 
 FIELD_NAMES = ("centre", "edge", "corner")
-"""Fields of what the sensor sees."""
+"""Fields of what the sensor sees, as `roslf evaluate` takes them."""
 
 
 class Table(BaseModel):
