@@ -1,0 +1,241 @@
+"""The hard cases as a page: verdict, table, figure, and what is near the design at hand."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from ..report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .hard_cases import CaseResult, HardCases
+from .shape_cases import ISSUE_RADII
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
+
+FLOOR = 1e-17
+"""Errors of exactly 0 are drawn here."""
+CEILING = 1e4
+"""Errors above, and formulas that give no number, are drawn here."""
+COLUMNS = 4
+
+
+def hard_cases_report(found: HardCases, command: str) -> Report:
+    """The whole page."""
+    sections = (
+        Section("Verdict", (_verdict(found),)),
+        Section("Near this design", (_near(found),)),
+        Section("The cases", (_intro(), reason_table(found), case_table(found))),
+        Section("Errors on the way to the singular point", (_figure(found),)),
+        Section("Two discs that almost touch", (tangency_table(found),)),
+        Section("Every function", (function_table(found),)),
+        Section("At the singular points", (_points(found),)),
+        Section("How this was made", (_method(found), Code(command))),
+    )
+    return Report("Hard cases", f"{found.design.name}: how far its numbers can be trusted", sections)
+
+
+def _verdict(found: HardCases) -> Statements:
+    broken = [result.case.name for result in found.results if not result.held]
+    trials = sum(len(result.points) for result in found.results)
+    top = max((result.worst.share for result in found.results), default=0.0)
+    if broken:
+        text = f"{len(broken)} of {len(found.results)} cases exceed their budget: {', '.join(broken)}"
+        return Statements((Statement("bad", text, "the table tells which function and where; do not trust it there"),))
+    text = (
+        f"All {len(found.results)} cases keep their budgets over {trials} trials; the worst uses "
+        f"{100 * top:.0f} % of it. "
+        "No NaN, no infinity that is not documented, no exception."
+    )
+    return Statements((Statement("good", text),))
+
+
+def _near(found: HardCases) -> Statements | Paragraph:
+    near = [one for one in found.near if one.near]
+    if not near:
+        closest = found.near[0]
+        text = f"The design is near none of them; the closest is {closest.case}, at a relative distance of "
+        return Paragraph(text + f"{closest.distance:.2g}.")
+    return Statements(tuple(Statement("caution", f"{one.case}, at {one.distance:.2g}: {one.says}") for one in near))
+
+
+def _intro() -> Paragraph:
+    return Paragraph(
+        "Each walk goes towards a place where a textbook formula loses its digits, down to neighbouring floating-point "
+        "numbers on both sides; all other lengths are moved by a thousandth at every step, so that no round number "
+        "helps. An ulp is a unit in the last place of the exact result. The condition number is the sum of "
+        "|x df/dx / f| over the arguments: a formula without any fault is off by so many half ulps, since its "
+        "arguments are rounded. Ill-conditioned is not unstable; an error is judged next to it."
+    )
+
+
+def reason_table(found: HardCases) -> Table:
+    """What breaks in each case, and the form that holds."""
+    rows = tuple((result.case.name, result.case.breaks, result.case.holds) for result in found.results)
+    return Table(rows, "lll", ("case", "what breaks", "form that holds"))
+
+
+def case_table(found: HardCases) -> Table:
+    """One row a case: its worst function."""
+    rows = []
+    for result in found.results:
+        worst = result.worst
+        ours = max(point.ours.relative for point in result.points if point.function == result.case.shown)
+        rows.append(
+            (
+                result.case.name,
+                worst.function,
+                f"{worst.gap:.0e}",
+                f"{worst.judged.ulps:.3g}",
+                f"{worst.judged.condition:.2g}",
+                f"{100 * worst.share:.0f} %",
+                number(ours),
+                number(_shown_naive(result)),
+                "yes" if result.held else "NO",
+            )
+        )
+    headings = ("case", "worst function", "at gap", "ulps", "condition", "of budget", "ours", "textbook", "held")
+    caption = (
+        "Of each case the function that uses most of its budget, 4 ulp (1 + condition) unless the last table says "
+        "otherwise. Ours, textbook: largest relative errors on the walk of the function that the figure shows, by the "
+        "form used and by the textbook formula, in the same double precision."
+    )
+    return Table(tuple(rows), "llrrrrrrl", headings, "", caption)
+
+
+def _shown_naive(result: CaseResult) -> float:
+    values = [point.naive for point in result.points if point.function == result.case.shown]
+    return max(values, default=math.nan)
+
+
+def number(value: float) -> str:
+    """An error for a table."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:.1e}" if math.isfinite(value) else "no number"
+
+
+def tangency_table(found: HardCases) -> Table:
+    """The bench's discs at three gaps, computed on the spot."""
+    from .cases import Trial
+    from .hard_cases import _run
+    from .shape_cases import SHAPES, _area, _exact_area, _naive_area
+
+    case = next(case for case in SHAPES if case.shown == "overlap")
+    r, R = ISSUE_RADII
+    rows = []
+    for gap in (1e-4, 1e-6, 1e-8):
+        given = {"r": r, "R": R, "x": r + R - gap, "y": 0.0}
+        point = _run(Trial("overlap", gap, given, _area, _exact_area, _naive_area), case)
+        rows.append((f"{gap:.0e}", f"{_area(**given):.6g}", f"{point.ours.ulps:.2g}", number(point.naive)))
+    return Table(
+        tuple(rows),
+        "rrrr",
+        ("gap [mm]", "overlap [mm^2]", "ulps", "relative error of the textbook formula"),
+        f"Discs of radius {r:g} and {R:g} mm",
+        "Budget: 16 ulp for the floating-point radii and distance exactly as given.",
+    )
+
+
+def function_table(found: HardCases) -> Table:
+    """Every function of every case."""
+    rows = [
+        (
+            result.case.name,
+            one.function,
+            f"{one.gap:.0e}",
+            f"{one.judged.ulps:.3g}",
+            f"{one.judged.condition:.2g}",
+            f"{100 * one.share:.0f} %",
+            number(one.naive),
+            one.budget.text,
+            one.budget.reason or "-",
+        )
+        for result in found.results
+        for one in result.functions
+    ]
+    headings = ("case", "function", "at gap", "ulps", "condition", "of budget", "textbook", "budget [ulp]", "why")
+    return Table(tuple(rows), "llrrrrrll", headings, "", "Of each function the place where it uses most of its budget.")
+
+
+def _points(found: HardCases) -> Bullets:
+    items = []
+    for result in found.results:
+        there = result.at_point
+        if there is None:
+            continue
+        text = f"{result.case.name}: {there.finite} functions finite"
+        if there.infinite:
+            text += f"; infinite or refused as their documentation says: {', '.join(there.infinite)}"
+        if there.faults:
+            text += f"; FAULTY: {'; '.join(there.faults)}"
+        items.append(text + ".")
+    return Bullets(tuple(items))
+
+
+def _method(found: HardCases) -> Paragraph:
+    return Paragraph(
+        f"References: the textbook's formula at 60 digits, for the floating-point arguments exactly as they are; what "
+        f"cancels there leaves 44 digits to spare. Textbook errors: the same formula in double precision. "
+        f"Seed {found.seed}."
+    )
+
+
+def _figure(found: HardCases) -> Figure:
+    from ..report.figures.style import drawing, to_svg
+
+    with drawing():
+        svg = to_svg(plot_hard_cases(found), "hard-cases")
+    return Figure(
+        "hard-cases",
+        "Relative error against the distance from the singular point",
+        "Dots: the forms this program uses. Crosses: the textbook formula of the same quantity, in the same double "
+        "precision; those on the upper edge gave no number, or one wrong by more than 1e4. Dots on the lower edge are "
+        "right to the last bit. Where dots rise with the crosses (images just touch, calibration from near depths) the "
+        "quantity is ill-conditioned: no formula can do better with rounded arguments. Where crosses stay low the "
+        "textbook formula fails at the point alone.",
+        svg,
+        "Small panels, one a hard case, logarithmic in both directions; dots stay near 1e-16 where crosses rise to 1",
+    )
+
+
+def plot_hard_cases(found: HardCases) -> Picture:
+    """Small panels, one a case, error against gap."""
+    from matplotlib.figure import Figure as Picture
+
+    from ..report.figures.style import WIDTH
+
+    shown = [result for result in found.results if result.case.shown]
+    rows = -(-len(shown) // COLUMNS)
+    figure = Picture(figsize=(1.25 * WIDTH, 1.75 * rows), layout="constrained")
+    axes = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True)
+    for ax, result in zip(axes.flat, shown, strict=False):
+        _panel(ax, result)
+    for ax in axes.flat[len(shown) :]:
+        ax.set_axis_off()
+    for row in axes:
+        row[0].set_ylabel("relative error")
+    return figure
+
+
+def _panel(ax: Axes, result: CaseResult) -> None:
+    from ..report.figures.style import BLUE, VERMILLION
+
+    mine = [point for point in result.points if point.function == result.case.shown]
+    gaps = [max(point.gap, 1e-17) for point in mine]
+    naive = [min(max(point.naive, FLOOR), CEILING) for point in mine]
+    ours = [min(max(point.ours.relative, FLOOR), CEILING) for point in mine]
+    ax.plot(gaps, naive, "x", color=VERMILLION, markersize=3.5, markeredgewidth=0.9, clip_on=False)
+    ax.plot(gaps, ours, "o", color=BLUE, markersize=2.6, markeredgewidth=0, clip_on=False)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylim(FLOOR, CEILING)
+    ax.set_yticks([1e-16, 1e-8, 1])
+    ax.minorticks_off()
+    ax.grid(True)
+    ax.set_title(result.case.name.replace("→", "to"), fontsize=8)
+    words = result.case.gap_means
+    ax.set_xlabel(
+        words if len(words) <= 34 else words.replace("relative distance from the", "distance from"), fontsize=7
+    )
+    ax.tick_params(labelsize=7)

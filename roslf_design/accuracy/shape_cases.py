@@ -1,0 +1,256 @@
+"""Hard cases of shapes: discs that almost touch or almost contain each other, slivers in pixels, small angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..design import Design
+from ..effects import SceneBrief, cos4
+from ..microlens.cells import area_in_rectangle
+from ..microlens.discs import intersect
+from . import textbook_scene
+from .cases import Budget, HardCase, Trial
+from .digits import many_digits
+from .pixels import covered_pixels
+from .walks import gaps
+
+ISSUE_RADII = (2.2, 25.4)
+"""A pupil of 4.4 mm behind a two-inch lens [mm]."""
+
+EXACT_SHAPE = Budget(
+    16, "for two discs exactly as given, whatever their gap: nothing is granted to the condition", False
+)
+ANY_DIRECTION = Budget(
+    32, "off the axes the gap may be a fraction of the last place of the distance, which is no machine number", False
+)
+PIXELS = Budget(16, "in units of a fully lit pixel's last place, times the disc's radius in pixels", False)
+CELL = Budget(16, "in units of the last place of the square of the discs' extent", False)
+
+
+ANY = ", any direction"
+"""Added to a function's name where centres lie off the axes."""
+
+
+def radii_of(design: Design) -> tuple[float, float]:
+    """Image of the FAP, and the smallest image of another rim that is larger [mm]; by default the bench's."""
+    from ..evaluation.fields import field_discs
+
+    _, radii = field_discs(design, [(0.0, 0.0)])
+    larger = [float(R) for R in radii[0, 1:] if radii[0, 0] < R]
+    return (float(radii[0, 0]), min(larger)) if larger else ISSUE_RADII
+
+
+def _pairs(design: Design, rng: np.random.Generator) -> Iterator[tuple[float, float]]:
+    """Radii to walk with, without end: the issue's, the design's own, others of any ratio."""
+    while True:
+        yield ISSUE_RADII
+        yield radii_of(design)
+        r = 10 ** float(rng.uniform(-6, 6))
+        yield r, r * (1 + 10 ** float(rng.uniform(-3, 2)))
+
+
+def _placed(distance: float, rng: np.random.Generator) -> tuple[str, float, float]:
+    """Centre of the second disc, half of the time off the axes, and how that is called."""
+    if rng.random() < 0.5:
+        return "", distance, 0.0
+    angle = float(rng.uniform(0, 2 * math.pi))
+    return ANY, distance * math.cos(angle), distance * math.sin(angle)
+
+
+def _area(r: float, R: float, x: float, y: float) -> Any:
+    return intersect([[0.0, 0.0], [x, y]], [r, R]).area
+
+
+def _lost(r: float, R: float, x: float, y: float) -> Any:
+    return intersect([[0.0, 0.0], [x, y]], [r, R]).lost_fraction
+
+
+def _kept(r: float, R: float, x: float, y: float) -> Any:
+    return intersect([[0.0, 0.0], [x, y]], [r, R]).kept_fraction
+
+
+def _exact_area(r: Any, R: Any, x: Any, y: Any) -> Any:
+    mp = many_digits()
+    return textbook_scene.overlap(mp, r, R, mp.hypot(x, y))
+
+
+def _naive_area(r: float, R: float, x: float, y: float) -> Any:
+    return textbook_scene.overlap(math, r, R, math.hypot(x, y))
+
+
+def _exact_lost(r: Any, R: Any, x: Any, y: Any) -> Any:
+    mp = many_digits()
+    return textbook_scene.lost(mp, r, R, mp.hypot(x, y))
+
+
+def _naive_lost(r: float, R: float, x: float, y: float) -> Any:
+    return textbook_scene.lost(math, r, R, math.hypot(x, y))
+
+
+def _exact_kept(r: Any, R: Any, x: Any, y: Any) -> Any:
+    return 1 - _exact_lost(r, R, x, y)
+
+
+def _naive_kept(r: float, R: float, x: float, y: float) -> Any:
+    return 1 - _naive_lost(r, R, x, y)
+
+
+def tangent(design: Design, rng: np.random.Generator, count: int) -> Iterator[Trial]:
+    """Discs that overlap by less and less."""
+    pairs = _pairs(design, rng)
+    for gap in (1e-4, 1e-6, 1e-8):
+        r, R = ISSUE_RADII
+        given = {"r": r, "R": R, "x": r + R - gap, "y": 0.0}
+        yield Trial("overlap", gap / r, given, _area, _exact_area, _naive_area)
+    for gap in gaps(rng, 2 * count):
+        r, R = next(pairs)
+        where, x, y = _placed((r + R) * (1 - gap), rng)
+        yield Trial("overlap" + where, gap, {"r": r, "R": R, "x": x, "y": y}, _area, _exact_area, _naive_area)
+
+
+def barely_clipped(design: Design, rng: np.random.Generator, count: int) -> Iterator[Trial]:
+    """A small disc that another just begins to cut."""
+    pairs = _pairs(design, rng)
+    for gap in gaps(rng, 2 * count):
+        r, R = next(pairs)
+        where, x, y = _placed(R - r + gap * R, rng)
+        given = {"r": r, "R": R, "x": x, "y": y}
+        yield Trial("lost_fraction" + where, gap, given, _lost, _exact_lost, _naive_lost)
+        yield Trial("overlap" + where, gap, given, _area, _exact_area, _naive_area)
+
+
+def coincident(design: Design, rng: np.random.Generator, count: int) -> Iterator[Trial]:
+    """Equal discs that move onto each other, and neighbours of equality."""
+    r = radii_of(design)[0]
+    for gap in (*gaps(rng, count), 0.0):
+        for R in (r, math.nextafter(r, math.inf), math.nextafter(r, 0)):
+            where, x, y = _placed(gap * r, rng)
+            given = {"r": r, "R": R, "x": x, "y": y}
+            yield Trial("kept_fraction" + where, gap, given, _kept, _exact_kept, _naive_kept)
+
+
+# --- pixels -----------------------------------------------------------------------------------------------------------
+
+COLUMNS = 12
+"""Pixels across the walk's disc."""
+
+
+def _sliver_pixels(x: float, y: float, r: float) -> float:
+    """Coverage of the pixel that the disc's right end just enters; pixels of width 1."""
+    image = covered_pixels(np.array([[x, y]]), np.array([r]), COLUMNS + 2, COLUMNS + 2)
+    return float(image[math.floor(y), math.floor(x + r)])
+
+
+def _sliver_cell(x: float, y: float, r: float) -> float:
+    column, row = math.floor(x + r), math.floor(y)
+    return float(area_in_rectangle([[x, y]], [r], (column, row), (column + 1, row + 1)))
+
+
+def _sliver_exact(x: Any, y: Any, r: Any) -> Any:
+    """Segment of the disc beyond the pixel's left edge."""
+    mp = many_digits()
+    depth = x + r - mp.floor(x + r)
+    angle = mp.acos(1 - depth / r)
+    return r * r * (angle - mp.sin(2 * angle) / 2)
+
+
+def _sliver_samples(x: float, y: float, r: float) -> float:
+    """Share of 64 x 64 samples."""
+    at = (np.arange(64) + 0.5) / 64
+    across, along = math.floor(x + r) + at - x, math.floor(y) + at[:, None] - y
+    return float((across**2 + along**2 <= r * r).mean())
+
+
+def slivers(design: Design, rng: np.random.Generator, count: int) -> Iterator[Trial]:
+    """A disc that pokes less and less into a pixel, in the middle of that pixel's edge."""
+    for gap in gaps(rng, count, 1e-9):
+        r = 0.25 * COLUMNS + float(rng.uniform(-0.2, 0.2))
+        edge = math.floor(COLUMNS / 2 + r)
+        given = {"x": edge + min(gap, 0.02) - r, "y": COLUMNS // 2 + float(rng.uniform(0.45, 0.55)), "r": r}
+        if given["x"] + r <= edge or math.floor(given["x"] + r) != edge:
+            continue
+        yield Trial("pixel coverage", gap, given, _sliver_pixels, _sliver_exact, _sliver_samples, lambda x, y, r: r)
+        yield Trial(
+            "area_in_rectangle", gap, given, _sliver_cell, _sliver_exact, _sliver_samples, lambda x, y, r: 4 * r * r
+        )
+
+
+# --- small angles -----------------------------------------------------------------------------------------------------
+
+
+def small_fields(design: Design, rng: np.random.Generator, count: int) -> Iterator[Trial]:
+    """Loss by cos^4 at smaller and smaller fields."""
+    base = design.d_1 / design.d_f * (design.d_f - design.d_3)
+
+    def ours(radius: float, d_f: float, d_1: float, g: float) -> float:
+        return cos4.estimate(design, SceneBrief(field_radius=radius)).value
+
+    def exact(radius: Any, d_f: Any, d_1: Any, g: Any) -> Any:
+        return textbook_scene.cos4_loss(many_digits(), radius * d_f / d_1 / g)
+
+    def naive(radius: float, d_f: float, d_1: float, g: float) -> float:
+        return float(textbook_scene.cos4_loss(math, radius * d_f / d_1 / g))
+
+    # d_f - d_3 as rounded is what the loss is asked for: its own rounding is another row's.
+    fixed = {"d_f": design.d_f, "d_1": design.d_1, "g": design.d_f - design.d_3}
+    for gap in gaps(rng, count, 1e-15):  # the reference itself cancels: 30 of its 60 digits are left
+        yield Trial("cos4 loss", gap, {"radius": base * gap} | fixed, ours, exact, naive)
+
+
+SHAPES = (
+    HardCase(
+        "discs near tangency",
+        "acos of almost 1 and Heron's formula: error 0.18 at a gap of 1e-6 mm",
+        "error-free sums for the gaps, Kahan's sorted product, cap areas by quadrature of positive terms",
+        tangent,
+        {"overlap": EXACT_SHAPE, "overlap" + ANY: ANY_DIRECTION},
+        "overlap",
+        "overlap of the discs over their radii' sum",
+    ),
+    HardCase(
+        "barely clipped",
+        "1 - A/A_0 cancels",
+        "the crescent's own integral",
+        barely_clipped,
+        {
+            "overlap": EXACT_SHAPE,
+            "lost_fraction": EXACT_SHAPE,
+            "overlap" + ANY: ANY_DIRECTION,
+            "lost_fraction" + ANY: ANY_DIRECTION,
+        },
+        "lost_fraction",
+        "how far it pokes out over the larger radius",
+    ),
+    HardCase(
+        "concentric, equal",
+        "0/0, arc cosines of numbers beyond 1",
+        "explicit branches that meet at their seams",
+        coincident,
+        {"kept_fraction": EXACT_SHAPE, "kept_fraction" + ANY: EXACT_SHAPE},
+        "kept_fraction",
+        "distance of the centres over the radius",
+    ),
+    HardCase(
+        "tiny pixel coverage",
+        "samples miss it",
+        "exact arc-pixel area",
+        slivers,
+        {"pixel coverage": PIXELS, "area_in_rectangle": CELL},
+        "pixel coverage",
+        "how far the disc pokes into the pixel, in pixels",
+    ),
+    HardCase(
+        "small field angles",
+        "1 - cos^4 cancels",
+        "expm1 and log1p",
+        small_fields,
+        {},
+        "cos4 loss",
+        "slope of the chief ray",
+    ),
+)
+"""Rows about shapes and angles."""
