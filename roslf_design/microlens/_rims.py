@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import kernel
+from ._arcs import TURN, exclude, leave
 from ._circles import NODES, WEIGHTS
-from ._shapes import CLIPPED, EMPTY, FULL, TURN, exclude, leave
+from ._shapes import CLIPPED, EMPTY, FULL
 
 Floats = NDArray[np.float64]
 
@@ -233,7 +234,7 @@ def rim_shapes(
                 state = FULL if i == 0 else CLIPPED
                 clips[s, i] = i > 0
                 continue
-            for k in range(leave(origin, m, intervals, parts)):
+            for k in range(leave(origin, m, intervals, parts, 0)):
                 add_arc(maps[s, i], parts[k, 0], parts[k, 1], x0, y0, total)
                 state = CLIPPED
                 clips[s, i] = i > 0

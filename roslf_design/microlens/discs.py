@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _shapes
+from . import _arcs, _shapes
 
 Array = NDArray[np.float64]
 
@@ -138,10 +138,9 @@ def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[Arc, ...]:
     if radius.ndim != 1:
         raise ValueError(f"boundary_arcs takes one shape, radii of shape (K,), not {radius.shape}: call it for each")
     k = len(radius)
-    owner, arcs = np.empty(k * k), np.empty((k * k, 2))
-    x, y = np.ascontiguousarray(centre.T)
-    count = _shapes.trace.interpreted(x, y, radius, np.empty(k, np.bool_), np.empty((k, 2)), owner, arcs)
-    return tuple(Arc(int(owner[i]), float(arcs[i, 0]), float(arcs[i, 1])) for i in range(count))
+    discs, arcs = np.column_stack([centre, radius, np.empty(k)]), np.empty((k * k, 3))
+    count = _arcs.trace.interpreted(discs, np.empty((k, 2)), arcs)
+    return tuple(Arc(int(disc), float(start), float(end)) for start, end, disc in arcs[:count])
 
 
 def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) -> Array:
