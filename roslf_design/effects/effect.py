@@ -39,5 +39,5 @@ class Effect:
     """True where the image means nothing without it."""
     required_by: tuple[str, ...] = ()
     """Effects that spread light in a way that makes this one matter whatever its own size."""
-    available: bool = True
+    available: Callable[[Design], bool] = lambda design: True
     """False where the design's model holds no such physics."""

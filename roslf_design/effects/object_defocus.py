@@ -37,4 +37,4 @@ def estimate(design: Design, brief: SceneBrief) -> Estimate:
     return Estimate(spread, f"object points at {reach} spread over {spread:.3g} pitches")
 
 
-EFFECT = Effect("object_defocus", "Object out of focus", "pitch", estimate, cost_per_pixel=64 * 25e-9)
+EFFECT = Effect("object_defocus", "Object out of focus", "pitch", estimate)

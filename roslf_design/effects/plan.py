@@ -184,7 +184,7 @@ def plan(
     """
     brief = scene if isinstance(scene, SceneBrief) else WHITE if scene is None else scene.brief(design)
     budget = budget or Budget()
-    wanted = _wanted(overrides)
+    wanted = _wanted(overrides, design)
     width, height = design.pixels
     lines: dict[str, PlannedEffect] = {}
     for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
@@ -193,8 +193,9 @@ def plan(
             raise PlanError.about(effect.name, f"its estimate is {size.value}; this design's values are too extreme")
         limit = budget.of(effect.unit)
         user = [name for name in effect.required_by if lines[name].on]
-        on, why = _decide(effect, abs(size.value), limit, user)
-        if effect.available and not effect.always and effect.name in wanted:
+        there = effect.available(design)
+        on, why = _decide(effect, abs(size.value), limit, user) if there else (False, "")
+        if there and not effect.always and effect.name in wanted:
             on, why = wanted[effect.name], "switched on by hand" if wanted[effect.name] else "switched off by hand"
         reason = f"{size.note}; {why}" if why else size.note
         cost = effect.cost_per_pixel * width * height
@@ -205,8 +206,6 @@ def plan(
 
 
 def _decide(effect: Effect, size: float, limit: float, user: list[str]) -> tuple[bool, str]:
-    if not effect.available:
-        return False, ""
     if effect.always:
         return True, "never left out"
     if size > limit:
@@ -216,7 +215,7 @@ def _decide(effect: Effect, size: float, limit: float, user: list[str]) -> tuple
     return False, "" if size == 0 else "below the budget"
 
 
-def _wanted(overrides: Iterable[str]) -> dict[str, bool]:
+def _wanted(overrides: Iterable[str], design: Design) -> dict[str, bool]:
     known = {effect.name: effect for effect in EFFECTS}
     wanted: dict[str, bool] = {}
     for override in overrides:
@@ -230,7 +229,7 @@ def _wanted(overrides: Iterable[str]) -> dict[str, bool]:
             raise PlanError.about("effects", _unknown(name))
         if sign == "-" and known[name].always:
             raise PlanError.about("effects", f"{name} is never left out; drop -{name}")
-        if sign == "+" and not known[name].available:
+        if sign == "+" and not known[name].available(design):
             raise PlanError.about(
                 "effects", f"{name} needs a traced main lens, and this design's is ideal; drop +{name}"
             )

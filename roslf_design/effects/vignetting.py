@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..design import Design, Stop
+from . import lens_faults
 from .brief import SceneBrief
 from .effect import Effect, Estimate
 from .field import field_note, field_radius, stop_image, stop_scale
@@ -51,6 +52,10 @@ def estimate(design: Design, brief: SceneBrief) -> Estimate:
     """Depth of the deepest cut [px]."""
     depth = cut_depth(design, field_radius(design, brief)) / design.q
     where = field_note(design, brief)
+    if design.lens is not None:
+        traced = lens_faults.faults(design, field_radius(design, brief)).cut / design.q
+        if traced > depth:
+            return Estimate(traced, f"{design.lens.name}, traced, cuts {traced:.3g} px off microlens images {where}")
     if depth <= 0:
         return Estimate(0.0, f"the FAP's disc lies inside all others {where}: nothing is clipped")
     return Estimate(depth, f"other rims cut {depth:.3g} px into the FAP's disc {where}")

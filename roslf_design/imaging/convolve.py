@@ -45,7 +45,7 @@ def fineness(transfer: MicrolensTransfer, pixel: float) -> int:
     """
     if not math.isfinite(transfer.cutoff):
         return DEFAULT_FINE
-    return min(8, max(2, math.ceil(4 * pixel * transfer.cutoff)))
+    return min(4, max(2, math.ceil(4 * pixel * transfer.cutoff)))
 
 
 def bands(

@@ -232,9 +232,9 @@ class _Job:
 
 
 def _array_fills_the_view(design: Design) -> bool:
-    """Whether microlens images cover all of the sensor, with one to spare on each side."""
+    """Whether microlens images cover all of the sensor, with half of one to spare on each side."""
     lattice = ImageLattice.of(design)
     half = np.array(design.pixels) * design.q / 2
     corners = np.array([[x, y] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
     place = np.linalg.solve(lattice.image_axes, (corners - lattice.image_origin).T).T @ lattice.axes.T
-    return bool((np.abs(place) <= np.array(lattice.half_size) - design.d).all())
+    return bool((np.abs(place) <= np.array(lattice.half_size) - design.d / 2).all())

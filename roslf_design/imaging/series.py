@@ -59,11 +59,13 @@ class HarmonicSeries:
     def _bases(self, x: Floats, y: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Factors whose matrix product is the image; one column (row) pair for each y frequency."""
         heights, group = np.unique(np.round(self.frequencies[:, 1], 9), return_inverse=True)
+        widths, place = np.unique(np.round(self.frequencies[:, 0], 9), return_inverse=True)
+        waves = np.exp(2j * math.pi * np.outer(widths, x))
         along = np.empty((2 * heights.size, x.size), np.float32)
         across = np.empty((y.size, 2 * heights.size), np.float32)
         for n, height in enumerate(heights):
             mine = group == n
-            wave = self.coefficients[mine] @ np.exp(2j * math.pi * np.outer(self.frequencies[mine, 0], x))
+            wave = self.coefficients[mine] @ waves[place[mine]]
             along[2 * n], along[2 * n + 1] = wave.real, wave.imag
             phase = 2 * math.pi * height * y
             across[:, 2 * n], across[:, 2 * n + 1] = np.cos(phase), -np.sin(phase)

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import Plan
-from ..microlens import _pixels
+from ..microlens.coverage import coverage_image
 from ..microlens.images import stop_images
 from .camera import ImageLattice
 from .grid import Region, pixel_centres
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
+
+FRAME = 256
+"""Pixels around the sensor that convolutions may ask for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +64,18 @@ class WhiteGeometry:
         """
         x, y = pixel_centres(self.design, region, fine)
         pixel = self.design.q / fine
-        low_x, low_y = x[0] - pixel / 2, y[0] - pixel / 2
-        axes, centres, radii = self._discs(low_x, x[-1] + pixel / 2, low_y, y[-1] + pixel / 2)
-        cover = np.zeros((y.size, x.size))
-        if len(axes):
-            side = math.ceil(2 * float(radii[:, 0].max()) / pixel) + 4
-            # Pixels are counted from the sensor's corner, so that a value does not depend on the region asked for.
-            width, height = self.design.pixels
-            corner = (-width / 2 * self.design.q, -height / 2 * self.design.q)
-            first = region.row * fine, region.column * fine
-            _pixels.coverage.compiled(axes, centres, radii, *corner, pixel, *first, side, cover)
-        return cover
+        discs = self._discs(x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2)
+        width, height = self.design.pixels
+        # Pixels are counted on the whole sensor and a frame around it: a value does not depend on the region.
+        first_row, first_column = (region.row + FRAME) * fine, (region.column + FRAME) * fine
+        cover = coverage_image(
+            *discs,
+            pixel=pixel,
+            size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
+            window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
+            parallel=True,
+        )
+        return np.asarray(cover, np.float64)
 
     def _discs(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Floats, Floats]:
         """Microlens axes in the sensor's frame (n, 2), discs relative to them (n, K, 2) and (n, K) [mm]."""
