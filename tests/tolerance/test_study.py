@@ -154,6 +154,21 @@ def test_group_members_share_pose_by_pose():
     assert dict(plan.draws.correlations) == dict.fromkeys(groups.values(), 0.5)
 
 
+def test_a_real_lens_is_taken_as_its_thin_twin_and_said_to_be(tmp_path):
+    text = preset_path("paper").read_text()
+    real = text.replace('diameter = "50.8 mm"\nfocal_length = "100 mm"', 'prescription = "ac508-150-a"')
+    assert real != text
+    real = real.replace('focal_plane = "350 mm"', 'focal_plane = "500 mm"').replace('distance = "140 mm"\n', "")
+    (tmp_path / "real.toml").write_text(real)
+    (tmp_path / "study.toml").write_text(
+        'name = "n"\ndesign = "real.toml"\ngrade = "high"\n[[goals]]\nmetric = "fill_factor"\nmin = 0.1\n'
+    )
+    plan, _, _ = load_plan(tmp_path / "study.toml")
+    assert plan.question.design.main_lens.prescription is None
+    assert plan.question.design.name.endswith("(its real lens taken as ideal)")
+    assert plan.question.design.f == pytest.approx(150, rel=0.01)
+
+
 def test_chunks_stay_few_and_large():
     assert chunk_size(100) == chunk_size(10**6) == 2**15
     assert 10**8 / chunk_size(10**8) < 1100
