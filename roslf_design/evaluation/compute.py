@@ -10,6 +10,7 @@ from ..design import Design
 from ..effects.field import half_sizes
 from ..effects.plan import plan
 from .fields import evaluate_fields
+from .real_lens import trace_lens
 from .result import (
     Depth,
     Diffraction,
@@ -54,6 +55,7 @@ def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | Non
     f_number, image = _f_number(design), _microlens_image(design)
     sampled, wave = _sampling(design), _diffraction(design)
     images = evaluate_fields(design, axes)
+    traced = trace_lens(design, axes, non_distortion)
     return Evaluation(
         design=design.name,
         aperture_constant=float(theory.aperture_constant(design.d_f, design.d_3)),
@@ -69,9 +71,10 @@ def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | Non
         effects=tuple(
             Effect(line.name, line.estimate, line.unit, line.budget, line.on, line.reason) for line in plan(design)
         ),
-        verdicts=verdicts_of(design, f_number, non_distortion, sampled),
+        verdicts=verdicts_of(design, f_number, non_distortion, sampled, traced),
         warnings=warnings_of(design, images),
-        method=METHOD if design.aligned else f"{METHOD} {COUNTED}",
+        method=" ".join(_methods(design)),
+        real_lens=traced,
     )
 
 
@@ -80,10 +83,24 @@ METHOD = (
     "below 1e-12 relative. What this model leaves out is listed, with its size, under effects."
 )
 
+TRACED = (
+    "The main lens is real: all of that is its thin twin of the same focal length, and under real lens stands what "
+    "exact rays through its surfaces say."
+)
+
 COUNTED = (
     f"Parts are tilted, so the microlens images over the field were counted from {RAYS} rays each (error of a share up "
     "to 0.002); all other numbers are those of the untilted parts."
 )
+
+
+def _methods(design: Design) -> list[str]:
+    told = [METHOD]
+    if not design.aligned:
+        told.append(COUNTED)
+    if design.lens is not None:
+        told.append(TRACED)
+    return told
 
 
 def default_fields(design: Design) -> tuple[tuple[float, float], ...]:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
+from .lens_result import RealLens
+
 SCHEMA = "roslf.evaluation/1"
 
 
@@ -191,6 +193,8 @@ class Evaluation:
     warnings: tuple[str, ...]
     method: str
     """How areas were found, and how far they may be off."""
+    real_lens: RealLens | None = None
+    """The traced main lens; None where it is ideal."""
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from .lens_result import RealLens, RealLensField
     from .result import Evaluation, Field
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
@@ -99,6 +100,57 @@ def table_groups(result: Evaluation) -> Iterator[tuple[str, list[Row]]]:
         ],
     )
 
+    if result.real_lens is not None:
+        yield "Real main lens, traced", _lens_rows(result.real_lens)
+
+
+def _lens_rows(lens: RealLens) -> list[Row]:
+    left_out = [("left out of the trace", "", ", ".join(lens.left_out))] if lens.left_out else []
+    return [
+        ("lens", lens.lens, ""),
+        ("focal length", f"{number(lens.focal_length_mm)} mm", f"back focal {number(lens.back_focal_length_mm)} mm"),
+        ("first vertex to the FAP", f"{number(lens.first_vertex_to_fap_mm)} mm", "for a ruler; d_3 is to H"),
+        ("last vertex to the MLA", f"{number(lens.last_vertex_to_mla_mm)} mm", "for a ruler; d_1 is from H'"),
+        (
+            "undistorted, measured",
+            f"{number(lens.x_ml_max_mm)} mm",
+            f"on the MLA; thin lens, Eq. 6: {number(lens.thin_x_ml_max_mm)} mm",
+        ),
+        *left_out,
+    ]
+
+
+LENS_HEADINGS = (
+    "microlens x, y [mm]",
+    "image",
+    "kept",
+    "shift x, y [px]",
+    "wider [%]",
+    "focus tan, sag [pitches]",
+    "distortion [%]",
+    "colour [pitches]",
+)
+
+
+def lens_field_row(field: RealLensField) -> tuple[str, ...]:
+    """One field behind the real lens as cells, in the order of `LENS_HEADINGS`."""
+    x, y = field.x_ml_mm
+    foci = (field.tangential_focus_pitches, field.sagittal_focus_pitches)
+    return (
+        f"{x:g}, {y:g}",
+        field.status if field.chief_ray == "kept" else f"{field.status} ({field.chief_ray})",
+        f"{100 * field.kept_fraction:.4g} %",
+        "-" if field.shift_px is None else " ".join(_cell(value, "+.2f") for value in field.shift_px),
+        _cell(field.widening_percent, ".1f"),
+        " ".join(_cell(value, "+.1f") for value in foci),
+        _cell(field.distortion_percent, "+.2f"),
+        _cell(field.lateral_colour_pitches, ".2f"),
+    )
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else f"{float(f'{value:{form}}') + 0.0:{form}}"  # 0.0 rather than -0.0
+
 
 def field_row(field: Field) -> tuple[str, ...]:
     """One field as cells: place, status, kept, centroid, axis ratio, own cell."""
@@ -164,7 +216,10 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
     effects = Table(*EFFECT_HEADINGS, title="Effects: what a simulation of this design has to include")
     for effect in effect_rows(result):
         effects.add_row(*effect, style=None if effect[3] == "on" else "dim")
-    for table in (*tables, fields, effects):
+    traced = [Table(*LENS_HEADINGS, title="Microlens images through the real lens, against its thin twin")]
+    for lens_field in result.real_lens.fields if result.real_lens else ():
+        traced[0].add_row(*lens_field_row(lens_field))
+    for table in (*tables, fields, *(traced if result.real_lens else ()), effects):
         table.box, table.pad_edge, table.title_justify, table.title_style = None, False, "left", "bold"
         console.print()
         console.print(table)
@@ -191,6 +246,9 @@ def as_html(result: Evaluation) -> str:
         (title, (), [tuple(row) for row in rows]) for title, rows in table_groups(result)
     ]
     groups.append(("Microlens images over the field", FIELD_HEADINGS, [field_row(field) for field in result.fields]))
+    if result.real_lens is not None:
+        lens_rows = [lens_field_row(field) for field in result.real_lens.fields]
+        groups.append(("Microlens images through the real lens", LENS_HEADINGS, lens_rows))
     groups.append(("Effects", EFFECT_HEADINGS, list(effect_rows(result))))
     for title, headings, rows in groups:
         head = "".join(f"<th>{escape(text)}</th>" for text in headings)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..design import Design
 from ..theory.matched import Matched, matched_pupil_diameter, matched_pupil_distance, matched_sensor_distance
+from .lens_result import RealLens, RealLensField
 from .result import Field, FNumber, NonDistortion, Sampling, Verdict
 
 SLACK_PX = 0.5
@@ -16,14 +17,74 @@ OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 
 
 def verdicts_of(
-    design: Design, f_number: FNumber, non_distortion: NonDistortion, sampling: Sampling
+    design: Design,
+    f_number: FNumber,
+    non_distortion: NonDistortion,
+    sampling: Sampling,
+    lens: RealLens | None = None,
 ) -> tuple[Verdict, ...]:
-    """Answer whether the f-number is matched, the field undistorted, and the pixels worth having."""
+    """Answer whether the f-number is matched, the field undistorted, and the pixels worth having.
+
+    With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
+    """
+    field = _undistorted(design, non_distortion)
     return (
         _matched(design, f_number),
-        _undistorted(design, non_distortion),
+        field if lens is None else _undistorted_through(lens, non_distortion, field),
         _resolved(sampling),
+        *(() if lens is None else (_thin(f_number, lens),)),
     )
+
+
+def _undistorted_through(lens: RealLens, thin: NonDistortion, by_thin: Verdict) -> Verdict:
+    """The field's verdict by the traced lens, Eq. 6's bound beside it."""
+    bound = (
+        f"measured through {lens.lens}, microlens images are whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
+        f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
+    )
+    seen = (
+        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm (corner)"
+    )
+    if lens.undistorted_in_field:
+        return Verdict("field_undistorted", True, "good", f"field undistorted: {bound}; {seen}", "")
+    folded = [field for field in lens.fields if field.status == "folded"]
+    where = f"; folded at {', '.join(f'{x:g}, {y:g} mm' for x, y in (f.x_ml_mm for f in folded))}" if folded else ""
+    ways = "turn the lens round, take a better corrected or wider one, a FAP closer to it or a smaller sensor"
+    remedy = by_thin.remedy or ways
+    return Verdict("field_undistorted", False, "fault", f"field distorted: {bound}{where}; {seen}", remedy)
+
+
+def _thin(f: FNumber, lens: RealLens) -> Verdict:
+    """Whether microlens images lie where the thin lens puts them, and are as large."""
+    told = [field for field in lens.fields if field.shift_px is not None and field.widening_px is not None]
+    worst = max(told, key=lambda field: _departure(field), default=None)
+    unseen = len(told) < len(lens.fields)
+    if worst is None:
+        if not lens.fields:
+            return Verdict("thin_lens_holds", True, "good", "thin lens: no field was asked for", "")
+        return Verdict(
+            "thin_lens_holds", False, "fault", "thin lens fails: no field asked for has a whole image", _OTHER
+        )
+    assert worst.shift_px is not None
+    assert worst.widening_percent is not None
+    x, y = worst.x_ml_mm
+    moved, fill = math.hypot(*worst.shift_px), f.fill_factor * (1 + worst.widening_percent / 100)
+    size = (
+        f"at {x:g}, {y:g} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
+        f"{worst.widening_percent:.3g} % (fill factor {fill:.3g})"
+    )
+    if _departure(worst) <= SLACK_PX and not unseen:
+        return Verdict("thin_lens_holds", True, "good", f"thin lens holds: {size}", "")
+    return Verdict("thin_lens_holds", False, "fault", f"thin lens does not hold: {size}", _OTHER)
+
+
+_OTHER = "calibrate image centres rather than compute them; turn the lens round, or take a better corrected one"
+
+
+def _departure(field: RealLensField) -> float:
+    assert field.shift_px is not None
+    assert field.widening_px is not None
+    return math.hypot(*field.shift_px) + abs(field.widening_px) / 2
 
 
 def _matched(design: Design, f: FNumber) -> Verdict:

@@ -66,10 +66,13 @@ def decentred(lens: Prescription, element: int, x: float, y: float) -> Prescript
 
 def tilted(lens: Prescription, element: int, alpha: float, beta: float) -> Prescription:
     """An element turned by alpha about x, then beta about y [rad], about the middle of its axis."""
-    ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
-    about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
-    about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
-    return _moved(lens, element, np.zeros(3), about_y @ about_x)
+    return _moved(lens, element, np.zeros(3), _rotation(alpha, beta))
+
+
+def turned(lens: Prescription, alpha: float, beta: float, pivot: float) -> Prescription:
+    """The whole lens turned by alpha about x, then beta about y [rad], about the axis point at `pivot` along z [mm]."""
+    members = tuple(range(len(lens.surfaces)))
+    return _carried(lens, members, np.array([0.0, 0.0, pivot]), np.zeros(3), _rotation(alpha, beta))
 
 
 def surface_tilted(lens: Prescription, surface: int, alpha: float, beta: float) -> Prescription:
@@ -89,8 +92,24 @@ def _moved(lens: Prescription, element: int, step: Array, rotation: Array) -> Pr
     if not 1 <= element <= len(groups):
         raise _fault("element", f"{element} does not exist; the lens has elements 1 to {len(groups)}")
     members = groups[element - 1]
-    vertices = np.array([[*s.shift[:2], z + s.shift[2]] for s, z in zip(lens.surfaces, lens.vertices, strict=True)])
-    pivot = (vertices[members[0]] + vertices[members[-1]]) / 2
+    vertices = _vertices(lens)
+    return _carried(lens, members, (vertices[members[0]] + vertices[members[-1]]) / 2, step, rotation)
+
+
+def _rotation(alpha: float, beta: float) -> Array:
+    ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
+    about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    return np.asarray(about_y @ about_x)
+
+
+def _vertices(lens: Prescription) -> Array:
+    return np.array([[*s.shift[:2], z + s.shift[2]] for s, z in zip(lens.surfaces, lens.vertices, strict=True)])
+
+
+def _carried(lens: Prescription, members: tuple[int, ...], pivot: Array, step: Array, rotation: Array) -> Prescription:
+    """Surfaces that move as one: turned about a pivot, then shifted."""
+    vertices = _vertices(lens)
     surfaces = list(lens.surfaces)
     for index in members:
         old = surfaces[index]

@@ -1,0 +1,106 @@
+"""A real main lens traced: what it does to microlens images and to the field, beside its thin twin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..design import Design
+from ..effects.field import half_sizes
+from ..theory import inverse_aperture_constant
+from .lens_result import RealLens, RealLensField
+from .result import NonDistortion
+
+STATUS = ("dark", "clipped", "full", "folded")
+
+
+def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDistortion) -> RealLens | None:
+    """Trace a design's main lens.
+
+    Parameters
+    ----------
+    design : Design
+    axes : sequence of (x, y)
+        Microlens axes, on the MLA [mm].
+    thin : NonDistortion
+        Eq. 6 for the thin twin.
+
+    Returns
+    -------
+    RealLens or None
+        None where the main lens is ideal; nothing of the lenses is then imported.
+
+    Raises
+    ------
+    LensError
+        Parts that collide with the lens.
+    """
+    if design.lens is None:
+        return None
+    from ..lenses.of_design import camera_of, left_out, measured_bound
+
+    camera = camera_of(design)
+    constants = camera.first_order
+    x0, x_ml = measured_bound(design)
+    half_x, half_y = half_sizes(design)
+    corner = ((half_x, half_y), (-half_x, half_y), (half_x, -half_y), (-half_x, -half_y))
+    fields = _fields(design, axes)
+    edges = _fields(design, corner)
+    return RealLens(
+        lens=camera.lens.name,
+        focal_length_mm=constants.focal_length,
+        back_focal_length_mm=constants.back_focal_length,
+        front_principal_mm=constants.front_principal,
+        rear_principal_mm=constants.rear_principal,
+        first_vertex_to_fap_mm=-camera.fap.z,
+        last_vertex_to_mla_mm=camera.mla - camera.lens.length,
+        x0_max_mm=x0,
+        x_ml_max_mm=x_ml,
+        thin_x_ml_max_mm=thin.x_ml_max_mm,
+        undistorted_in_field=all(field.status == "full" for field in (*fields, *edges)),
+        fields=fields,
+        left_out=tuple(f"tilt of the {part}" for part in left_out(design)),
+    )
+
+
+def _fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[RealLensField, ...]:
+    if not axes:
+        return ()
+    from ..lenses.of_design import real_field
+    from ..lenses.trace import KEPT
+
+    found = real_field(design, axes)
+    images, maps = found.images, found.maps
+    cone = design.D_F / (design.d_1 * float(inverse_aperture_constant(design.d_f, design.d_3)))
+    rows = []
+    for i, axis in enumerate(axes):
+        seen = maps.status[i] == KEPT
+        whole = seen and not math.isnan(found.widening[i])
+        tangential, sagittal = float(maps.tangential_focus[i]), float(maps.sagittal_focus[i])
+        colour = float(found.lateral_colour[i])
+        rows.append(
+            RealLensField(
+                x_ml_mm=axis,
+                status=STATUS[int(images.status[i])],
+                chief_ray=found.chief[i],
+                kept_fraction=float(images.kept_fraction[i]),
+                centre_mm=_pair(images.chief[i]) if seen else None,
+                diameter_mm=found.thin_diameter * (1 + float(found.widening[i])) if whole else None,
+                axis_ratio=float(images.axis_ratio[i]) if images.status[i] else None,
+                shift_px=_pair(found.shift[i] / design.q) if seen else None,
+                widening_px=found.thin_diameter * float(found.widening[i]) / design.q if whole else None,
+                widening_percent=100 * float(found.widening[i]) if whole else None,
+                tangential_focus_mm=tangential if seen else None,
+                sagittal_focus_mm=sagittal if seen else None,
+                tangential_focus_pitches=tangential * cone / design.d if seen else None,
+                sagittal_focus_pitches=sagittal * cone / design.d if seen else None,
+                blur_pitches=float(maps.blur[i]) / design.d if seen else None,
+                distortion_percent=100 * float(maps.distortion[i]) if seen else None,
+                lateral_colour_pitches=None if math.isnan(colour) else colour / design.d,
+            )
+        )
+    return tuple(rows)
+
+
+def _pair(values: Sequence[float]) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

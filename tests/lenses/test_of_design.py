@@ -1,0 +1,217 @@
+"""A design's real lens, traced: where parts stand, what evaluate says of it, and the sizes of its effects."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from roslf_design.cli import main
+from roslf_design.design import DesignError, dumps
+from roslf_design.effects import Budget, PlanError, SceneBrief, plan
+from roslf_design.effects.lens_faults import faults
+from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
+from roslf_design.lenses.camera import mounted
+from roslf_design.lenses.glass import find_glass
+from roslf_design.lenses.images import real_images
+from roslf_design.lenses.of_design import camera_of, left_out, measured_bound, real_field
+from roslf_design.lenses.prescription import Prescription, Surface
+
+from .test_in_design import real
+
+FIELDS = [(0.0, 0.0), (6.0, 0.0), (11.15, 0.0), (8.0, -5.0)]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_distances_count_from_the_principal_planes(turned):
+    design = real("AC508-100-A").replace({"main_lens.reversed": turned})
+    camera = camera_of(design)
+    ours = (camera.d_f, camera.d_3, camera.d_1, camera.d_2)
+    assert ours == pytest.approx((350.0, 120.0, design.d_1, 2.0), rel=1e-13)
+    other = mounted(design.lens, 550e-6, pupil_diameter=2.9, pupil_distance=120, sensor_distance=2, focal_plane=350)
+    assert_allclose(real_field(design, FIELDS).images.chief, real_images(other, FIELDS).chief, atol=1e-12)
+
+
+def test_moving_the_lens_is_moving_everything_else():
+    """The same camera, seen from the lens or from the bench."""
+    design = real("LB1630-A")
+    moved = {"main_lens.decentre": (0.3, -0.2)}
+    others = {"aperture.decentre": (-0.3, 0.2), "microlens_array.decentre": (-0.3, 0.2)}
+    one, two = (real_field(design.replace(change), FIELDS) for change in (moved, others))
+    for name in ("shift", "widening", "lateral_colour", "rim_shift"):
+        assert_allclose(getattr(one, name), getattr(two, name), atol=1e-11)
+    assert_allclose(one.images.chief, two.images.chief, atol=1e-12)
+
+
+def test_a_turned_array_sees_turned_fields():
+    turned = real().replace({"microlens_array.rotation": math.pi / 2})
+    straight = real_field(real(), [(0.0, 7.0)])
+    assert_allclose(real_field(turned, [(7.0, 0.0)]).images.chief, straight.images.chief, atol=1e-12)
+
+
+def test_a_ball_lens_may_turn_about_its_centre():
+    glass = find_glass("N-BK7")
+    ball = Prescription((Surface(1 / 60, 50.0, 120.0, glass), Surface(-1 / 60, 50.0)), "ball")
+    straight = real().replace({"main_lens.prescription": ball, "main_lens.focal_plane": 400.0})
+    tilted = straight.replace({"main_lens.tilt": (0.02, -0.03)})
+    one, two = real_field(straight, FIELDS), real_field(tilted, FIELDS)
+    assert_allclose(one.images.outline, two.images.outline, atol=1e-11)
+    assert not np.allclose(
+        real_field(real(), FIELDS).images.chief,
+        real_field(real().replace({"main_lens.tilt": (0.02, -0.03)}), FIELDS).images.chief,
+        atol=1e-4,
+    )
+
+
+def test_tilts_and_fields_mirror():
+    one = real_field(real().replace({"main_lens.tilt": (0.0, 0.01)}), [(7.0, 2.0)])
+    two = real_field(real().replace({"main_lens.tilt": (0.0, -0.01)}), [(-7.0, 2.0)])
+    assert_allclose(one.images.chief * [-1, 1], two.images.chief, atol=1e-12)
+
+
+def test_towards_the_axis_the_thin_lens_holds():
+    """Departures fall with the cube of the field (shift) and its square (widening)."""
+    design = real("AC254-100-A").replace(D_F=0.05)
+    found = real_field(design, [(4.0, 0.0), (2.0, 0.0), (1.0, 0.0)])
+    shift = np.abs(found.shift[:, 0])
+    assert_allclose(shift[:-1] / shift[1:], 8.0, rtol=0.06)
+    assert_allclose(found.widening[:-1] / found.widening[1:], 4.0, rtol=0.06)
+
+
+def test_images_that_are_cut_or_folded_have_no_made_up_numbers():
+    design = real("LA1050-A")
+    found = evaluate(design, [0.0, 11.15, (11.15, 7.466)]).real_lens
+    assert [field.status for field in found.fields] == ["full", "folded", "dark"]
+    dark = found.fields[2]
+    assert dark.chief_ray == "missed surface 1"
+    assert (dark.centre_mm, dark.diameter_mm, dark.shift_px, dark.widening_percent, dark.blur_pitches) == (None,) * 5
+    assert dark.kept_fraction == 0
+    assert not found.undistorted_in_field
+
+
+def verdict(result, name):
+    return next(each for each in result.verdicts if each.name == name)
+
+
+def test_the_field_s_verdict_is_the_traced_lens_s():
+    """Behind the plano-convex lens Eq. 6 promises the whole sensor; the traced lens clips its corner."""
+    turned = evaluate(real("LA1050-A", reversed="true"))
+    assert turned.non_distortion.undistorted_in_field
+    field = verdict(turned, "field_undistorted")
+    assert not field.ok
+    assert "12.94 mm on the MLA" in field.text
+    assert "Eq. 6: 17.61 mm" in field.text
+    assert field.remedy
+    folded = verdict(evaluate(real("LA1050-A")), "field_undistorted")
+    assert "folded at 11.15, 0 mm" in folded.text
+    good = evaluate(real("LB1630-A"))
+    assert verdict(good, "field_undistorted").ok
+    assert not verdict(good, "thin_lens_holds").ok
+    fine = evaluate(real("AC508-150-A"), [1.0])
+    assert verdict(fine, "thin_lens_holds").ok
+    x_ml = measured_bound(real("LB1630-A"))[1]
+    just = evaluate(real("LB1630-A"), [x_ml * (1 - 1e-6), x_ml * (1 + 1e-6)]).real_lens
+    assert [field.status for field in just.fields] == ["full", "clipped"]
+
+
+def test_off_axis_parts_are_bounded_in_the_worst_direction():
+    centred = measured_bound(real())[1]
+    shifted = measured_bound(real().replace({"aperture.decentre": (1.0, 0.0)}))[1]
+    assert shifted < centred
+
+
+def test_evaluate_prints_and_writes_the_traced_lens(tmp_path, capsys):
+    path = tmp_path / "d.toml"
+    path.write_text(dumps(real("LA1050-A").replace({"sensor.tilt": (0.01, 0.0)})))
+    assert main(["evaluate", str(path), "--json", "--field", "11.15"]) == 0
+    lens = json.loads(capsys.readouterr().out)["real_lens"]
+    assert lens["lens"] == "LA1050-A"
+    assert lens["left_out"] == ["tilt of the sensor"]
+    assert lens["fields"][0]["status"] == "folded"
+    assert main(["evaluate", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "Microlens images through the real lens" in out
+    assert "tilt of the sensor" in out
+    assert "-0.0" not in out.split("real lens, against")[1].split("Effects")[0].replace("-0.0001", "")
+    assert main(["evaluate", "paper", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["real_lens"] is None
+    html = evaluate(real())._repr_html_()
+    assert "Microlens images through the real lens" in html
+
+
+def test_ideal_designs_import_nothing_of_the_lenses():
+    code = (
+        "import sys; from roslf_design.cli import main; main(['evaluate', 'paper', '--json'])\n"
+        "sys.exit([m for m in sys.modules if m.startswith('roslf_design.lenses')] and 1 or 0)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def test_parts_that_collide_are_an_error_of_the_input():
+    with pytest.raises(InputError, match=r"aperture.distance: lies .* inside the lens"):
+        evaluate(real("AC508-100-A", reversed="true").replace(d_3=5.0))
+    with pytest.raises(DesignError, match="no such file"):
+        real().replace({"main_lens.prescription": "none.toml"})
+
+
+def test_left_out_names_tilted_parts():
+    assert left_out(real()) == ()
+    tilted = real().replace({"aperture.tilt": (0.01, 0.0), "microlens_array.tilt": (0.0, 0.01)})
+    assert left_out(tilted) == ("FAP", "microlens array")
+
+
+LENSES = ["LB1630-A", "AC508-100-A", "AC508-150-A"]
+TEXTURED = SceneBrief(smallest_period=2.0, hard_edges=True, wavelengths=(480e-6, 550e-6, 630e-6))
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_estimates_are_the_worst_over_the_field(name):
+    design = real(name)
+    x_ml = 11.0
+    dense = real_field(design, [(x, 0.0) for x in np.linspace(0, x_ml, 45)])
+    found = faults(design, x_ml)
+    assert found.displaced == pytest.approx(np.max(dense.rim_shift), rel=0.02)
+    assert found.spread == pytest.approx(np.max(dense.maps.spread), rel=0.02)
+    cone = design.D_F * design.d_f / (design.d_f - design.d_3) / design.d_1
+    foci = np.maximum(np.abs(dense.maps.tangential_focus), np.abs(dense.maps.sagittal_focus))
+    assert found.curvature == pytest.approx(np.max(foci) * cone, rel=0.02)
+    assert (found.cut, found.whole_to) == (0.0, x_ml)
+
+
+def test_plan_of_real_and_ideal_lenses():
+    textured = plan(real(), TEXTURED)
+    for name in ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour"):
+        assert textured.on(name)
+        assert "LB1630-A" in textured[name].reason
+        assert plan(real().thin_twin, TEXTURED)[name].reason == "ideal lens"
+    white = plan(real())
+    assert white.on("lens_distortion")
+    assert [white[name].estimate for name in ("lens_aberrations", "field_curvature", "lens_colour")] == [0, 0, 0]
+    assert not plan(real(), overrides=["-lens_distortion"]).on("lens_distortion")
+    assert plan(real(), overrides=["+lens_colour"]).on("lens_colour")
+    with pytest.raises(PlanError, match="needs a traced main lens"):
+        plan(real().thin_twin, overrides=["+lens_colour"])
+    near = plan(real(), SceneBrief(field_radius=0.5), Budget(px=0.1))
+    assert not near.on("lens_distortion")
+
+
+def test_vignetting_by_the_traced_lens_counts():
+    turned = real("LA1050-A", reversed="true")
+    assert plan(turned.thin_twin)["vignetting"].estimate == 0
+    line = plan(turned)["vignetting"]
+    assert line.on
+    assert "LA1050-A reversed, traced" in line.reason
+
+
+def test_colour_is_what_the_foci_and_heights_of_the_colours_say():
+    """An achromat's colours stay together; a singlet's part as f changes: lateral about x d_1 (df/f^2) d_3-ish."""
+    single, double = (plan(real(name), TEXTURED)["lens_colour"].estimate for name in ("LB1630-A", "AC508-100-A"))
+    assert single > 4 * double
+    one = SceneBrief(smallest_period=2.0, wavelengths=(550e-6,))
+    assert plan(real(), one)["lens_colour"].estimate == 0
