@@ -77,7 +77,7 @@ def textured(paper: Design, repeats: int) -> None:
         for name, texture, overrides in (
             ("checkerboard", Checkerboard(period=3.0), ["-fap_diffraction"]),
             ("picture, bilinear", picture, ["-fap_diffraction"]),
-            ("checkerboard, FAP diffraction", Checkerboard(period=3.0), []),
+            ("checkerboard, FAP diffraction", Checkerboard(period=3.0), ["-microlens_diffraction"]),
         ):
             scene = Scene(objects=(Plane(distance=340.0, texture=texture),))
             tracer = Tracer.of(paper, plan(paper, scene, overrides=overrides), scene)
