@@ -16,7 +16,7 @@ from .lightfield import LightField
 from .saddle import Saddles, fit_saddles
 
 _LARGE = 800
-"""Views with a short side of fewer pixels are doubled before the search: small boards are found better."""
+"""Views with a short side of fewer pixels are searched doubled as well, where small boards are found better."""
 _WORST = 0.35
 """Misfit, against the contrast, above which a corner is not believed."""
 
@@ -60,7 +60,7 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
     grey = _eight_bit(pixels, known)
     fast, thorough = cv.CALIB_CB_ACCURACY, cv.CALIB_CB_ACCURACY | cv.CALIB_CB_EXHAUSTIVE | cv.CALIB_CB_NORMALIZE_IMAGE
     small = min(grey.shape) < _LARGE
-    tries = [(2, fast), (1, fast), (2, thorough), (1, thorough)] if small else [(1, fast), (1, thorough)]
+    tries = [(1, fast), (2, fast), (1, thorough), (2, thorough)] if small else [(1, fast), (1, thorough)]
     for scale, flags in tries:
         view = grey if scale == 1 else cv.resize(grey, None, fx=scale, fy=scale, interpolation=cv.INTER_CUBIC)
         seen, corners = cv.findChessboardCornersSB(view, board.inner, flags=flags)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
-from .frames import Frame, grey_frame, same_size
+from .frames import Frame, grey_frame, refuse_saturated, same_size
 from .lattice import Array, Lattice
 from .lightfield import LightField, Samples
 
@@ -44,9 +44,10 @@ def decode(
     Raises
     ------
     CalibrationError
-        Images missing, of different sizes, or not finite.
+        Images missing, of different sizes, not finite, or a raw image with over 5 % of its pixels saturated.
     """
     frame = grey_frame(raw, dark, "raw image")
+    refuse_saturated(raw, "raw image")
     reach = math.floor(lattice.pitch / 2) if radius is None else radius
     if reach < 1:
         raise ValueError(f"radius must be at least 1 px, got {reach}")

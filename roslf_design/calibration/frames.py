@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import CalibrationError
 
 Frame = NDArray[np.float32]
+_FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
 
 
 def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:
@@ -53,15 +54,29 @@ def same_size(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[
 def saturation_level(image: ArrayLike) -> float:
     """Level at which a pixel of this raw image is saturated: its integer type's largest value, or infinity for floats.
 
-    Sensors with fewer bits than their file saturate lower; where at least 0.1 % of the pixels share the largest
-    value found, that value is the level.
+    Sensors with fewer bits than their file saturate lower: where at least 0.1 % of the pixels share the largest value
+    found and that is the end of 8, 10, 12 or 14 bits, it is the level.
     """
     raw = np.asarray(image)
     if raw.dtype.kind not in "ui":
         return float("inf")
     top = int(raw.max())
-    piled = np.count_nonzero(raw == top) >= max(0.001 * raw.size, 16)
+    piled = top in _FULL and np.count_nonzero(raw == top) >= max(0.001 * raw.size, 16)
     return float(top) if piled else float(np.iinfo(raw.dtype).max)
+
+
+def refuse_saturated(image: ArrayLike, name: str, level: float | None = None) -> None:
+    """Demand that fewer than 5 % of an image's pixels are saturated.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the image, the share and the level.
+    """
+    top = saturation_level(image) if level is None else level
+    share = float(np.mean(np.asarray(image) >= top))
+    if share > 0.05:
+        raise CalibrationError(f"the {name} is saturated: {100 * share:.0f} % of its pixels reach {top:g}; expose less")
 
 
 def _grey(image: NDArray[np.generic], name: str) -> Frame:

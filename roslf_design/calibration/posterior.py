@@ -137,7 +137,7 @@ def sample_posterior(
         function = target.rows if vectorize else target.one
         samplers.append(emcee.EnsembleSampler(size, dimension, function, moves=moves, vectorize=vectorize))
         states.append(emcee.State(start, random_state=random.get_state()))
-    dropped = min(max(100, chunk // 2), 400)
+    dropped = min(max(50, chunk // 2), 400)
     states = [sampler.run_mcmc(state, dropped) for sampler, state in zip(samplers, states, strict=True)]
     for sampler in samplers:
         sampler.reset()

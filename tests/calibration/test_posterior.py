@@ -131,7 +131,7 @@ def test_without_emcee_the_message_says_what_to_install(fit, monkeypatch):
 def test_distortion_is_sampled_where_asked():
     camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
     fit = calibrated(Session(boards=6, views=3, offset=20.0), distortion=2, camera=camera).fit
-    posterior = sample_posterior(fit, SHEET, seed=1, chunk=300, most_steps=300)
+    posterior = sample_posterior(fit, SHEET, seed=1, chunk=100, most_steps=100)
     assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "f")
     assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
 
@@ -227,11 +227,11 @@ def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say():
 
 def test_intervals_of_the_sampled_posterior_hold_too():
     found = coverage(
-        140.0, 2.0, 120.0, SHEET, Session(boards=4, views=3), trials=3, seed=2, level=0.95, method="ensembles"
+        140.0, 2.0, 120.0, SHEET, Session(boards=3, views=3), trials=2, seed=2, level=0.95, method="ensembles"
     )
     assert found.failed == 0
     assert all(share >= found.expected[0] > 0 for share in found.share.values())
-    fisher = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=4, views=3), trials=3, seed=2, level=0.95)
+    fisher = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=3, views=3), trials=2, seed=2, level=0.95)
     for name, pulls in found.pulls.items():  # the same cameras, judged alike by both
         np.testing.assert_allclose(pulls, fisher.pulls[name], atol=0.5)
 
