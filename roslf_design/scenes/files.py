@@ -11,9 +11,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..design.errors import Problem
 from ..design.messages import problems_of
 from ..design.parts import Part
+from ..errors import Problem
 from .objects import OBJECTS
 from .scene import Scene, SceneError, SceneLight
 from .textures import TEXTURES

@@ -9,11 +9,11 @@ from typing import Annotated
 from pydantic import Field
 
 from ..design import Design
-from ..design.errors import InputError, Problem
 from ..design.parts import Part
 from ..design.units import Length
 from ..effects import SceneBrief
 from ..effects.field import field_radius
+from ..errors import InputError, Problem
 from .objects import Object, Plane, Points, Sphere, Tube, White, depths
 from .textures import Picture
 
