@@ -52,6 +52,8 @@ class Combinations:
 
     def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
         """Place to the parts' numbers, for many combinations at once."""
+        if not self.parts:
+            return {}
         which = np.unravel_index(numbers, [len(parts) for parts in self.parts])
         return {
             place: column[index]

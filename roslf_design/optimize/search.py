@@ -21,11 +21,13 @@ from .sampling import sobol_units
 
 Array = NDArray[np.float64]
 
-AT_ONCE = 8
+AT_ONCE = 10
 """Combinations optimised between two rounds of splitting."""
 BOXES = 200_000
 """Most boxes kept; beyond, splitting stops and the rest is optimised in the order of bounds."""
 ROUNDS = 16
+TIES = 1e-3
+"""Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,8 @@ def rank(
             break
         left = len(np.unique(boxes.owner))
         tell(f"catalogue: {left} of {count} combinations left, {state.optimised} optimised")
-        # A first list early, so that bounds have something to beat; later, what is cheap to settle.
-        if round_ > 1 or left <= AT_ONCE:
-            state.settle(boxes, bound, AT_ONCE)
+        # From the first round on: bounds rule out more, the better what they are held against.
+        state.settle(boxes, bound, AT_ONCE)
         alive = (bound < state.threshold) & ~state.done[boxes.owner]
         boxes = boxes.where(alive)
         if 2 * len(boxes) > BOXES:
@@ -128,7 +129,7 @@ class _State:
     @property
     def threshold(self) -> float:
         """Merit that a combination must beat to enter the list."""
-        return self.best[-1].search.merit if len(self.best) == self.keep else np.inf
+        return self.best[self.keep - 1].search.merit + TIES if len(self.best) >= self.keep else np.inf
 
     def settle(self, boxes: Boxes, bound: Array, count: int) -> None:
         """Optimise the most promising combinations, from the middle of their best boxes."""
@@ -160,14 +161,14 @@ class _State:
         if found is not None:
             self.best.append(Ranked(number, found))
             self.best.sort(key=lambda ranked: (ranked.search.merit, ranked.number))
-            del self.best[self.keep :]
+            del self.best[3 * self.keep :]
 
     def polish(self) -> None:
         """Search again, thoroughly, from what the list holds."""
         polished = []
-        for ranked in self.best:
+        for ranked in [each for each in self.best if each.search.merit < self.threshold]:
             again = search(self.combinations.problem_at(ranked.number), ranked.search.unit, self.deadline + 10.0)
             self.evaluations += again.evaluations
             better = again.feasible and again.merit < ranked.search.merit
             polished.append(Ranked(ranked.number, again) if better else ranked)
-        self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))
+        self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))[: self.keep]

@@ -177,7 +177,11 @@ class ParetoTable(Table):
 class CatalogueTable(Table):
     """Parts to choose among."""
 
-    kinds: tuple[Literal["lenses", "microlens_arrays", "sensors"], ...] = ("lenses", "microlens_arrays", "sensors")
+    kinds: Annotated[tuple[Literal["lenses", "microlens_arrays", "sensors"], ...], Field(min_length=1)] = (
+        "lenses",
+        "microlens_arrays",
+        "sensors",
+    )
     files: tuple[str, ...] = ()
     """Further catalogue files, beside the study."""
     shipped: bool = True

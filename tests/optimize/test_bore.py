@@ -1,0 +1,73 @@
+"""One stop for a bore: exact where it can be, honest where it cannot."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.design import Stop
+from roslf_design.optimize.bore import Tube, reduce_bore
+
+PAPER = roslf.load("paper")
+
+
+def test_a_single_rim_is_itself():
+    found = reduce_bore(PAPER, [Stop(diameter=3.3, distance=77.0)], 13.0)
+    assert (found.diameter, found.distance) == (3.3, 77.0)
+    assert found.worst_misplaced == 0
+    assert found.worst_kept_difference == 0
+
+
+def test_a_rim_that_never_cuts_does_not_count():
+    found = reduce_bore(PAPER, [Stop(diameter=3.0, distance=110.0), Stop(diameter=60.0, distance=200.0)], 13.0)
+    assert (found.diameter, found.distance) == (3.0, 110.0)
+    assert found.worst_misplaced == 0
+
+
+def seen(design, rims, axis, grid):
+    """Which sensor points get light, by tracing the pinhole's backward ray as the model states it."""
+    p = axis + grid
+    slope = (p - axis) / design.d_2
+    height = axis - slope * design.d_1
+    out = slope + height / design.f
+    passes = np.ones(len(grid), bool)
+    for diameter, distance in rims:
+        passes &= np.hypot(*(height - out * distance).T) <= diameter / 2
+    return passes
+
+
+@pytest.mark.parametrize("tube", [Tube(8.0, 60.0, 60.0), Tube(14.0, 40.0, 100.0)])
+def test_shares_against_counted_rays(tube):
+    found = reduce_bore(PAPER, tube.rims, 13.0)
+    assert tube.distance <= found.distance <= tube.distance + tube.length
+    assert found.worst_kept_difference <= found.worst_misplaced + 1e-12
+    assert found.worst_misplaced > 1e-3
+    rng = np.random.default_rng(0)
+    lens = (PAPER.D, 0.0)
+    bore = [lens, *((rim.diameter, rim.distance) for rim in tube.rims)]
+    stop = (found.diameter, found.distance)
+    for index in (0, 4, 8):
+        axis = np.array([found.field_mm[index], 0.0])
+        scale = PAPER.d_2 / PAPER.d_1 * PAPER.d_f / (PAPER.d_f - found.distance)
+        centre = axis * scale * (1 - found.distance / PAPER.f)
+        grid = centre + 0.75 * found.diameter * scale * rng.uniform(-1, 1, (200_000, 2))
+        area = (1.5 * found.diameter * scale) ** 2 / (np.pi * (found.diameter / 2 * scale) ** 2)
+        through, model = seen(PAPER, bore, axis, grid), seen(PAPER, [lens, stop], axis, grid)
+        # Counting 2e5 points: standard deviation below 2e-3 of the pupil's area.
+        assert (through != model).mean() * area == pytest.approx(found.misplaced[index], abs=8e-3)
+        assert model.mean() * area == pytest.approx(found.kept_pupil[index], abs=8e-3)
+
+
+def test_no_stop_nearby_does_better():
+    tube = Tube(8.0, 60.0, 60.0)
+    found = reduce_bore(PAPER, tube.rims, 13.0)
+    from roslf_design.optimize.bore import judge_pupil
+
+    for diameter in np.linspace(0.9, 1.1, 9) * found.diameter:
+        for distance in np.linspace(60, 120, 13):
+            other = judge_pupil(PAPER, tube.rims, 13.0, float(diameter), float(distance))
+            assert other.worst_misplaced >= found.worst_misplaced - 1e-6
+
+
+def test_a_bore_beyond_the_focal_plane_is_refused():
+    with pytest.raises(ValueError, match="in the bore"):
+        reduce_bore(PAPER, Tube(8.0, 400.0, 10.0).rims, 13.0)

@@ -1,0 +1,194 @@
+"""Studies as files and as a command: what comes out, and what is wrong with bad ones."""
+
+import json
+
+import pytest
+
+import roslf_design as roslf
+from roslf_design.cli import main
+
+GOOD = """
+name = "small"
+design = "paper"
+seed = 2
+
+[variables]
+d_2 = ["0.5 mm", "9 mm"]
+D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}
+
+[[constraints]]
+quantity = "fill_factor"
+min = 0.98
+max = 1.0
+
+[[constraints]]
+quantity = "non_distortion_room_mm"
+min = "0 mm"
+
+[[goals]]
+quantity = "sigma_z_mm"
+at = "200 mm"
+direction = "min"
+
+[[goals]]
+quantity = "views_independent"
+direction = "max"
+weight = 0.1
+
+[solver]
+starts = 4
+"""
+
+
+def run(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def study(tmp_path, text, name="study.toml"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_a_study_with_everything(capsys, tmp_path):
+    traded = 'quantity = "blur_pitches"\nat = "300 mm"\ndirection = "min"'
+    text = GOOD.replace('quantity = "views_independent"\ndirection = "max"', traded) + (
+        '[pareto]\ngoals = ["sigma_z_mm", "blur_pitches"]\npoints = 4\n'
+        '[robust]\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "5 um"\n'
+        '[catalogue]\nkinds = ["sensors"]\nkeep = 3\n'
+    )
+    path = study(tmp_path, text)
+    code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["status"] == "optimal"
+    assert found["trust"]["starts"] == 5
+    assert any("outside the bounds" in note for note in found["notes"])
+    assert any(a["multiplier"] > 0 for a in found["active"])
+    assert len(found["front"]["points"]) >= 3
+    assert found["robust"]["robust"]["yield"] > found["robust"]["nominal"]["yield"]
+    assert found["catalogue"]["open"] == 0
+    names = {place.name for place in (tmp_path / "out").iterdir()}
+    assert names >= {
+        "results.json",
+        "best.toml",
+        "robust.toml",
+        "index.html",
+        "front.png",
+        "robust.png",
+        "parts-01.toml",
+    }
+    best = roslf.load(tmp_path / "out" / "best.toml")
+    assert pytest.approx(found["variables_mm"]["D_F"]) == best.D_F
+    assert 0.98 - 1e-8 <= roslf.evaluate(best, []).f_number.fill_factor <= 1 + 1e-8
+    first = {place.name: place.read_bytes() for place in (tmp_path / "out").iterdir()}
+    assert run(capsys, "optimize", path, "-o", tmp_path / "out")[0] == 0
+    assert first == {place.name: place.read_bytes() for place in (tmp_path / "out").iterdir()}
+
+
+def test_a_bore_becomes_a_pupil(capsys, tmp_path):
+    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "")
+    text += '[bore.tube]\ndiameter = "6 mm"\nlength = "20 mm"\ndistance = "110 mm"\n'
+    code, out, _ = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out", "--json")
+    bore = json.loads(out)["bore"]
+    assert code == 0
+    assert bore["settled"]
+    assert 110 <= bore["pupil_distance_mm"] <= 130
+    assert 0 <= bore["worst_kept_difference"] <= bore["worst_misplaced"]
+    best = roslf.load(tmp_path / "out" / "best.toml")
+    assert pytest.approx(bore["pupil_diameter_mm"]) == best.D_F
+    assert (tmp_path / "out" / "bore.png").exists()
+
+
+def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
+    text = GOOD.replace(
+        "min = 0.98",
+        "min = 0.98\n[[constraints]]\nquantity = 'views_independent'\nmin = 50\n"
+        "[[constraints]]\nquantity = 'fill_factor'",
+    )
+    code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    assert "No design was found" in out
+    assert "cannot hold together" in out
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert found["status"] == "infeasible"
+    assert found["infeasible"]["cannot_hold_together"]
+    assert found["active"] is None
+    assert not (tmp_path / "out" / "best.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            'd_2 = ["0.5 mm", "9 mm"]',
+            'd_2 = ["9 mm", "0.5 mm"]',
+            "variables.d_2: contradictory bounds: min 9 mm is above",
+        ),
+        ('d_2 = ["0.5 mm", "9 mm"]', 'd_2 = ["0.5 mm"]', "variables.d_2: ['0.5 mm'] is no pair of bounds"),
+        ('d_2 = ["0.5 mm", "9 mm"]', 'd_2 = [0.5, "9 mm"]', "variables.d_2.min: 0.5 has no unit"),
+        ("d_2 = [", "d2 = [", "'d2' is nothing that can vary; did you mean 'd_2'?"),
+        ("d_2 = [", "tube_length = [", "'tube_length' needs a design with a further stop"),
+        ('quantity = "fill_factor"', 'quantity = "fil_factor"', "did you mean 'fill_factor'?"),
+        ('quantity = "sigma_z_mm"', 'quantity = "sigma_zz"', "did you mean 'sigma_z_mm'?"),
+        ('direction = "min"', "", "goals.0: goal sigma_z_mm has no direction"),
+        ('direction = "min"', 'direction = "down"', 'direction "down" of goal sigma_z_mm is not known'),
+        ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
+        ('min = "0 mm"', "min = 0", "0 has no unit"),
+        ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
+        ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.0.colour: is not a known key"),
+        ("weight = 0.1", 'weight = 0.1\nat = "3 mm"', "views_independent is not asked for at a distance"),
+        (
+            "weight = 0.1",
+            "weight = 0.1\n[pareto]\ngoals = ['sigma_z_mm', 'views_indep']",
+            "did you mean 'views_independent'?",
+        ),
+        ('design = "paper"', 'design = "papr.toml"', "design: papr.toml: no such file"),
+        ("weight = 0.1", "weight = 0.1\n[bore]", "a bore is a tube or a list of stops"),
+        (
+            "weight = 0.1",
+            "weight = 0.1\n[bore]\nstops = [{diameter = '3 mm', distance = '9 mm'}]",
+            "'D_F' varies, but the bore gives it",
+        ),
+        ("weight = 0.1", "weight = 0.1\n[catalogue]\nfiles = ['none.toml']", "none.toml: no such file"),
+        ("[solver]", "[[robust.perturb]]\nplace = 'd_4'\ntolerance = '1 um'\n[solver]", "robust.perturb.0"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(capsys, tmp_path, old, new, said):
+    assert old in GOOD
+    path = study(tmp_path, GOOD.replace(old, new, 1))
+    code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert said in err
+    lines = err.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"roslf: {path}: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bore_beyond_the_focus_and_a_file_in_the_way(capsys, tmp_path):
+    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "")
+    path = study(tmp_path, text + '[bore.tube]\ndiameter = "6 mm"\nlength = "400 mm"\ndistance = "110 mm"\n')
+    code, _, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert code == 2
+    assert "bore" in err
+    assert len(err.strip().splitlines()) == 1
+    code, _, err = run(capsys, "optimize", path, "-o", path)
+    assert code == 2
+    assert "is a file, not a folder" in err
+    assert run(capsys, "optimize", path, "-o", tmp_path / "out", "--seed", "-1")[0] == 2
+
+
+def test_catalogue_command(capsys):
+    code, out, err = run(capsys, "catalogue", "--kind", "sensors", "--where", "pixels>=4000", "--json")
+    assert (code, err) == (0, "")
+    assert [row["part"] for row in json.loads(out)["parts"]] == ["EOS 90D sensor"]
+    code, out, _ = run(capsys, "catalogue")
+    assert code == 0
+    assert "MLA150-5C" in out
+    assert "unverified" in out
+    code, out, err = run(capsys, "catalogue", "--where", "ptch<1 mm")
+    assert (code, out) == (2, "")
+    assert "did you mean 'pitch'?" in err
