@@ -36,7 +36,7 @@ def tolerance(
     study
         A study file: a design, what it may miss, the limits it is held to.
     output
-        Folder for results.json, summary.txt, trials.npz, figures, the worst trials as design files, and the run's
+        Folder for index.html, results.json, summary.txt, trials.npz, figures, the worst trials as design files, and the run's
         chunks.
     json
         Print the JSON object instead of tables.
@@ -77,12 +77,25 @@ def tolerance(
     write_atomically(output / "trials.npz", npz_bytes(trial_arrays(plan, tally)))
     for name, content in pictures(result).items():
         write_atomically(output / name, content)
+    write_atomically(output / "index.html", page(result, str(study)).encode())
     if json:
         print(text)
         return
     from rich.console import Console
 
     print_result(result, Console())
+
+
+def page(result: StudyResult, study: str) -> str:
+    """The study as a report of its own: one self-contained page."""
+    from ..report.blocks import Report
+    from ..report.html import render_html
+    from ..tolerance.section import tolerance_section
+
+    plan = result.plan
+    command = f"roslf tolerance {study} --trials {plan.trials} --seed {plan.draws.seed} -o out"
+    section = tolerance_section(result, command)
+    return render_html(Report(f"Tolerances of {plan.question.design.name}", plan.name, (section,)))
 
 
 def print_result(result: StudyResult, console: Console) -> None:
