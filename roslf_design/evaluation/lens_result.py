@@ -65,6 +65,8 @@ class RealLens:
     """The same on the MLA."""
     thin_x_ml_max_mm: float
     """Eq. 6's, for the thin twin; infinite where no field is too large."""
+    turned_x_ml_max_mm: float | None
+    """Measured bound with the lens turned round; None where the field is undistorted anyhow, or parts would collide."""
     undistorted_in_field: bool
     """Whether images are whole, and not folded, at every field told here and at the four corners."""
     fields: tuple[RealLensField, ...]

@@ -45,7 +45,7 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     half_x, half_y = half_sizes(design)
     corner = ((half_x, half_y), (-half_x, half_y), (half_x, -half_y), (-half_x, -half_y))
     fields = _fields(design, axes)
-    edges = _fields(design, corner)
+    whole = all(field.status == "full" for field in (*fields, *_fields(design, corner)))
     return RealLens(
         lens=camera.lens.name,
         focal_length_mm=constants.focal_length,
@@ -57,10 +57,21 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
         x0_max_mm=x0,
         x_ml_max_mm=x_ml,
         thin_x_ml_max_mm=thin.x_ml_max_mm,
-        undistorted_in_field=all(field.status == "full" for field in (*fields, *edges)),
+        turned_x_ml_max_mm=None if whole else _turned_bound(design),
+        undistorted_in_field=whole,
         fields=fields,
         left_out=tuple(f"tilt of the {part}" for part in left_out(design)),
     )
+
+
+def _turned_bound(design: Design) -> float | None:
+    from ..lenses.of_design import measured_bound
+    from ..lenses.prescription import LensError
+
+    try:
+        return measured_bound(design.replace({"main_lens.reversed": not design.main_lens.reversed}))[1]
+    except LensError:
+        return None
 
 
 def _fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[RealLensField, ...]:

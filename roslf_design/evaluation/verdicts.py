@@ -49,8 +49,10 @@ def _undistorted_through(lens: RealLens, thin: NonDistortion, by_thin: Verdict) 
         return Verdict("field_undistorted", True, "good", f"field undistorted: {bound}; {seen}", "")
     folded = [field for field in lens.fields if field.status == "folded"]
     where = f"; folded at {', '.join(f'{x:g}, {y:g} mm' for x, y in (f.x_ml_mm for f in folded))}" if folded else ""
-    ways = "turn the lens round, take a better corrected or wider one, a FAP closer to it or a smaller sensor"
-    remedy = by_thin.remedy or ways
+    other = lens.turned_x_ml_max_mm
+    turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
+    ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
+    remedy = f"{turned}{by_thin.remedy or ways}"
     return Verdict("field_undistorted", False, "fault", f"field distorted: {bound}{where}; {seen}", remedy)
 
 
@@ -78,7 +80,7 @@ def _thin(f: FNumber, lens: RealLens) -> Verdict:
     return Verdict("thin_lens_holds", False, "fault", f"thin lens does not hold: {size}", _OTHER)
 
 
-_OTHER = "calibrate image centres rather than compute them; turn the lens round, or take a better corrected one"
+_OTHER = "calibrate image centres rather than compute them, or take a better corrected lens"
 
 
 def _departure(field: RealLensField) -> float:
