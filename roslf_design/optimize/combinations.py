@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
-from .parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart
+from .parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, given_by
 from .problem import Problem
 
 Array = NDArray[np.float64]
@@ -28,8 +28,15 @@ class Combinations:
 
     @classmethod
     def of(cls, problem: Problem, catalogue: Catalogue, kinds: Sequence[Kind]) -> Combinations:
-        """Combinations of a catalogue; kinds left out keep the base design's part."""
-        return cls(problem.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds))
+        """Combinations of a catalogue; kinds left out keep the base design's part.
+
+        What the parts give does not vary any more; an array's microlenses have the focal length that they have.
+        """
+        given = given_by(kinds)
+        left = tuple(variable for variable in problem.variables if variable.place not in given)
+        in_focus = problem.in_focus and "microlens_arrays" not in kinds
+        posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
+        return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds))
 
     def __len__(self) -> int:
         return int(np.prod([len(parts) for parts in self.parts]))

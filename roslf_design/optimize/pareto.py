@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 STARTS = 6
 """Fresh starts for each end of the front."""
+HAIR = 1e-6
+"""What an end of the front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,14 @@ def pareto_front(
         end = solved(goal, (), fresh)
         if end is None:
             return Front(tuple(goals), (), 1, 0, spent, False)
-        keep(end.unit)
-        ends.append(end.unit)
+        unit = end.unit
+        if number:
+            # Of designs equally good in this goal, the one that is best in the first.
+            value = float(np.ravel(goal.values(problem.cameras(unit[None])))[0])
+            refined = solved(goals[0], [_limit(goal, value + goal.sign * HAIR * abs(value))], [unit])
+            unit = unit if refined is None else refined.unit
+        keep(unit)
+        ends.append(unit)
     payoff = np.array([point.values for point in found])
     ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
     failed, complete = 0, True

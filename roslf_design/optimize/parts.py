@@ -97,6 +97,24 @@ class SensorPart(Entry):
         return self
 
 
+GIVEN: Mapping[Kind, tuple[str, ...]] = {
+    "lenses": ("main_lens.diameter", "main_lens.focal_length"),
+    "microlens_arrays": (
+        "microlens_array.pitch",
+        "microlens_array.focal_length",
+        "microlens_array.size.0",
+        "microlens_array.size.1",
+    ),
+    "sensors": ("sensor.pixel", "sensor.size.0", "sensor.size.1"),
+}
+"""Places of a design that a part of each kind gives."""
+
+
+def given_by(kinds: Iterable[Kind]) -> frozenset[str]:
+    """Places that parts of some kinds give together."""
+    return frozenset(place for kind in kinds for place in GIVEN[kind])
+
+
 MODELS: Mapping[Kind, type[Entry]] = {"lenses": LensPart, "microlens_arrays": ArrayPart, "sensors": SensorPart}
 
 

@@ -94,9 +94,14 @@ SIGNED = {"blur_pitches": blur_signed, "microlens_defocus_px": defocus_signed}
 """Of quantities that are magnitudes: what they are the magnitude of."""
 
 
+def _length(symbol: str) -> Callable[[Cameras, float | None], Array]:
+    return lambda c, _: np.asarray(getattr(c, symbol))
+
+
 def _table() -> tuple[Quantity, ...]:
+    # d_3 alone may be 0.
     lengths = tuple(
-        Quantity(symbol, "mm", f"the design's {place}", lambda c, _, s=symbol: np.asarray(getattr(c, s)))  # type: ignore[misc]
+        Quantity(symbol, "mm", f"the design's {place}", _length(symbol), positive=symbol != "d_3")
         for symbol, place in PATHS.items()
     )
     return (

@@ -43,6 +43,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "front": _front(result),
         "robust": _robust(result),
         "catalogue": None if result.ranking is None else _ranking(result.ranking, timings),
+        "loose_variables_mm": {name: list(ends) for name, ends in answer.loose().items()},
         "notes": list(answer.notes),
     }
     if answer.conditions is not None:

@@ -52,6 +52,11 @@ def statements(result: Result) -> Iterator[Statement]:
         reached = ", ".join(f"{goal.label} = {_value(answer, goal)}" for goal in answer.asked.goals)
         yield Statement("good", f"A design holds every limit; best found: {reached}.")
         yield _agreement(answer)
+        loose = answer.loose()
+        if loose:
+            ranges = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in loose.items())
+            remedy = "Add a goal or a limit to decide between them."
+            yield Statement("caution", f"Equally good designs were met at different variables: {ranges}.", remedy)
     elif answer.conflict is not None:
         conflict = answer.conflict
         ways = [_relaxation(r.label, r.limit, r.needed, r.unit) for r in conflict.relaxations if r.needed is not None]

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 AGREE = 1e-6
 """Difference of merit (1e-6: goals equal to 1e-4 %) within which two searches found the same."""
 
+LOOSE = 0.01
+"""Relative difference of a variable between equally good designs that is worth telling."""
+
 Tell = Callable[[str], None]
 
 
@@ -104,6 +107,15 @@ class Answer:
     def reached(self) -> int:
         """How many starts ended at a feasible point."""
         return sum(s.feasible for s in self.searches)
+
+    def loose(self) -> dict[str, tuple[float, float]]:
+        """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
+        equal = [s.unit for s in self.searches if s.feasible and abs(s.merit - self.merit) <= AGREE]
+        if len(equal) < 2:
+            return {}
+        values = self.problem.values(np.stack(equal))
+        ends = {v.name: (float(values[v.place].min()), float(values[v.place].max())) for v in self.problem.variables}
+        return {name: (low, high) for name, (low, high) in ends.items() if high - low > LOOSE * max(abs(high), 1e-12)}
 
     def variables(self) -> dict[str, float]:
         """Name to value [mm]."""

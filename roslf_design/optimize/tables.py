@@ -8,8 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from ..design import PATHS
+from ..design.check import CONJUGATES
 from ..design.units import Distance, Length, format_quantity, parse_quantity
 from ..tolerance.distributions import Distribution
+from .parts import given_by
 from .quantities import Quantity, quantity_named
 from .variables import check_name, check_together
 
@@ -276,23 +279,20 @@ class StudyTable(Table):
         if self.pareto is not None:
             faults += _goals_of(self.pareto.goals, [goal.quantity for goal in self.goals])
         if self.catalogue is not None:
-            faults += [f"variables: '{n}' varies, but the catalogue's parts give it; drop it" for n in self._fixed()]
+            faults += self._left_over(self.catalogue)
         if faults:
             raise ValueError("\n".join(faults))
         return self
 
-    def _fixed(self) -> list[str]:
-        assert self.catalogue is not None
-        given = {
-            "lenses": ("D", "f", "main_lens.diameter", "main_lens.focal_length"),
-            "microlens_arrays": ("d", "f_ml", "microlens_array.pitch", "microlens_array.focal_length"),
-            "sensors": ("q", "sensor.pixel", "sensor.size.0", "sensor.size.1"),
-        }
-        taken = [name for kind in self.catalogue.kinds for name in given[kind]]
-        if "lenses" in self.catalogue.kinds and {"d_1", "main_lens.focal_plane", "d_f"} & set(self.variables):
-            both = {"microlens_array.distance", "d_1"} & set(self.variables)
-            taken += sorted(both) if {"main_lens.focal_plane", "d_f", "working_distance"} & set(self.variables) else []
-        return [name for name in self.variables if name in taken]
+    def _left_over(self, catalogue: CatalogueTable) -> list[str]:
+        places = {PATHS.get(name, name) for name in self.variables}
+        faults = []
+        if not places - given_by(catalogue.kinds):
+            faults.append("catalogue: its parts give everything that varies; let something else vary, e.g. d_2")
+        plane = CONJUGATES[1] in places or "working_distance" in places
+        if "lenses" in catalogue.kinds and plane and CONJUGATES[2] in places:
+            faults.append("catalogue: with a lens from it, d_f and d_1 cannot both vary; drop one of them")
+        return faults
 
 
 def _goals_of(names: tuple[str, ...], goals: list[str]) -> list[str]:

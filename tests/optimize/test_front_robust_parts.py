@@ -58,6 +58,14 @@ def test_three_goals_give_points_none_of_which_is_better():
         assert not ((others <= own).all(axis=1) & (others < own * (1 - 1e-9)).any(axis=1)).any()
 
 
+def test_ends_of_a_front_waste_nothing():
+    """The field does not depend on D_F: the design at its end must have the widest pupil all the same."""
+    variables = (Variable("d_f", 200.0, 800.0), Variable("D_F", 1.0, 3.0))
+    goals = (Goal(Q("sigma_z_mm"), "min", 150.0), Goal(Q("field_half_width_mm"), "max"))
+    front = pareto_front(Problem("ends", PAPER, variables, (), goals), goals, 4, [], float("inf"))
+    assert [point.unit[1] for point in front.points] == pytest.approx([1.0] * len(front.points), abs=1e-6)
+
+
 @pytest.fixture(scope="module")
 def tight():
     limits = (Constraint(Q("fill_factor"), 0.98, 1.0), Constraint(Q("non_distortion_room_mm"), 0.0))

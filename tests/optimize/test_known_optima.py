@@ -179,3 +179,12 @@ def test_multipliers_say_what_a_relaxed_limit_buys(scope_problem):
         assert gain / step == pytest.approx(row.goal_per_unit, rel=2e-3)
         checked += 1
     assert checked >= 2
+
+
+def test_freedom_that_no_goal_decides_is_told(paper):
+    """The goal does not see d_2, and nothing holds it."""
+    variables = (Variable("D_F", 1.0, 4.0), Variable("d_2", 0.5, 9.0))
+    problem = Problem("free", paper, variables, (), (goal("sigma_z_mm", "min"),))
+    answer = solve(problem, Settings(starts=5, check=False))
+    assert set(answer.loose()) == {"d_2"}
+    assert answer.same == 5

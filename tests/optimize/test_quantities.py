@@ -3,8 +3,6 @@
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.optimize.bounds import Boxes, prunable
@@ -122,39 +120,60 @@ def test_derivatives_against_mpmath(unit):
 
 
 BOXED = [name for name, quantity in QUANTITIES.items() if quantity.monotone]
-
-
-@settings(max_examples=60)
-@given(
-    name=st.sampled_from(BOXED),
-    ends=st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=5, max_size=5),
-    inside=st.lists(st.lists(st.floats(0, 1), min_size=5, max_size=5), min_size=8, max_size=8),
-    goal=st.booleans(),
+LENGTHS = (
+    Variable("D_F", 1.0, 6.0),
+    Variable("d_3", 0.0, 250.0),
+    Variable("d_f", 90.0, 900.0),
+    Variable("d_2", 0.2, 9.0),
+    Variable("d", 0.03, 0.3),
 )
-def test_boxes_hold_nothing_beyond_their_bounds(name, ends, inside, goal):
-    """Random boxes, also across d_3 = d_f: no camera in them beats the bound, and none is where none can be."""
+
+
+def boxes(rng):
+    """Ends of boxes of all sizes; every other one lies across d_3 = d_f."""
+    for number in range(24):
+        middle, half = rng.random(5), 0.5 * rng.random(5) ** 2
+        low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
+        if number % 2:
+            plane = float(LENGTHS[2].value(np.asarray(low[2])))
+            low[1] = LENGTHS[1].unit(plane * (1 - 0.5 * rng.random()))
+            high[1] = LENGTHS[1].unit(plane * (1 + 0.2 * rng.random()))
+        yield low, high
+
+
+@pytest.mark.parametrize("name", BOXED)
+def test_boxes_hold_nothing_beyond_their_bounds(name):
+    """The best camera met in a box is never better than the bound, and no box with a camera is ruled out."""
     quantity = quantity_named(name)
     at = 80.0 if quantity.at != "never" else None
-    variables = (
-        Variable("D_F", 1.0, 6.0),
-        Variable("d_3", 0.0, 250.0),
-        Variable("d_f", 90.0, 900.0),
-        Variable("d_2", 0.2, 9.0),
-        Variable("d", 0.03, 0.3),
-    )
+    rng = np.random.default_rng(4)
     design = roslf.load("paper")
-    middle = number(design, name, at)
-    limits = () if goal else (Constraint(quantity, middle, None, at), Constraint(quantity, None, middle * 1.5, at))
-    wanted = Goal(quantity if goal else quantity_named("lateral_samples"), "min", at if goal else None)
-    for constraint in limits or (None,):
-        problem = Problem("b", design, variables, () if constraint is None else (constraint,), (wanted,))
-        if not prunable(problem, constraint or wanted):
+    checked = 0
+    for low, high in boxes(rng):
+        corners = rng.integers(0, 2, (200, 5))
+        units = low + np.concatenate([corners, rng.beta(0.5, 0.5, (800, 5))]) * (high - low)
+        problem = Problem("b", design, LENGTHS, (), (Goal(quantity, "min", at),))
+        assert prunable(problem, problem.goals[0])
+        rows = problem.vector(units)[1:]
+        real = (rows <= 0).all(axis=0)
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(problem.goals[0].values(problem.cameras(units)), real.shape)[real]
+        if not values.size:
             continue
-        combinations = Combinations.of(problem, Catalogue(), ())
-        low = np.array([[min(pair) for pair in ends]])
-        high = np.array([[max(pair) for pair in ends]])
-        bound = Boxes(combinations, np.zeros(1, np.intp), low, high).bound()[0]
-        rows = combinations.problem.vector(low + np.array(inside) * (high - low))
-        feasible = (rows[1:] <= 0).all(axis=0)
-        merits = rows[0][feasible & np.isfinite(rows[0])]
-        assert (merits >= bound - 1e-9 * (1 + abs(bound)) if np.isfinite(bound) else merits > bound).all()
+        least, most = float(values.min()), float(values.max())
+
+        def bound(constraints, direction, low=low, high=high):
+            posed = Problem("b", design, LENGTHS, constraints, (Goal(quantity, direction, at),))
+            combinations = Combinations.of(posed, Catalogue(), ())
+            found = Boxes(combinations, np.zeros(1, np.intp), low[None], high[None]).bound()[0]
+            return found, combinations.problem
+
+        for direction, extreme in (("min", least), ("max", most)):
+            found, posed = bound((), direction)
+            sign = 1 if direction == "min" else -1
+            told = np.log(extreme) if quantity.positive else extreme / posed.goal_scale(0)
+            assert sign * told >= found - 1e-12 * (1 + abs(told)), (low, high)
+        assert bound((Constraint(quantity, None, least, at),), "min")[0] < np.inf, (low, high)
+        assert bound((Constraint(quantity, most, None, at),), "min")[0] < np.inf, (low, high)
+        checked += 1
+    assert checked > 10
