@@ -28,6 +28,13 @@ ROWS, COLUMNS, REACH = 0, 1, 2
 HALF, AREA = 0, 1
 BLOCK = 16
 """Edges tabulated at a time: a known count, in plain slices, is what lets the compiler use wide registers."""
+FAR = 64.0
+"""Radii [px] above which areas are counted from chords within the pixel, not as differences of tabulated ones, whose
+last digit is worth the radius squared."""
+ROOM = 1e-8
+"""Around a part [px]: more than the rounding of a point on a circle of `LARGEST_RADIUS`."""
+LARGEST_RADIUS = 1e6
+"""Radii [px] up to which a circle's points are where they should be to a small part of a pixel."""
 BANDS = 16
 """Bands of rows for the threads to share: several each, as light is not spread evenly."""
 
@@ -66,6 +73,14 @@ def tabulate(centre: float, r: float, low: int, high: int, tables: Floats, axis:
 
 
 @kernel()
+def bulge(dx: float, dy: float, r: float) -> float:
+    """Area between an arc and its chord, far shorter than the radius: a series in ``(chord / 2r)^2``."""
+    square = dx * dx + dy * dy
+    s = 0.25 * square / (r * r)
+    return 0.125 * square * math.sqrt(square) / r * (2.0 / 3.0 + s * (0.2 + s * (3.0 / 28.0 + s * (5.0 / 72.0))))
+
+
+@kernel()
 def climb(
     acc: Floats,
     tables: Floats,
@@ -98,17 +113,20 @@ def climb(
     last = math.floor(cy + y_end)
     quarter = QUARTER * 0.5 * r * r
     row = math.floor(cy + y)
-    column = math.floor(cx + side * x)
+    at = cx + side * x
+    column = math.floor(at)
+    far = r > FAR
     while True:
         first = column
         if row < last:
             next_y = (row + 1) - cy
             next_area = tables[ROWS, AREA, row + 1]
-            stop = math.floor(cx + side * tables[ROWS, HALF, row + 1])
+            next_at = cx + side * tables[ROWS, HALF, row + 1]
         else:
             next_y = y_end
             next_area = area_end
-            stop = math.floor(cx + side * x_end)
+            next_at = cx + side * x_end
+        stop = math.floor(next_at)
         while column != stop:
             edge = column + 1 if stop > column else column
             edge_y = sign * tables[COLUMNS, HALF, edge]
@@ -117,6 +135,9 @@ def climb(
             )
             rise = side * (edge_y - y)
             part = edge_area - area + rise * (cx - column)
+            if far:
+                part = (0.5 * (at + edge) - column) * rise + bulge(at - edge, edge_y - y, r)
+                at = edge
             acc[row, column + 1] += part
             acc[row, column] += rise - part
             y = edge_y
@@ -124,6 +145,9 @@ def climb(
             column += 1 if stop > column else -1
         rise = side * (next_y - y)
         part = next_area - area + rise * (cx - column)
+        if far:
+            part = (0.5 * (at + next_at) - column) * rise + bulge(at - next_at, next_y - y, r)
+            at = next_at
         acc[row, column + 1] += part
         acc[row, column] += rise - part
         if side > 0.0:
@@ -256,11 +280,10 @@ def coverage(
             top = min(top, dy + size)
         if not (right > left and top > bottom):
             continue
-        # A little room for rounding.
-        low_x = math.floor(left - 1e-9)
-        low_y = math.floor(bottom - 1e-9)
-        columns = math.floor(right + 1e-9) + 1 - low_x
-        rows = math.floor(top + 1e-9) + 1 - low_y
+        low_x = math.floor(left - ROOM)
+        low_y = math.floor(bottom - ROOM)
+        columns = math.floor(right + ROOM) + 1 - low_x
+        rows = math.floor(top + ROOM) + 1 - low_y
         column += low_x - first_column
         row += low_y - first_row
         if column >= width or row >= height or column + columns <= 0 or row + rows <= 0:

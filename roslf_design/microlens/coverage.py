@@ -78,8 +78,9 @@ def coverage_image(
     Returns
     -------
     ndarray
-        Shape (rows, columns), `out` if that was given. A whole disc's pixels add up to its area over ``q^2`` to 1e-15
-        of it; each pixel is right to about 2e-16 times the square of the disc's radius in pixels, float32 to 6e-8.
+        Shape (rows, columns), `out` if that was given. The pixels of a part add up to its area over ``q^2`` to 1e-13
+        of it, and each is right to 1e-12, or 1e-15 times the largest clipping disc's radius in pixels; in float32 to
+        6e-8.
 
     Raises
     ------
@@ -168,6 +169,21 @@ def _check_pixel(pixel: float) -> None:
         raise ValueError(f"pixel must be above 0 mm, not {pixel}")
 
 
+def _without_vast_discs(centres: Array, radii: Array, pixel: float) -> tuple[Array, Array]:
+    """Replace discs too large for the kernel, which clip nothing, by copies of the smallest one."""
+    vast = radii > _pixels.LARGEST_RADIUS * pixel
+    smallest = np.argmin(radii, axis=-1)[:, None]
+    r = np.take_along_axis(radii, smallest, -1)
+    c = np.take_along_axis(centres, smallest[..., None], -2)
+    clips = vast & (np.hypot(*np.moveaxis(centres - c, -1, 0)) + r > radii)
+    if clips.any():
+        raise ValueError(
+            f"a disc with a radius of {radii[clips].max() / pixel:g} pixels clips; at most {_pixels.LARGEST_RADIUS:g} "
+            "are possible: check its stop"
+        )
+    return np.where(vast[..., None], c, centres), np.where(vast, r, radii)
+
+
 def _add(
     axes: Array,
     centres: Array,
@@ -182,12 +198,14 @@ def _add(
     """Run the kernel that the problem's size asks for."""
     if image.size == 0 or len(axes) == 0:
         return
-    far = np.abs(axes[:, None] + centres - np.array(origin)).max() / pixel
+    far = (np.abs(axes).max() + np.abs(centres).max() + max(map(abs, origin))) / pixel
     if not far <= LARGEST_SENSOR:
-        raise ValueError(f"a microlens lies {far:g} pixels from the sensor's corner: check axes, centres and pixel")
+        raise ValueError(f"a microlens up to {far:g} pixels from the sensor's corner: check axes, centres and pixel")
     across = 2 * radii.min(axis=-1) / pixel
     if across.max() > LARGEST_PART:
         raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
+    if radii.max() / pixel > _pixels.LARGEST_RADIUS:
+        centres, radii = _without_vast_discs(centres, radii, pixel)
     side = int(across.max()) + 4
     arguments = (axes, centres, radii, *origin, pixel, first_row, first_column, side, image)
     if float(((across + 2) ** 2).sum()) < INTERPRETED_BELOW:

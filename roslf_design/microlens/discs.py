@@ -176,9 +176,9 @@ def checked(centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array]:
         raise ValueError(f"centres of shape {centre.shape} and radii of shape {radius.shape} do not fit") from None
     if shape[-1] == 0:
         raise ValueError("there must be at least one disc")
-    if not ((np.abs(centre) <= LARGEST).all() and (np.abs(radius) <= LARGEST).all()):
+    if not all(v.min(initial=0.0) >= -LARGEST and v.max(initial=0.0) <= LARGEST for v in (centre, radius)):
         raise ValueError(f"centres and radii must be numbers up to {LARGEST:g}: leave out a stop that never clips")
-    if (radius < 0).any():
+    if radius.min(initial=0.0) < 0:
         raise ValueError(f"radii must not be negative, smallest given: {radius.min()}")
     return (
         np.ascontiguousarray(np.broadcast_to(centre, (*shape, 2))),

@@ -88,6 +88,28 @@ def test_large_disc_of_many_pixels():
     np.testing.assert_array_equal(block.area[dark.any(-1)], 0)
 
 
+@pytest.mark.parametrize("ratio", [20, 65, 300, 3e4])
+def test_a_disc_cut_by_a_far_larger_one(ratio):
+    """Beyond 64 px of radius pixels are counted from chords: sums to 1e-12 of the part and pixels as exact cells."""
+    centres, radii = np.array([[0.0, 0.0], [0.8 * ratio - 0.1, 0.6 * ratio]]), np.array([1.0, ratio])
+    block = pixel_areas([0.0, 0.0], centres, radii, pixel=0.2, sensor_centre=(0.03, 0.05))
+    np.testing.assert_allclose(block.area.sum(), intersect(centres, radii).area, rtol=1e-12)
+    low, high = rectangles(block)
+    lift = area_in_rectangle(centres[:1], radii[:1], low, high)
+    assert ((block.area > 1e-6) & (block.area < lift - 1e-6)).sum() > 5
+    for j, i in ((2, 5), (5, 5), (7, 3), (4, 6)):
+        (x0, y0), (x1, y1) = low[j, i], high[j, i]
+        reference = oracle.area(centres, radii, [[x0, y0], [x1, y0], [x1, y1], [x0, y1]], digits=25)
+        assert block.area[j, i] == pytest.approx(float(reference), abs=1e-16 * (5 + ratio))
+
+
+def test_a_vast_disc_that_clips_nothing_changes_nothing():
+    block = pixel_areas([0.0, 0.0], [[0.1, 0.2], [1e3, 0.0]], [1.0, 1e9], pixel=0.2)
+    np.testing.assert_array_equal(block.area, pixel_areas([0.0, 0.0], [[0.1, 0.2]], [1.0], pixel=0.2).area)
+    with pytest.raises(ValueError, match=r"5e.09 pixels clips"):
+        pixel_areas([0.0, 0.0], [[0.1, 0.2], [1e9, 0.0]], [1.0, 1e9], pixel=0.2)
+
+
 def test_tiny_part_of_one_pixel_is_not_missed():
     """A sliver 1e-12 of a pixel wide; its place is rounded to 1e-16 of a pixel."""
     block = pixel_areas([0.5, 0.5], [[0.0, 0.0], [2e-7 - 1e-12, 0.0]], [1e-7, 1e-7], pixel=1.0)

@@ -140,7 +140,7 @@ def test_tangent_concentric_and_equal_discs_by_brute_force(discs):
     slice is exact, so the error is that of the midpoint rule at square-root ends, below 2 h^1.5 per disc."""
     values = np.array(discs)
     centres, radii = values[:, :2], values[:, 2]
-    h = 1e-4
+    h = 4e-4
     x = np.arange(-4 + h / 2, 4, h)[:, None]
     inside = np.abs(x - centres[:, 0]) < radii
     half = np.sqrt(np.maximum(radii**2 - (x - centres[:, 0]) ** 2, 0))
