@@ -51,7 +51,7 @@ COMMANDS = {
     ),
     "accuracy": Command(
         "How far numbers can be trusted, and what accuracy costs in time.",
-        "roslf accuracy hard-cases designs/paper.toml -o reports/hard-cases",
+        "roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy",
     ),
     "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
 }

@@ -1,0 +1,192 @@
+"""The page on accuracy against time: what to choose when, diagrams, methods, and whether the choice is honest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+
+from ..report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
+from ..report.figures.style import drawing, to_svg
+from .choice import Answer, candidates
+from .diagrams import plot_diagrams
+from .honesty import Trial
+from .jobs import QUANTITIES, Job
+from .measure import WorkDiagram
+from .methods import methods
+from .table import Table as Measured
+
+PROMISES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
+"""Accuracies that the table of choices goes through."""
+
+ADVICE = (
+    "Kept fraction, centroid, area of a straight camera: the closed form, always. It costs tens of microseconds and is "
+    "right to the last digits; no sampling is quicker at any accuracy that is of use.",
+    "Pixels of a white scene by rays: the exact arc-pixel area. For the few pixels of one microlens Gauss panels are "
+    "as quick to 1e-6, and the way where pixels weigh something that is not constant. Sampling n x n points in each "
+    "pixel takes an n of 100 for three digits.",
+    "Diffraction: the harmonic series, where neighbours are alike. It ends, and is exact, at the harmonic P/w; "
+    "cutting it saves little. The FFT is for what has no series, as vignetted neighbours. Direct Huygens quadrature "
+    "is an independent check: right, and hundreds of times slower.",
+    "Textures: Gauss panels while the texture is smooth. Edges and pictures need samples: scrambled Sobol points, of "
+    "which the same error takes far fewer than of independent ones.",
+    "Depth: the range of depths in closed form. The first-order sigma is as good while it is small against the depth.",
+    "Rays against waves: where the dashed line lies above the accuracy wanted, no number of rays helps; switch on "
+    "diffraction. More digits of the wrong model are not accuracy.",
+)
+"""In words, what an engineer should choose."""
+
+RATES = (
+    ("Monte Carlo", "N^-1/2 in N points", "a hundred times the time for one digit more"),
+    ("scrambled Sobol", "about N^-0.8", "an edge through the square keeps it from N^-1"),
+    ("grid", "about N^-0.75 in N = n^2 points", "the rows that the rim cuts decide"),
+    ("Gauss panels", "exponential in n nodes", "two to three nodes for a digit"),
+    ("adaptive quadrature", "to what is asked", "does not know where curves change, and pays for finding out"),
+    ("FFT", "about n^-2 to n^-3", "what lies above the grid's frequencies folds back"),
+    ("harmonic series", "exact once complete", "(2 P/w + 1)^2 terms"),
+    ("direct Huygens", "about 1/K^2 in K neighbours", "tails of the sinc"),
+)
+"""Method, how its error falls, and a remark."""
+
+
+def accuracy_report(
+    name: str,
+    groups: Sequence[tuple[str, Sequence[WorkDiagram], Sequence[Answer | None]]],
+    table: Measured,
+    trials: Sequence[Trial],
+    command: str,
+    accuracy: float,
+) -> Report:
+    """The whole page.
+
+    Parameters
+    ----------
+    name : str
+        The design's.
+    groups : sequence of (quantity, diagrams, answers)
+    table : Measured
+        What choices are made by.
+    trials : sequence of Trial
+        Of the choice; may be empty.
+    command : str
+        That makes this page.
+    accuracy : float
+        That the marked choices keep.
+    """
+    figures = tuple(_figure(quantity, diagrams, answers, accuracy) for quantity, diagrams, answers in groups)
+    jobs = {quantity: diagrams[0].job for quantity, diagrams, _ in groups if quantity in QUANTITIES}
+    sections = [
+        Section("What to choose when", (Bullets(ADVICE),)),
+        Section("What is chosen", (choice_table(jobs, table),)),
+        Section("Error against time", (_reading(accuracy), *figures)),
+        Section("Methods", (method_table(),)),
+    ]
+    if trials:
+        sections.append(Section("Is the choice honest?", honesty_blocks(trials)))
+    sections.append(Section("How this was made", (_made(table), Code(command))))
+    return Report("Accuracy against time", f"{name}: what each digit costs", tuple(sections))
+
+
+def _reading(accuracy: float) -> Paragraph:
+    return Paragraph(
+        "Each line is a method, each point a level of effort: medians, with bars from the least to the largest over "
+        "runs and seeds. Down and left is better. A ring marks what is chosen for an accuracy of "
+        f"{accuracy:g} (dotted). Errors against references of 22 to 50 digits. Dashed: by how much the best ray image "
+        "misses the wave image of the same camera, neighbours alike, a floor for every ray method."
+    )
+
+
+def _figure(
+    quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer | None], accuracy: float
+) -> Figure:
+    with drawing():
+        svg = to_svg(plot_diagrams(diagrams, answers), "work-" + quantity.replace(" ", "-"))
+    chosen = dict.fromkeys(answer.choice.method for answer in answers if answer is not None)
+    floors = [diagram.floor for diagram in diagrams if diagram.floor is not None]
+    words = QUANTITIES.get(quantity, "pixels of the scene given; largest error, 1 is a fully lit pixel")
+    caption = f"{words[0].upper()}{words[1:]}."
+    if chosen:
+        caption += f" Chosen for {accuracy:g}: {', '.join(chosen)}."
+    if floors:
+        caption += f" Rays miss the waves by {min(floors):.2g} to {max(floors):.2g} of a fully lit pixel here."
+    words = f"Error against time of every method for {quantity}, both axes logarithmic"
+    return Figure("work-" + quantity.replace(" ", "-"), quantity.capitalize(), caption, svg, words)
+
+
+def choice_table(jobs: dict[str, Job], table: Measured) -> Table:
+    """Method, level and time for each quantity and accuracy."""
+    rows = []
+    for quantity, job in jobs.items():
+        cells = [quantity]
+        for accuracy in PROMISES:
+            choice = candidates(job, accuracy, table)[0]
+            level = f" {choice.level}" if choice.level else ""
+            text = f"{choice.method}{level}: {time_text(choice.expected_seconds)}"
+            cells.append(text if choice.attainable else f"none; {choice.method} reaches {choice.expected_error:.0e}")
+        rows.append(tuple(cells))
+    headings = ("quantity", *(f"{accuracy:g}" for accuracy in PROMISES))
+    caption = "For the first job of each figure. Times as measured where the table was made."
+    return Table(tuple(rows), "l" * len(headings), headings, "", caption)
+
+
+def time_text(seconds: float) -> str:
+    """A time with a unit."""
+    if seconds >= 100:
+        return f"{seconds / 60:.0f} min"
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds / 1e-6:.0f} µs"
+
+
+def method_table() -> Table:
+    """Every method, what it computes, what a level is, and how its error falls."""
+    laws = {name: (law, remark) for name, law, remark in RATES}
+    seen: dict[tuple[str, str], list[str]] = {}
+    for quantity in QUANTITIES:
+        for method in methods(quantity):
+            seen.setdefault((method.name, method.does), []).append(quantity)
+    rows = []
+    for (name, does), quantities in seen.items():
+        left_out = ("does not fall", "leaves out what the others compute")
+        law = laws.get(name, left_out if name in ("rays alone", "first order") else ("exact", "to rounding"))
+        rows.append((name, ", ".join(quantities), does, *law))
+    return Table(tuple(rows), "lllll", ("method", "for", "level n", "error falls as", "remark"))
+
+
+def honesty_blocks(trials: Sequence[Trial]) -> tuple[Statements, Table]:
+    """How many promises were kept, and at what cost."""
+    kept = sum(trial.kept for trial in trials)
+    slow = [trial.slowdown for trial in trials if trial.slowdown is not None]
+    tone: Tone = "good" if kept >= 0.98 * len(trials) else "bad"
+    text = f"{kept} of {len(trials)} random jobs at accuracies between 1e-1 and 1e-9 were within what was promised"
+    items = [Statement(tone, text)]
+    if slow:
+        ratio = median(slow)
+        tone = "good" if ratio <= 2 else "caution"
+        words = f"Median time {ratio:.2g} times that of the fastest method that would have kept the same promise"
+        items.append(Statement(tone, words + ", checks included"))
+    rows = []
+    for quantity in dict.fromkeys(trial.job.quantity for trial in trials):
+        mine = [trial for trial in trials if trial.job.quantity == quantity]
+        ratios = [trial.slowdown for trial in mine if trial.slowdown is not None]
+        used = dict.fromkeys(trial.answer.choice.method for trial in mine)
+        worst = max(trial.actual_error / trial.accuracy for trial in mine)
+        rows.append(
+            (
+                quantity,
+                f"{sum(trial.kept for trial in mine)} of {len(mine)}",
+                f"{worst:.2g}",
+                f"{median(ratios):.2g}" if ratios else "-",
+                ", ".join(used),
+            )
+        )
+    headings = ("quantity", "kept", "largest error over promise", "median time over fastest", "methods used")
+    return Statements(tuple(items)), Table(tuple(rows), "llrrl", headings)
+
+
+def _made(table: Measured) -> Paragraph:
+    where = f" ({table.machine})" if table.machine else ""
+    return Paragraph(
+        f"Choices are made by a table of errors and times{where}; `roslf accuracy calibrate` measures your own. Times "
+        "on this page are of the machine that made it, and differ from run to run; errors do not."
+    )

@@ -1,0 +1,81 @@
+"""`roslf accuracy` as a user calls it."""
+
+import json
+
+import pytest
+
+from roslf_design.cli import main
+
+
+def test_hard_cases_prints_json_that_repeats_itself(capsys, monkeypatch):
+    from roslf_design.accuracy import hard_cases
+
+    few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
+    monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
+    texts = []
+    for _ in range(2):
+        assert main(["accuracy", "hard-cases", "paper", "--json"]) == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+    data = json.loads(texts[0])
+    assert data["held"]
+    assert [case["name"] for case in data["cases"]] == ["d_3 → d_f", "discs near tangency"]
+
+
+def test_diagram_of_one_quantity_at_a_field(tmp_path, capsys):
+    folder = tmp_path / "out"
+    line = ["accuracy", "paper", "--quantity", "depth", "--field", "11.15", "--accuracy", "1e-4", "-o", str(folder)]
+    assert main(line) == 0
+    assert "closed form" in capsys.readouterr().out
+    data = json.loads((folder / "accuracy.json").read_text())
+    assert {point["method"] for point in data["diagrams"][0]["points"]} >= {"closed form", "Monte Carlo", "first order"}
+    assert data["choices"][0]["expected_error"] <= 1e-4
+    page = (folder / "index.html").read_text()
+    assert "chosen" in page
+    assert "closed form" in page
+
+
+def test_scene_of_a_users_own(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        'name = "grating"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'
+        '[objects.texture]\nkind = "sinusoid"\nperiod = "4 mm"\n'
+    )
+    assert main(["accuracy", "paper", "--scene", str(scene), "--accuracy", "0.05"]) == 0
+    told = capsys.readouterr().out
+    assert "rays a pixel for 0.05" in told
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (["paper", "--accuracy", "0"], "--accuracy"),
+        (["paper", "--quantity", "brightness"], "kept fraction"),
+        (["paper", "--jobs", "-1"], "--jobs"),
+        (["paper", "--field", "far"], "--field"),
+        (["nowhere.toml"], "nowhere.toml"),
+        (["hard-cases", "paper", "--seed", "-1"], "--seed"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(line, says, capsys):
+    assert main(["accuracy", *line]) == 2
+    told = capsys.readouterr()
+    assert says in told.err
+    assert "Traceback" not in told.err
+    assert told.out == ""
+
+
+def test_calibrate_writes_where_it_is_told(tmp_path, capsys, monkeypatch):
+    from roslf_design.accuracy import table
+
+    real = table.calibrate
+    monkeypatch.setattr(table, "calibrate", lambda design, **more: real(design, ["depth"], extra=0, seed=more["seed"]))
+    path = tmp_path / "deep" / "table.json"
+    assert main(["accuracy", "calibrate", "-o", str(path)]) == 0
+    assert table.read_table(path).of("depth")
+    assert str(path) in capsys.readouterr().out
+
+
+def test_help_shows_an_example(capsys):
+    assert main(["accuracy", "--help"]) == 0
+    assert "Example" in capsys.readouterr().out
