@@ -64,6 +64,8 @@ def catalogue(
             table.add_column(heading)
         for row in mine:
             told = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
+            if row.get("clear_aperture_assumed"):
+                told += "; clear aperture taken as 90 % of the diameter"
             if told not in notes:
                 notes.append(told)
             cells = [

@@ -51,7 +51,7 @@ def write_result(result: Result, folder: Path, command: str = "") -> list[Path]:
         write(f"{name}.png", to_png(figure))
     answer = result.answer
     section = optimize_section(result, command)
-    page = Report(answer.asked.name, answer.asked.question, (section,), f"roslf_design {__version__}")
+    page = Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
     write("index.html", render_html(page).encode())
     return written
 

@@ -185,8 +185,5 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
 
 def _followed(entry: Entry) -> dict[str, Any]:
     if isinstance(entry, LensPart):
-        return {"clear_aperture": entry.aperture}
-    if isinstance(entry, ArrayPart):
-        return {"effective_focal_length": entry.focal}
-    assert isinstance(entry, SensorPart)
-    return {"size": list(entry.size)}
+        return {"clear_aperture": entry.aperture, "clear_aperture_assumed": entry.clear_aperture is None}
+    return {"size": list(entry.size)} if isinstance(entry, SensorPart) else {}

@@ -8,6 +8,7 @@ from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, St
 from ..report.figures.style import to_svg
 from .conflicts import Conflict
 from .figures import drawn
+from .pareto import Front
 from .problem import Constraint, Goal
 from .run import Result
 from .solve import Answer
@@ -60,7 +61,8 @@ def statements(result: Result) -> Iterator[Statement]:
     elif answer.conflict is not None:
         conflict = answer.conflict
         ways = [_relaxation(r.label, r.limit, r.needed, r.unit) for r in conflict.relaxations if r.needed is not None]
-        remedy = f"Any one of these would do: {'; '.join(ways)}." if ways else ""
+        lead = "This alone would do" if len(ways) == 1 else "Any one of these would do"
+        remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
         if conflict.bounds:
             remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
         told = " and ".join(conflict.smallest)
@@ -72,14 +74,28 @@ def statements(result: Result) -> Iterator[Statement]:
         yield _about_bore(result)
     if result.robust is not None:
         yield _price(result)
+    if result.front is not None:
+        yield from _about_front(result.front)
     if result.ranking is not None:
         ranking = result.ranking
         text = (
             f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
             f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
         )
+        if answer.asked.order == "lexicographic":
+            text += " They are ranked by the weighted goals, not by their order."
         late = f"{ranking.open} more were not settled in the time given; give more seconds." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+
+
+def _about_front(front: Front) -> Iterator[Statement]:
+    names = [goal.label for goal in front.goals]
+    if not front.points:
+        yield Statement("caution", f"No front: {names[0]} could not be optimised alone in the time given.")
+    elif len(front.points) == 1:
+        yield Statement("plain", f"{' and '.join(names)} do not compete: one design is best in all of them.")
+    if front.points and not front.complete:
+        yield Statement("caution", "The front is not complete: time ran out.", "Give more seconds.")
 
 
 def _agreement(answer: Answer) -> Statement:
@@ -115,14 +131,16 @@ def _about_bore(result: Result) -> Statement:
 
 
 def _price(result: Result) -> Statement:
-    robust, goal = result.robust, result.answer.problem.goals[0]
+    robust, answer = result.robust, result.answer
     assert robust is not None
-    before, after = robust.nominal, robust.robust
-    unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
+    costs = []
+    for goal in answer.asked.goals:
+        after = float(goal.values(answer.problem.cameras(robust.unit[None])).ravel()[0])
+        unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
+        costs.append(f"{goal.label} {answer.number(goal):.4g} -> {after:.4g}{unit}")
     text = (
-        f"Of builds, {100 * before.yield_.value:.1f} % of the nominal optimum's hold every limit, "
-        f"{100 * after.yield_.value:.1f} % of the robust design's; it costs {goal.label} {before.goal_nominal:.4g} -> "
-        f"{after.goal_nominal:.4g}{unit}."
+        f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
+        f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
     )
     return Statement("plain", text)
 

@@ -102,6 +102,19 @@ def test_a_bore_becomes_a_pupil(capsys, tmp_path):
     assert (tmp_path / "out" / "bore.png").exists()
 
 
+def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path):
+    text = "order = 'lexicographic'\nslack = 0.05\n" + GOOD.replace("weight = 0.1", "")
+    text = text.replace("starts = 4", "starts = 3\nisres = true")
+    text += '[pareto]\ngoals = ["sigma_z_mm", "views_independent"]\npoints = 3\n[catalogue]\nkinds = ["sensors"]\n'
+    code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    words = " ".join(out.split())
+    assert "do not compete: one design is best in all of them" in words
+    assert "ranked by the weighted goals, not by their order" in words
+    assert "ISRES" in words
+    assert "Lexicographic order" in words
+
+
 def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
     text = GOOD.replace(
         "min = 0.98",
