@@ -23,14 +23,16 @@ from .result import (
     Sampling,
 )
 from .rims import field_limit
-from .tilted import RAYS
+from .tilted import RAYS, rays_for
 from .verdicts import verdicts_of, warnings_of
 
 SIGMA_DISPARITY = 0.1
 """Disparity error that depth precision is told for [microlens pitches]: what careful matching of views reaches."""
 
 
-def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | None = None) -> Evaluation:
+def evaluate(
+    design: Design, fields: Sequence[float | tuple[float, float]] | None = None, accuracy: float | None = None
+) -> Evaluation:
     """Everything closed forms say of a design.
 
     Parameters
@@ -39,6 +41,9 @@ def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | Non
     fields : sequence of float or (x, y), optional
         Microlens positions on the MLA [mm], a bare number along x. Default: centre, edge and corner of what the
         sensor sees.
+    accuracy : float, optional
+        What shares of light may be off by where parts are tilted and rays are counted; None is `RAYS` rays. Straight
+        designs are exact whatever is asked for.
 
     Returns
     -------
@@ -48,13 +53,14 @@ def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | Non
     Raises
     ------
     ValueError
-        A field that is not finite.
+        A field that is not finite; an accuracy that no number of rays reaches.
     """
+    rays = RAYS if accuracy is None or design.aligned else rays_for(accuracy)
     axes = default_fields(design) if fields is None else tuple(_axis(field) for field in fields)
     non_distortion = _non_distortion(design)
     f_number, image = _f_number(design), _microlens_image(design)
     sampled, wave = _sampling(design), _diffraction(design)
-    images = evaluate_fields(design, axes)
+    images = evaluate_fields(design, axes, rays)
     traced = trace_lens(design, axes, non_distortion)
     return Evaluation(
         design=design.name,
@@ -73,7 +79,7 @@ def evaluate(design: Design, fields: Sequence[float | tuple[float, float]] | Non
         ),
         verdicts=verdicts_of(design, f_number, non_distortion, sampled, traced),
         warnings=warnings_of(design, images),
-        method=" ".join(_methods(design)),
+        method=" ".join(_methods(design, rays, COUNTED_ERROR if accuracy is None else accuracy)),
         real_lens=traced,
     )
 
@@ -88,16 +94,19 @@ TRACED = (
     "exact rays through its surfaces say."
 )
 
+COUNTED_ERROR = 0.002
+"""Of a share counted with `RAYS` rays [fraction]."""
+
 COUNTED = (
-    f"Parts are tilted, so the microlens images over the field were counted from {RAYS} rays each (error of a share up "
-    "to 0.002); all other numbers are those of the untilted parts."
+    "Parts are tilted, so the microlens images over the field were counted from {rays} rays each (error of a share up "
+    "to {error:g}); all other numbers are those of the untilted parts."
 )
 
 
-def _methods(design: Design) -> list[str]:
+def _methods(design: Design, rays: int, error: float) -> list[str]:
     told = [METHOD]
     if not design.aligned:
-        told.append(COUNTED)
+        told.append(COUNTED.format(rays=rays, error=error))
     if design.lens is not None:
         told.append(TRACED)
     return told

@@ -14,12 +14,12 @@ from ..microlens.images import stop_images
 from .cells import own_cell_area
 from .result import Field, RayBudget
 from .rims import axes_in_space, rims
-from .tilted import count_fields
+from .tilted import RAYS, count_fields
 
 STATUS = {ClipStatus.FULL: "full", ClipStatus.CLIPPED: "clipped", ClipStatus.EMPTY: "dark"}
 
 
-def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[Field, ...]:
+def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]], rays: int = RAYS) -> tuple[Field, ...]:
     """Shape and ray budget of the microlens at each place.
 
     Parameters
@@ -27,6 +27,8 @@ def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tupl
     design : Design
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
+    rays : int
+        Counted where something is tilted.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]]) -> tupl
     if not axes:
         return ()
     if not design.aligned:
-        return count_fields(design, axes)
+        return count_fields(design, axes, rays)
     centres, radii = field_discs(design, axes)
     past = [intersect(centres[:, :count], radii[:, :count]) for count in range(1, radii.shape[1] + 1)]
     shape = past[-1]

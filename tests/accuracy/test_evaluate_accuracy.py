@@ -1,0 +1,57 @@
+"""`--accuracy` of `roslf evaluate`: more rays where they are counted, and shares within what was asked for."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.cli import main
+from roslf_design.evaluation.fields import evaluate_fields
+from roslf_design.evaluation.tilted import rays_for
+from roslf_design.microlens.rims import tilted_microlens_images
+
+PAPER = roslf.load("paper")
+
+
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3])
+def test_counted_shares_are_within_the_accuracy_of_exact_ones(accuracy):
+    rng = np.random.default_rng(8)
+    for _ in range(6):
+        tilt = (float(rng.normal(0, 0.03)), float(rng.normal(0, 0.03)))
+        design = PAPER.replace({"main_lens.diameter": float(rng.uniform(14, 30)), "aperture.tilt": tilt})
+        axis = (float(rng.uniform(2, 7)), float(rng.uniform(-3, 3)))
+        exact = tilted_microlens_images(
+            axis,
+            [design.D_F, design.D],
+            [design.d_3, 0.0],
+            np.zeros((2, 2)),
+            [tilt, (0.0, 0.0)],
+            focal_length=design.f,
+            focal_plane=design.d_f,
+            mla_distance=design.d_1,
+            sensor_distance=design.d_2,
+        )
+        (field,) = evaluate_fields(design, [axis], rays_for(accuracy))
+        # Rays fill the FAP evenly, areas are those on the sensor: they differ by the perspective of the tilt, 1e-3.
+        assert abs(field.kept_fraction - float(exact.kept_fraction)) <= accuracy + 2e-3
+
+
+def test_more_digits_take_more_rays():
+    assert rays_for(1e-2) < rays_for(1e-3) < rays_for(1e-4)
+    with pytest.raises(ValueError, match="straight designs are exact"):
+        rays_for(1e-9)
+
+
+def test_straight_designs_are_exact_whatever_is_asked():
+    assert roslf.evaluate(PAPER, accuracy=1e-12).to_dict() == roslf.evaluate(PAPER).to_dict()
+
+
+def test_result_tells_how_many_rays_and_how_far_off(tmp_path, capsys):
+    tilted = PAPER.replace({"aperture.tilt": (0.02, 0.0)})
+    path = tmp_path / "tilted.toml"
+    roslf.save(tilted, path)
+    result = roslf.evaluate(tilted, accuracy=5e-3)
+    assert f"{rays_for(5e-3)} rays" in result.method
+    assert "0.005" in result.method
+    assert {field.rays for field in result.fields} == {rays_for(5e-3)}
+    assert main(["evaluate", str(path), "--accuracy", "1e-9"]) == 2
+    assert "--accuracy" in capsys.readouterr().err
