@@ -78,7 +78,7 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
 
 
 def observe(
-    fields: Mapping[str, LightField], board: Board, *, most_views: int = 49, least_weight: float = 0.25
+    fields: Mapping[str, LightField], board: Board, *, most_views: int = 100, least_weight: float = 0.7
 ) -> Observations:
     """Corners of one board in the views of several light fields.
 
@@ -92,7 +92,8 @@ def observe(
     most_views : int
         Views used: the central one and those evenly spread around it.
     least_weight : float
-        Views in which the middle of the array has less light than this are left out.
+        Views are left out where they, or a view one pixel beside them, have less light than this share of the
+        brightest, in the middle of the array: those at the rim of the pupil.
 
     Returns
     -------
@@ -187,10 +188,19 @@ def _completed(corners: Array, board: Board) -> Array:
 
 
 def _chosen_views(field: LightField, most: int, least_weight: float) -> list[tuple[int, int]]:
-    """Indices (i of s, j of t): an even grid through the central view, of the views with light."""
+    """Indices (i of s, j of t) of views inside the pupil's image: an even grid through the central view.
+
+    At the rim a sample mixes lit pixels with dark ones or a neighbour's: it looks from further inside than its (s, t)
+    says, by up to half a pixel, and slopes through it are too small by several per cent.
+    """
     v, u = len(field.v) // 2, len(field.u) // 2
     reach_v, reach_u = max(1, len(field.v) // 8), max(1, len(field.u) // 8)
     light = np.median(field.weight[:, :, v - reach_v : v + reach_v + 1, u - reach_u : u + reach_u + 1], axis=(2, 3))
+    light = light / max(float(light.max()), 1e-30)
+    if len(field.s) > 1 and max(np.diff(field.s).max(), np.diff(field.t).max()) < 1.5:
+        whole = max(field.s.max(), field.t.max()) < field.pitch / 2 - 1  # all views asked for lie inside
+        around = np.pad(light, 1, mode="edge") if whole else np.pad(light, 1)
+        light = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).min(axis=(2, 3))
     ci, cj = int(np.argmin(np.abs(field.s))), int(np.argmin(np.abs(field.t)))
     for step in range(1, len(field.s) + 1):
         columns = [i for i in range(len(field.s)) if (i - ci) % step == 0]

@@ -170,17 +170,23 @@ def _misfit(
             weight = math.exp(-0.5 * (x * x + y * y) / (0.36 * half * half))
             d[:] = 0.0
             saddle = 0.0
-            for i in range(nodes.shape[0]):
+            a0, b0 = cos_a * (y - p[1]) - sin_a * (x - p[0]), cos_b * (y - p[1]) - sin_b * (x - p[0])
+            beyond_a, beyond_b = abs(a0) > 5.0 * w + 0.71, abs(b0) > 5.0 * w + 0.71
+            sign_a, sign_b = (1.0 if a0 > 0.0 else -1.0), (1.0 if b0 > 0.0 else -1.0)
+            if beyond_a and beyond_b:
+                saddle = sign_a * sign_b
+            for i in range(0 if beyond_a and beyond_b else nodes.shape[0]):
                 dy = y + nodes[i, 0] - p[1]
                 for j in range(nodes.shape[0]):
                     dx = x + nodes[j, 0] - p[0]
                     k = nodes[i, 1] * nodes[j, 1]
                     a, b = cos_a * dy - sin_a * dx, cos_b * dy - sin_b * dx
-                    ea, eb = math.erf(a * scale), math.erf(b * scale)
+                    ea = sign_a if beyond_a else math.erf(a * scale)
+                    eb = sign_b if beyond_b else math.erf(b * scale)
                     saddle += k * ea * eb
                     if derivatives:
-                        first = k * norm * math.exp(-0.5 * (a / w) ** 2) * eb
-                        second = k * norm * math.exp(-0.5 * (b / w) ** 2) * ea
+                        first = 0.0 if beyond_a else k * norm * math.exp(-0.5 * (a / w) ** 2) * eb
+                        second = 0.0 if beyond_b else k * norm * math.exp(-0.5 * (b / w) ** 2) * ea
                         d[0] += first * sin_a + second * sin_b
                         d[1] -= first * cos_a + second * cos_b
                         d[2] -= first * (cos_a * dx + sin_a * dy)
