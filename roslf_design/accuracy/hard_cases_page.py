@@ -85,10 +85,10 @@ def case_table(found: HardCases) -> Table:
             (
                 result.case.name,
                 worst.function,
-                f"{worst.gap:.0e}",
+                unbroken(worst.gap),
                 f"{worst.judged.ulps:.3g}",
                 f"{worst.judged.condition:.2g}",
-                f"{100 * worst.share:.0f} %",
+                percent(worst.share),
                 number(ours),
                 number(_shown_naive(result)),
                 "yes" if result.held else "NO",
@@ -106,6 +106,16 @@ def case_table(found: HardCases) -> Table:
 def _shown_naive(result: CaseResult) -> float:
     values = [point.naive for point in result.points if point.function == result.case.shown]
     return max(values, default=math.nan)
+
+
+def unbroken(gap: float) -> str:
+    """A power of ten with a minus sign, at which no browser ends a line."""
+    return f"{gap:.0e}".replace("-", "−")
+
+
+def percent(share: float) -> str:
+    """Part of a budget."""
+    return f"{100 * share:.0f} %" if share < 10 else "> 1000 %"
 
 
 def number(value: float) -> str:
@@ -143,10 +153,10 @@ def function_table(found: HardCases) -> Table:
         (
             result.case.name,
             one.function,
-            f"{one.gap:.0e}",
+            unbroken(one.gap),
             f"{one.judged.ulps:.3g}",
             f"{one.judged.condition:.2g}",
-            f"{100 * one.share:.0f} %",
+            percent(one.share),
             number(one.naive),
             one.budget.text,
             one.budget.reason or "-",

@@ -48,11 +48,9 @@ def near_cases(design: Design) -> tuple[Near, ...]:
 
 def _near(case: str, distance: float, says: str) -> Near:
     near = distance < NEAR
-    digits = min(16.0, -math.log10(max(distance, EPSILON)))
-    text = (
-        f"{says}: a textbook formula keeps about {digits:.0f} of 16 digits here, the forms used all" if near else says
-    )
-    return Near(case, distance, near, text)
+    lost = min(16.0, -math.log10(max(distance, EPSILON)))
+    text = f"{says}; a formula that cancels there loses {lost:.0f} of 16 digits, the forms used lose none"
+    return Near(case, distance, near, text if near else "")
 
 
 def _rim_cases(design: Design) -> list[Near]:

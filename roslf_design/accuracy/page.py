@@ -187,6 +187,6 @@ def honesty_blocks(trials: Sequence[Trial]) -> tuple[Statements, Table]:
 def _made(table: Measured) -> Paragraph:
     where = f" ({table.machine})" if table.machine else ""
     return Paragraph(
-        f"Choices are made by a table of errors and times{where}; `roslf accuracy calibrate` measures your own. Times "
+        f"Choices are made by a table of errors and times{where}; roslf accuracy calibrate measures your own. Times "
         "on this page are of the machine that made it, and differ from run to run; errors do not."
     )

@@ -288,8 +288,8 @@ def overlap(m: Any, r: Any, R: Any, distance: Any) -> Any:
         return m.pi * min(r, R) ** 2
     first = m.acos((distance**2 + r**2 - R**2) / (2 * distance * r))
     second = m.acos((distance**2 + R**2 - r**2) / (2 * distance * R))
-    s = (r + R + distance) / 2
-    kite = 2 * m.sqrt(max(s * (s - r) * (s - R) * (s - distance), 0))
+    heron = (r + R - distance) * (distance + r - R) * (distance - r + R) * (distance + r + R)
+    kite = m.sqrt(max(heron, 0)) / 2
     return r**2 * first + R**2 * second - kite
 
 
