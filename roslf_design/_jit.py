@@ -7,13 +7,17 @@ floats and arrays, runs interpreted as it stands, and is compiled only when some
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections.abc import Callable
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+PLAIN = (bool, int, float, str, tuple)
+"""Kinds of module constants that are compiled into a kernel."""
 
 prange = range
 """In a kernel: `range` when interpreted, `numba.prange` when compiled."""
@@ -24,9 +28,8 @@ _COMPILING = threading.RLock()
 class Kernel(Generic[P, R]):
     """A plain Python function that can also be had compiled.
 
-    Kernels may call kernels; the callees are swapped for their compiled twins when the caller is compiled. Divisions
-    by zero must be guarded in the source (interpreted, they raise). Change a callee in *another* file and numba's
-    disk cache does not notice: keep a kernel's callees in its own file, or bump nothing and clear `__pycache__`.
+    Kernels may call kernels, of any file; the callees are swapped for their compiled twins when the caller is compiled.
+    Divisions by zero must be guarded in the source (interpreted, they raise).
     """
 
     def __init__(self, function: Callable[P, R], parallel: bool) -> None:
@@ -38,6 +41,20 @@ class Kernel(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         return self.interpreted(*args, **kwargs)
+
+    @property
+    def digest(self) -> str:
+        """Fingerprint of this kernel with all that it calls and all constants it reads."""
+        source = self.interpreted
+        assert isinstance(source, FunctionType)
+        seen = hashlib.sha256(source.__code__.co_code)
+        for constant in source.__code__.co_consts:
+            seen.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
+        for name in source.__code__.co_names:
+            value = source.__globals__.get(name)
+            known = value.digest if isinstance(value, Kernel) else repr(value) if isinstance(value, PLAIN) else ""
+            seen.update(f"{name}={known};".encode())
+        return seen.hexdigest()[:16]
 
     @property
     def compiled(self) -> Callable[P, R]:
@@ -62,7 +79,9 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         elif value is prange and kernel.parallel:
             names[name] = numba.prange
     twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
-    twin.__qualname__, twin.__module__ = source.__qualname__, source.__module__
+    # numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
+    # unnoticed and old machine code would run; with the digest in the name it cannot.
+    twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
     compiled: Callable[P, R] = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(
         twin
     )

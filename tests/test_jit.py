@@ -1,0 +1,49 @@
+"""Kernels: one source, interpreted and compiled alike; no machine code of yesterday's source."""
+
+import subprocess
+import sys
+
+import numpy as np
+
+from roslf_design._jit import THREADS, kernel, prange
+
+GAIN = 2.5
+
+
+@kernel()
+def scaled(x: float) -> float:
+    return GAIN * x
+
+
+@kernel(parallel=True)
+def fill(values: np.ndarray, out: np.ndarray) -> None:
+    for i in prange(values.size):
+        out[i] = scaled(values[i]) + 1.0
+
+
+def test_interpreted_and_compiled_agree():
+    values, plain, fast = np.linspace(-1, 1, 101), np.empty(101), np.empty(101)
+    fill(values, plain)
+    with THREADS:
+        fill.compiled(values, fast)
+    np.testing.assert_array_equal(plain, fast)
+    np.testing.assert_array_equal(plain, 2.5 * values + 1)
+
+
+def test_a_changed_callee_in_another_file_is_compiled_again(tmp_path):
+    (tmp_path / "caller.py").write_text(
+        "from roslf_design._jit import kernel\n"
+        "from callee import inner\n"
+        "@kernel()\n"
+        "def outer(x):\n"
+        "    return inner(x) + 1.0\n"
+    )
+    found = []
+    for body in ("x", "10.0 * x", "FACTOR * x"):
+        (tmp_path / "callee.py").write_text(
+            f"from roslf_design._jit import kernel\nFACTOR = 3.0\n@kernel()\ndef inner(x):\n    return {body}\n"
+        )
+        run = "import sys; sys.dont_write_bytecode = True; from caller import outer; print(outer.compiled(2.0))"
+        done = subprocess.run([sys.executable, "-c", run], cwd=tmp_path, capture_output=True, text=True, check=True)
+        found.append(float(done.stdout))
+    assert found == [3.0, 21.0, 7.0]
