@@ -70,6 +70,12 @@ def faults(design: Design, x_ml: float) -> Faults:
     )
 
 
+def lens_field(design: Design, brief: SceneBrief) -> float:
+    """Largest distance from the lens's axis of a microlens that counts [mm]: decentres move the field across it."""
+    aside = np.subtract(design.microlens_array.decentre, design.main_lens.decentre)
+    return field_radius(design, brief) + float(np.hypot(*aside))
+
+
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
     """How far wavelengths part on the array at `x_ml`: lateral and axial colour added [mm]."""
     from ..lenses.fields import field_map
@@ -93,7 +99,7 @@ def distortion(design: Design, brief: SceneBrief) -> Estimate:
     """Displacement of microlens images' rims against the thin lens [px]."""
     if design.lens is None:
         return IDEAL
-    x_ml = field_radius(design, brief)
+    x_ml = lens_field(design, brief)
     found = faults(design, x_ml)
     size = found.displaced / design.q
     ends = "" if found.whole_to == x_ml else f"; images are not whole beyond {found.whole_to:.4g} mm"
@@ -104,7 +110,7 @@ def aberrations(design: Design, brief: SceneBrief) -> Estimate:
     """Extent on the array of an object point's light [pitches]; zero for a uniform scene."""
     if design.lens is None:
         return IDEAL
-    x_ml = field_radius(design, brief)
+    x_ml = lens_field(design, brief)
     spread = faults(design, x_ml).spread / design.d
     told = f"object points spread over {spread:.3g} pitches"
     if brief.white:
@@ -116,7 +122,7 @@ def curvature(design: Design, brief: SceneBrief) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
     if design.lens is None:
         return IDEAL
-    x_ml = field_radius(design, brief)
+    x_ml = lens_field(design, brief)
     spread = faults(design, x_ml).curvature / design.d
     told = f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches"
     if brief.white:
@@ -131,7 +137,7 @@ def colour(design: Design, brief: SceneBrief) -> Estimate:
     others = tuple(wave for wave in brief.wavelengths if wave != design.wavelength)
     if not others:
         return Estimate(0.0, "the scene is lit in the design's wavelength")
-    x_ml = field_radius(design, brief)
+    x_ml = lens_field(design, brief)
     spread = colour_spread(design, others, x_ml) / design.d
     return Estimate(spread, f"{_name(design)} = {x_ml:.4g} mm: colours part by {spread:.3g} pitches")
 

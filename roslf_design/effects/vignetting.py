@@ -53,7 +53,7 @@ def estimate(design: Design, brief: SceneBrief) -> Estimate:
     depth = cut_depth(design, field_radius(design, brief)) / design.q
     where = field_note(design, brief)
     if design.lens is not None:
-        traced = lens_faults.faults(design, field_radius(design, brief)).cut / design.q
+        traced = lens_faults.faults(design, lens_faults.lens_field(design, brief)).cut / design.q
         if traced > depth:
             return Estimate(traced, f"{design.lens.name}, traced, cuts {traced:.3g} px off microlens images {where}")
     if depth <= 0:

@@ -20,11 +20,24 @@ STRAIGHT = (0.0, 0.0)
 
 
 def planned_design(design: Design, plan: Plan) -> Design:
-    """The design without what the plan leaves out.
+    """The design without what the plan leaves out, its main lens ideal.
 
     Misalignments that are off become zero; without vignetting the lens is wide and the bore has no further rims;
     without microlens defocus the microlenses image the exit pupil onto the sensor.
     """
+    design = straightened(design, plan).thin_twin
+    changes: dict[str, Any] = {}
+    if not plan.on("microlens_defocus"):
+        power = 1 / design.d_2 + exit_pupil_vergence(design)
+        if power > 0:
+            changes["microlens_array.focal_length"] = 1 / power
+    if not plan.on("vignetting"):
+        changes |= {"main_lens.diameter": _wide(design), "stops": ()}
+    return design.replace(changes)
+
+
+def straightened(design: Design, plan: Plan) -> Design:
+    """The design without the misalignments that the plan leaves out; a real main lens stays."""
     changes: dict[str, Any] = {}
     places = ("main_lens", "aperture", *(f"stops.{k}" for k in range(len(design.stops))), "microlens_array", "sensor")
     for effect, key in (("tilts", "tilt"), ("decentres", "decentre")):
@@ -32,14 +45,6 @@ def planned_design(design: Design, plan: Plan) -> Design:
             changes |= {f"{place}.{key}": STRAIGHT for place in places}
     if not plan.on("mla_rotation"):
         changes["microlens_array.rotation"] = 0.0
-    if not plan.on("microlens_defocus"):
-        power = 1 / design.d_2 + exit_pupil_vergence(design)
-        if power > 0:
-            changes["microlens_array.focal_length"] = 1 / power
-    if not plan.on("vignetting"):
-        changes["main_lens.diameter"] = _wide(design)
-        changes = {place: value for place, value in changes.items() if not place.startswith("stops.")}
-        changes["stops"] = ()
     return design.replace(changes)
 
 

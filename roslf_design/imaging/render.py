@@ -19,6 +19,7 @@ from ..scenes import WHITE_FIELD, Scene
 from .camera import ImageLattice, planned_design
 from .convolve import CORE, Geometry, bands
 from .grid import Region, pixel_centres
+from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .series import MOST_GROUPS, HarmonicSeries, harmonic_series
 from .trace import Sampling, Tracer
@@ -140,10 +141,11 @@ class _Job:
         self.design, self.scene, self.plan = design, scene, effects
         self.budget, self.sampling, self.threads = budget, sampling, threads
         self.seen = planned_design(design, effects)
+        self.real = real_camera(design, scene, effects)
         self.rays = 0
         transfer = MicrolensTransfer.of(self.seen, effects, scene.light.wavelengths)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and not self.seen.aligned
+        self.traced |= scene.white is not None and (self.real is not None or not self.seen.aligned)
         if self.traced and effects.on("finite_microlens_aperture"):
             # Rays through the whole microlens already carry its defocus.
             transfer = MicrolensTransfer(
@@ -179,7 +181,7 @@ class _Job:
             level = np.float32(self.scene.white or 0.0)
             geometry = WhiteGeometry.of(self.seen, self.plan)
             return lambda region, fine: level * geometry.image(region, fine)
-        tracer = Tracer.of(self.design, self.plan, self.scene)
+        tracer = self.real or Tracer.of(self.design.thin_twin, self.plan, self.scene)
 
         def traced(region: Region, fine: int) -> Image:
             image, rays = tracer.image(region, self.sampling, fine)

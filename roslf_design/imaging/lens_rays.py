@@ -1,0 +1,384 @@
+"""Images through a real main lens: every sample of the sensor looks through its microlens and the traced lens.
+
+Microlenses are taken one after the other. Where each one's light falls is found beforehand from a grid of exact rays,
+and only there the sensor is sampled. A sample on the rim of an image counts by how much of it lies inside, so that few
+are needed for smooth edges.
+
+Radiance is the same all along a ray, so a pixel's light is what its rays towards the microlens meet, times cos^4 of
+their angle behind the array. The cos^4 in front of the lens, which an ideal lens has to be given, is already there: a
+traced lens makes the microlens images larger or smaller by what it costs in etendue.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._jit import kernel
+from ..design import Design
+from ..effects import Plan
+from ..effects.microlens_defocus import ray_blur
+from ..errors import InputError, Problem
+from ..scenes import Scene
+from ..scenes.scene import mouth
+from .camera import ImageLattice, straightened
+from .grid import Region, pixel_centres
+from .surfaces import Surfaces, encode, radiance
+from .trace import Sampling
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
+"""Any of these asks for the traced lens."""
+NODE_SPACING, RANGE = 1.0, 97
+"""Distance of places on the array [mm], and sensor points behind each along a side, that tell where light falls."""
+BATCH = 400_000
+"""Samples traced at once."""
+STRIP = 128
+"""Rows of pixels sampled at once."""
+PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
+"""Samples along a pixel's side, through pinhole microlenses and through whole ones."""
+SURROGATE_ERROR = 1e-3
+"""Largest error of a surrogate on the FAP and on the focal plane, in pixels' footprints there."""
+
+
+class ObjectRays(NamedTuple):
+    """Rays in object space, all arrays of one shape."""
+
+    x: Floats
+    y: Floats
+    """Where they cross the plane of the FAP [mm]."""
+    slope_x: Floats
+    slope_y: Floats
+    room: Floats
+    """Least of 1 - r^2/R^2 over the lens's rims, negative where clipped."""
+
+
+LensRays = Callable[[Floats, Floats, Floats, Floats], ObjectRays]
+"""From points of the microlens array and image-side slopes there to object-side rays."""
+
+
+def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | None:
+    """What traces a design's real lens for a plan; None where the lens is ideal, or all its faults are off.
+
+    Raises
+    ------
+    InputError
+        Combinations that are not rendered: point sources, tilts of other parts than the main lens, FAP diffraction.
+    """
+    if design.lens is None or not any(plan.on(name) for name in LENS_EFFECTS):
+        return None
+    from ..lenses.of_design import left_out
+
+    seen = straightened(design, plan)
+    off = "switch off " + ", ".join(f"-{name}" for name in LENS_EFFECTS) + " to take the lens as thin"
+    problems = []
+    if scene.points:
+        problems.append(Problem("objects", f"point sources behind a real main lens are not rendered; {off}"))
+    if tilted := left_out(seen):
+        message = f"a tilted {' and '.join(tilted)} behind a real main lens is not rendered; add -tilts, or {off}"
+        problems.append(Problem("effects", message))
+    textured = scene.white is None
+    if textured and plan.on("fap_diffraction") and not plan.on("microlens_diffraction"):
+        message = f"FAP diffraction alone is not rendered behind a real main lens; add -fap_diffraction, or {off}"
+        problems.append(Problem("effects", message))
+    if textured and not plan.on("overlap") and plan["overlap"].estimate > plan["overlap"].budget:
+        problems.append(
+            Problem("effects", f"a textured scene behind a real main lens keeps overlaps; drop -overlap, or {off}")
+        )
+    if problems:
+        raise InputError(tuple(problems), design.name)
+    return RealLensTracer.of(seen, plan, scene)
+
+
+@dataclass(frozen=True, eq=False)
+class RealLensTracer:
+    """Everything that tracing takes."""
+
+    design: Design
+    """Without the misalignments that are left out."""
+    microlenses: Floats
+    """Axes in the lens's frame (M, 2) [mm]."""
+    boxes: Floats
+    """Where the light behind each may fall, from its axis: low x, low y, high x, high y (M, 4) [mm]."""
+    ways: tuple[LensRays, ...]
+    """One a wavelength."""
+    stops: Floats
+    """Rims in the order of the design: place in front of the FAP, x, y, radius (K, 4) [mm]; the FAP first."""
+    surfaces: Surfaces | None
+    """None for a uniform scene."""
+    level: float
+    """Radiance of that."""
+    finite: bool
+    """Whether rays go all over a microlens, rather than through its middle."""
+    in_focus: bool
+    falloff: bool
+    own_only: bool
+    """Whether no pixel of a uniform scene gets more than a whole image gives."""
+    only_fap: bool
+    """Whether nothing but the FAP clips."""
+    fap_distance: float = field(default=0.0)
+
+    @classmethod
+    def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
+        """For a design without tilts of other parts than the main lens, a plan and a scene."""
+        from ..lenses.of_design import camera_of, microlenses
+
+        camera = camera_of(design)
+        lattice = ImageLattice.of(design.thin_twin)
+        places = microlenses(design, _on_array(lattice))
+        waves = (scene.light.wavelengths or (design.wavelength,)) if plan.on("lens_colour") else (design.wavelength,)
+        finite = scene.white is None and plan.on("finite_microlens_aperture")
+        margin = ray_blur(design.thin_twin) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1 if finite else 0.0
+        forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
+        rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in camera.rims]
+        level = scene.white
+        return cls(
+            design,
+            places,
+            _boxes(design, places, waves, margin),
+            tuple(_way(design, places, wave) for wave in waves),
+            np.array(rims[:1] if forced else rims),
+            encode(scene, design.d_f) if level is None else None,
+            0.0 if level is None else level,
+            finite,
+            not plan.on("object_defocus"),
+            plan.on("cos4"),
+            level is not None and not plan.on("overlap"),
+            forced,
+            mouth(design),
+        )
+
+    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
+        """Relative intensities of a region, float32 (rows * fine, columns * fine), and how many rays were traced."""
+        side = LENS_SAMPLES if self.finite else PINHOLE_SAMPLES
+        per = math.ceil(side / fine)
+        out = np.zeros((region.rows * fine, region.columns * fine), np.float32)
+        rays = 0
+        for row in range(0, region.rows, STRIP):
+            rows = min(STRIP, region.rows - row)
+            piece = Region(region.column, region.row + row, region.columns, rows)
+            strip, spent = self._strip(piece, fine * per, sampling.seed)
+            rays += spent
+            shape = (rows * fine, per, region.columns * fine, per)
+            out[row * fine : (row + rows) * fine] = strip.reshape(shape).mean((1, 3))
+        return out, rays
+
+    def _strip(self, piece: Region, fine: int, seed: int) -> tuple[Image, int]:
+        design = self.design
+        x, y = pixel_centres(design, piece, fine)
+        shift = np.subtract(design.sensor.decentre, design.main_lens.decentre)
+        step = design.q / fine
+        start = np.array([x[0], y[0]]) + shift
+        total = np.zeros((y.size, x.size), np.float32)
+        low = np.floor((self.microlenses + self.boxes[:, :2] - start) / step).astype(int)
+        high = np.ceil((self.microlenses + self.boxes[:, 2:] - start) / step).astype(int)
+        near = np.all((high >= 0) & (low < [x.size, y.size]) & (self.boxes[:, 2:] > self.boxes[:, :2]), axis=1)
+        chosen = np.flatnonzero(near)
+        sizes = (high - low)[chosen]
+        # Alike in size, so that the common window of a batch fits all of it.
+        chosen = chosen[np.argsort(sizes.max(1), kind="stable")]
+        spent, first = 0, 0
+        while first < len(chosen):
+            width = int((high - low)[chosen[first]].max()) + 3
+            last = first + max(1, BATCH // width**2)
+            batch = chosen[first:last]
+            width = int((high - low)[batch].max()) + 3
+            first += len(batch)
+            k = np.arange(width)
+            columns, rows = low[batch, :1] - 1 + k, low[batch, 1:] - 1 + k
+            px, py = start[0] + step * columns, start[1] + step * rows
+            light = sum(self._light(way, batch, px, py, columns + piece.column * fine, rows + piece.row * fine, seed)
+                        for way in self.ways) / len(self.ways)  # fmt: skip
+            deposit.compiled(total, rows[:, 0], columns[:, 0], np.asarray(light, np.float32))
+            spent += len(batch) * width * width * len(self.ways)
+        if self.own_only:
+            np.minimum(total, np.float32(self.level), out=total)
+        return total, spent
+
+    def _light(
+        self, way: LensRays, batch: NDArray[np.int64], px: Floats, py: Floats, i: Any, j: Any, seed: int
+    ) -> Floats:
+        """Light of samples on windows behind microlenses, (n, rows, columns)."""
+        design = self.design
+        n, width = px.shape
+        shape = (n, width, width)
+        c = self.microlenses[batch]
+        cx, cy = c[:, 0, None], c[:, 1, None]
+        x = np.broadcast_to(px[:, None, :], shape).reshape(n, -1)
+        y = np.broadcast_to(py[:, :, None], shape).reshape(n, -1)
+        wx, wy = _points_on_lens(design, i, j, seed) if self.finite else (np.zeros((n, 1)), np.zeros((n, 1)))
+        if self.finite:
+            found = way(
+                cx + wx, cy + wy, (x - cx - wx) / design.d_2 + wx / design.f_ml,
+                (y - cy - wy) / design.d_2 + wy / design.f_ml,
+            )  # fmt: skip
+        else:
+            found = way(cx, cy, (x - cx) / design.d_2, (y - cy) / design.d_2)
+        room = np.full(n * width * width, np.inf).reshape(n, -1) if self.only_fap else found.room
+        for ahead, stop_x, stop_y, radius in self.stops:
+            at_x, at_y = found.x - found.slope_x * ahead - stop_x, found.y - found.slope_y * ahead - stop_y
+            room = np.minimum(room, 1 - (at_x**2 + at_y**2) / radius**2)
+        room = np.maximum(room, -1.0).reshape(shape)
+        if self.finite:
+            weight = (room >= 0).astype(float)
+        else:
+            slopes = np.abs(np.gradient(room, axis=1)) + np.abs(np.gradient(room, axis=2))
+            weight = np.clip(room / (slopes + 1e-300) + 0.5, 0.0, 1.0)
+        light = self.level * weight if self.surfaces is None else weight * self._seen(found, weight).reshape(shape)
+        if self.falloff:
+            legs = ((x - cx - wx) / design.d_2) ** 2 + ((y - cy - wy) / design.d_2) ** 2
+            light = light * ((1 + legs) ** -2.0).reshape(shape)
+        return np.asarray(light)
+
+    def _seen(self, found: ObjectRays, weight: Floats) -> Floats:
+        """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
+        design, surfaces = self.design, self.surfaces
+        assert surfaces is not None
+        lens_x, lens_y = design.main_lens.decentre
+        out = np.zeros(weight.size)
+        shade_rays.compiled(
+            surfaces.rows, surfaces.pictures, surfaces.beyond, self.fap_distance, design.d_3, design.d_f,
+            self.in_focus, lens_x, lens_y, found.x.reshape(-1), found.y.reshape(-1), found.slope_x.reshape(-1),
+            found.slope_y.reshape(-1), weight.reshape(-1), out,
+        )  # fmt: skip
+        return out
+
+
+def _on_array(lattice: ImageLattice) -> Floats:
+    """Every microlens of an array, in its own frame (M, 2) [mm]."""
+    half = np.array(lattice.half_size) + 1e-9
+    most = np.ceil(np.abs(np.linalg.inv(lattice.axes)) @ half).astype(int)
+    i, j = np.meshgrid(*(np.arange(-count, count + 1) for count in most))
+    places = np.stack([i.ravel(), j.ravel()], -1) @ lattice.axes.T
+    return np.asarray(places[np.all(np.abs(places) <= half, axis=1)])
+
+
+def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
+    """A fast polynomial twin of the lens where it is symmetric and smooth enough, else the lens itself."""
+    from ..lenses.of_design import camera_of
+    from ..lenses.prescription import LensError
+    from ..lenses.surrogate import fitted
+    from ..lenses.trace import KEPT, Rays, trace
+
+    camera = camera_of(design)
+    pixel = design.q * min(design.d_f - design.d_3, design.d_f) / design.d_2  # coarser than any ray needs
+    on_fap = design.D_F * design.q / (design.d * design.d_2 / design.d_2)
+    try:
+        radius = float(np.max(np.hypot(*places.T))) + design.d
+        twin = fitted(camera, radius, tolerance=SURROGATE_ERROR * min(pixel, on_fap), wavelength=wavelength)
+        if twin.pupil_error <= SURROGATE_ERROR * on_fap:
+
+            def quickly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
+                return ObjectRays(*twin.rays(x, y, slope_x, slope_y))
+
+            return quickly
+    except LensError:
+        pass
+
+    def exactly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
+        at_x, at_y, along_x, along_y = np.broadcast_arrays(x, y, slope_x, slope_y)
+        size = np.sqrt(1 + along_x**2 + along_y**2)
+        start = np.stack([at_x, at_y, np.full(at_x.shape, camera.mla)])
+        rays = Rays(start, np.stack([-along_x, -along_y, -np.ones_like(along_x)]) / size)
+        traced = trace(camera.lens, rays, wavelength, backward=True, plane=camera.fap.z, clip=False, room=True)
+        assert traced.room is not None
+        lost = traced.state != KEPT
+        way = traced.rays.direction
+        down = np.where(lost, -1.0, way[2])
+        x_out, y_out = traced.rays.position[:2]
+        return ObjectRays(x_out, y_out, way[0] / down, way[1] / down, np.where(lost, -1.0, traced.room))
+
+    return exactly
+
+
+def _boxes(design: Design, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
+    """Where light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
+    from ..lenses.camera import views
+    from ..lenses.of_design import camera_of
+
+    camera = camera_of(design)
+    half = 0.6 * camera.lens_diameter * camera.d_2 / camera.d_1
+    side = np.linspace(-half, half, RANGE)
+    step = side[1] - side[0]
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    low, high = places.min(0), places.max(0)
+    across, along = (max(2, math.ceil(size / NODE_SPACING) + 1) for size in high - low)
+    columns, rows = np.linspace(low[0], high[0], across), np.linspace(low[1], high[1], along)
+    found = np.empty((along, across, 4))
+    for row, y in enumerate(rows):
+        c = np.stack([columns, np.full(across, y)], axis=-1)
+        spot = c[:, None] * (camera.d_2 / camera.d_1) + grid
+        lit = np.zeros((across, len(grid)), np.bool_)
+        for wave in waves:
+            at = views(camera, c[:, None], c[:, None] + spot, wave, clip=False)
+            lit |= np.minimum(at.fap_room, at.room) >= 0
+        found[row, :, :2] = np.min(np.where(lit[..., None], spot, np.inf), axis=1) - step - margin
+        found[row, :, 2:] = np.max(np.where(lit[..., None], spot, -np.inf), axis=1) + step + margin
+    # Each microlens takes what the four nodes around it take.
+    around = [(slice(a, along - 1 + a), slice(b, across - 1 + b)) for a in (0, 1) for b in (0, 1)]
+    low_box = np.minimum.reduce([found[place][..., :2] for place in around])
+    high_box = np.maximum.reduce([found[place][..., 2:] for place in around])
+    spacing = np.maximum((high - low) / [across - 1, along - 1], 1e-12)
+    cell = np.minimum(((places - low) / spacing).astype(int), [across - 2, along - 2])
+    boxes = np.concatenate([low_box, high_box], axis=-1)[cell[:, 1], cell[:, 0]]
+    dark = ~np.all(np.isfinite(boxes), axis=1)
+    boxes[dark] = 0.0
+    return np.asarray(boxes)
+
+
+def _points_on_lens(design: Design, columns: Any, rows: Any, seed: int) -> tuple[Floats, Floats]:
+    """A point on the microlens for every sample (n, rows * columns), evenly spread over neighbouring samples [mm]."""
+    n = len(columns)
+    i = np.broadcast_to(columns[:, None, :], (n, rows.shape[1], columns.shape[1])).reshape(n, -1).astype(float)
+    j = np.broadcast_to(rows[:, :, None], (n, rows.shape[1], columns.shape[1])).reshape(n, -1).astype(float)
+    turn = 0.5 + 0.001 * (seed % 997)
+    # Steps from the plastic number: low discrepancy along both axes and over any block.
+    u = np.mod(turn + 0.7548776662466927 * i + 0.5698402909980532 * j, 1.0)
+    v = np.mod(turn + 0.5698402909980532 * i + 0.3294 * j + 0.2 * u, 1.0)
+    half = design.d / 2
+    if design.microlens_array.lens_shape == "circular":
+        radius, angle = half * np.sqrt(u), 2 * np.pi * v
+        return radius * np.cos(angle), radius * np.sin(angle)
+    x, y = (2 * u - 1) * half, (2 * v - 1) * half
+    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
+    return c * x - s * y, s * x + c * y
+
+
+@kernel()
+def deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
+    """Add windows of light (n, K, K) to an image; what lies beyond it is dropped."""
+    for n in range(light.shape[0]):
+        for a in range(light.shape[1]):
+            j = rows[n] + a
+            if j < 0 or j >= total.shape[0]:
+                continue
+            for b in range(light.shape[2]):
+                i = columns[n] + b
+                if 0 <= i < total.shape[1]:
+                    total[j, i] += light[n, a, b]
+
+
+@kernel()
+def shade_rays(
+    rows: Any, pictures: Any, beyond: float, mouth: float, d_3: float, d_f: float, in_focus: bool, lens_x: float,
+    lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any, out: Any,
+) -> None:  # fmt: skip
+    """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
+    for n in range(out.shape[0]):
+        if weight[n] <= 0.0:
+            continue
+        ox, oy = slope_x[n], slope_y[n]
+        hx, hy = x[n] + lens_x + ox * d_3, y[n] + lens_y + oy * d_3
+        if in_focus:
+            # The same point of the focal plane, seen from the middle of the FAP.
+            fx, fy = hx - ox * d_f, hy - oy * d_f
+            ox, oy = -fx / (d_f - d_3), -fy / (d_f - d_3)
+            hx, hy = ox * d_3, oy * d_3
+        out[n] = radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
