@@ -68,7 +68,8 @@ def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> Ste
         raise CalibrationError(
             "all corners lie at one depth: d_2 and m are not determined; show boards at several distances"
         )
-    beta = float(np.sum(weight**2 * away * slope)) / power
+    # Both sums centred: the rounding of the mean of 1/Z would else enter times the mean slope, as 1/gap^2.
+    beta = float(np.sum(weight**2 * away * (slope - alpha))) / power
     fitted = alpha + beta * away
     variance = float(np.sum((weight * (slope - fitted)) ** 2)) / max(len(slope) - 2, 1)
     if beta >= 0:

@@ -36,8 +36,8 @@ def tolerance(
     study
         A study file: a design, what it may miss, the limits it is held to.
     output
-        Folder for index.html, results.json, summary.txt, trials.npz, figures, the worst trials as design files, and the run's
-        chunks.
+        Folder for index.html, results.json, summary.txt, trials.npz, figures, the worst trials as design files, and
+        the run's chunks.
     json
         Print the JSON object instead of tables.
     seed

@@ -94,7 +94,7 @@ def nondistortion_bound(
     Returns
     -------
     FieldBound
-        ``|X| = (D (Z - d_3) - D_F Z) / (2 d_3)`` and ``A |X| / (Z - d_3)`` [mm], broadcast. Both inf at ``d_3 = 0``
+        ``|X| = (D (Z - d_3) - D_F Z) / (2 d_3)`` and ``|A X / (Z - d_3)|`` [mm], broadcast. Both inf at ``d_3 = 0``
         with ``D >= D_F`` (finite twin: the margin); the first inf at ``Z = inf`` (finite twin: the second).
 
     Notes
@@ -108,7 +108,7 @@ def nondistortion_bound(
     slope = np.where(clear, ratio(axial, 2 * d3), 0.0)
     slope = np.where(clear & (d3 == 0), np.inf, slope)
     reach = effective_image_distance(focal_length, focal_plane_distance, d3)
-    return FieldBound(product(slope, z), product(slope, reach * ratio(z, depth)))
+    return FieldBound(product(slope, z), product(slope, np.abs(reach * ratio(z, depth))))
 
 
 def require_finite(distance: Array) -> None:

@@ -18,16 +18,7 @@ CASES = {case.name: case for case in all_cases()}
 DESIGNS = ("paper", "ear-speculum", "mismatched-borescope")
 
 
-NOT_CENTRED = pytest.mark.xfail(
-    reason="step_two sums away * slope, not away * (slope - alpha): rounding of the mean enters as 1/gap^2",
-    strict=False,
-)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=NOT_CENTRED) if name == "calibration from near depths" else name for name in CASES],
-)
+@pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("design", DESIGNS)
 def test_budgets_hold_on_the_way_to_every_singular_point(name, design):
     (result,) = run_hard_cases(roslf.load(design), cases=[CASES[name]], steps=5, seed=3).results

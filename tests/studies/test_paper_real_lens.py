@@ -17,7 +17,7 @@ from roslf_design.lenses.of_design import camera_of
 from roslf_design.report.figures.real_lens import lens_curves
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"
-spec = importlib.util.spec_from_file_location("paper_real_lens_study", FOLDER / "study.py")
+spec = importlib.util.spec_from_file_location("paper_real_lens_study", FOLDER / "real_lens.py")
 assert spec is not None
 assert spec.loader is not None
 study = importlib.util.module_from_spec(spec)

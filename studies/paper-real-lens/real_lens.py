@@ -1,6 +1,6 @@
 """The paper's bench behind real lenses, and whether their aberrations explain distorted images at its field's edge.
 
-Run from the project's root: python studies/paper-real-lens/study.py [-o FOLDER]
+Run from the project's root: python studies/paper-real-lens/real_lens.py [-o FOLDER]
 """
 
 from __future__ import annotations
