@@ -1,0 +1,138 @@
+"""A folder of captured images: the white image, perhaps a dark frame, and the images of the board."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import CalibrationError
+from .frames import same_size
+
+SUFFIXES = (".tif", ".tiff", ".png")
+Image = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """What a folder holds; the images of the board are read one at a time."""
+
+    white: Image
+    dark: Image | None
+    boards: tuple[Path, ...]
+    """By name."""
+
+    def board(self, path: Path) -> Image:
+        """One image of the board.
+
+        Raises
+        ------
+        CalibrationError
+            Not readable, or of another size than the white image.
+        """
+        image = read_image(path)
+        same_size(path.name, image.shape, "white image", self.white.shape)
+        return image
+
+
+def read_capture(folder: Path) -> Capture:
+    """Find the images of a folder: ``white.*``, ``dark.*`` where there is one, and boards by any other name.
+
+    Previews that `roslf render` writes (``*-preview.png``) are left out.
+
+    Raises
+    ------
+    CalibrationError
+        No such folder, no white image or two, no images of the board, files that cannot be read, a dark frame of
+        another size.
+    """
+    if not folder.is_dir():
+        raise CalibrationError("is a file; name the folder of images" if folder.exists() else "no such folder")
+    images = sorted(
+        (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
+        key=_in_order,
+    )
+    white, dark = _only(images, "white"), _only(images, "dark")
+    if white is None:
+        raise CalibrationError(
+            "no white image: capture a bright, even surface with the camera as it is and save it as white.tif or"
+            " white.png"
+        )
+    boards = tuple(p for p in images if p not in (white, dark) and not p.stem.endswith("-preview"))
+    if not boards:
+        raise CalibrationError("no images of the board (*.tif, *.tiff, *.png) beside the white image")
+    pixels = read_image(white)
+    black = None if dark is None else read_image(dark)
+    if black is not None:
+        same_size("white image", pixels.shape, "dark frame", black.shape)
+    return Capture(pixels, black, boards)
+
+
+def read_image(path: Path) -> Image:
+    """Pixels of a TIFF or PNG as they are stored, shape (rows, columns) or (rows, columns, channels).
+
+    Whole numbers that `roslf render` wrote come back as the intensities they stand for: its full scale is that of the
+    picture, and no sensor's saturation.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the file, where it is no image that can be read.
+    """
+    try:
+        pixels, note = _tiff(path) if path.suffix.lower() != ".png" else _png(path)
+    except (OSError, ValueError, RuntimeError, SyntaxError) as error:
+        detail = " ".join(str(error).split()) or type(error).__name__
+        raise CalibrationError(f"{path.name} cannot be read as an image ({detail}); save it again") from None
+    if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
+        raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
+    scale = _full_scale(note)
+    if scale is not None and pixels.dtype.kind == "u":
+        return (pixels * np.float32(scale / 65535)).astype(np.float32)
+    return pixels
+
+
+def _tiff(path: Path) -> tuple[Image, str]:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        note = file.pages[0].tags.get("ImageDescription")  # type: ignore[union-attr]
+        return np.asarray(file.asarray()), "" if note is None else str(note.value)
+
+
+def _png(path: Path) -> tuple[Image, str]:
+    from PIL import Image as Pictures
+
+    with Pictures.open(path) as picture:
+        picture.load()
+        return np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA") else picture), str(
+            picture.info.get("Description", "")
+        )
+
+
+def _full_scale(note: str) -> float | None:
+    if '"full_scale"' not in note:
+        return None
+    try:
+        value = json.loads(note)["full_scale"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def _only(images: list[Path], stem: str) -> Path | None:
+    named = [path for path in images if path.stem.lower() == stem]
+    if len(named) > 1:
+        raise CalibrationError(f"{' and '.join(p.name for p in named)} are both there; keep one {stem} image")
+    return named[0] if named else None
+
+
+def _in_order(path: Path) -> tuple[tuple[int, int | str], ...]:
+    """board2 before board10."""
+    parts = re.split(r"(\d+)", path.name)
+    return tuple((0, int(part)) if part.isdigit() else (1, part) for part in parts if part)

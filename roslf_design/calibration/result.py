@@ -1,0 +1,215 @@
+"""A whole calibration as one value: what was found, how sure it is, and how it is written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..design import Design
+from .board import Board
+from .calibrate import Calibration
+from .centres import MicrolensCentres
+from .consequences import depth_errors, variance_shares
+from .datasheet import QUANTITIES, DataSheet, derived
+from .lattice import Array
+from .posterior import Posterior
+
+SCHEMA = "roslf.calibration/1"
+UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_3": "mm"}
+SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
+"""Quantities in the order in which they are told."""
+_GAUSS = {"68": 0.994458, "95": 1.959964}
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One quantity."""
+
+    value: float
+    """Of the best fit."""
+    sigma: float
+    low_68: float
+    high_68: float
+    low_95: float
+    high_95: float
+    r_hat: float | None
+    """None where nothing was sampled."""
+    ess: float | None
+    """The smaller of bulk and tail."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What `roslf calibrate` found."""
+
+    design: Design
+    """That the camera was built to."""
+    board: Board
+    sheet: DataSheet
+    centres: MicrolensCentres
+    calibration: Calibration
+    posterior: Posterior | None
+    """None where it was not asked for: intervals are then the Fisher matrix's."""
+    depths: Mapping[str, Array] | None
+    """`depth_errors` over the boards' range."""
+    shares: Mapping[str, Mapping[str, float]]
+    """`variance_shares`."""
+    estimates: Mapping[str, Estimate]
+    warnings: tuple[str, ...]
+    seed: int
+    distortion: int
+
+    @property
+    def converged(self) -> bool | None:
+        """None where nothing was sampled."""
+        return None if self.posterior is None else self.posterior.converged
+
+    @property
+    def calibrated(self) -> Design:
+        """The design with d_3, d_1 and d_2 as calibrated, f as on its data sheet, and the errors in its source.
+
+        Raises
+        ------
+        DesignError
+            The values make no design.
+        """
+        found = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
+        said = ", ".join(f"{n} = {e.value:.6g} +- {e.sigma:.2g} {UNITS[n]}".strip() for n, e in found.items())
+        images = len(self.calibration.observations.names)
+        source = (
+            f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} +- {self.sheet.f_sigma:.2g} mm"
+            f" from the data sheet: {said} (standard deviations); before: {self.design.name}"
+        )
+        lengths = {name: found[name].value for name in ("d_3", "d_1", "d_2")}
+        return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything as JSON's types."""
+        found, fit = self.calibration, self.calibration.fit
+        names = list(fit.covariance.names)
+        rows = {}
+        for name in SHOWN:
+            e = self.estimates[name]
+            rows[name] = {
+                "estimate": e.value,
+                "unit": UNITS[name],
+                "sigma": e.sigma,
+                "interval_68": [e.low_68, e.high_68],
+                "interval_95": [e.low_95, e.high_95],
+                "r_hat": e.r_hat,
+                "ess": e.ess,
+                "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
+            }
+        steps = {
+            way: dict(zip(("d_1", "d_f", "H", "d_3"), (float(x) for x in lengths[:4]), strict=True))
+            for way, lengths in (("steps_one_and_two", found.stepwise), ("joint", found.refined))
+        }
+        camera, sigma = fit.camera, fit.covariance.sigma
+        p = self.posterior
+        sampling = None
+        if p is not None:
+            sampling = {
+                "message": p.message,
+                "acceptance": p.acceptance,
+                "steps": p.steps,
+                "walkers": p.walkers,
+                "r_hat": dict(p.r_hat),
+                "bulk_ess": dict(p.bulk_ess),
+                "tail_ess": dict(p.tail_ess),
+            }
+        lattice, used = self.centres.lattice, self.centres.used
+        depths = None if self.depths is None else {name: values.tolist() for name, values in self.depths.items()}
+        return {
+            "schema": SCHEMA,
+            "design": self.design.name,
+            "board": {"columns": self.board.columns, "rows": self.board.rows, "cell_mm": self.board.cell},
+            "intervals_from": "Fisher matrix" if p is None else "posterior",
+            "quantities": rows,
+            "converged": self.converged,
+            "posterior": sampling,
+            "fit": {
+                name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names
+            },
+            "condition_number": fit.covariance.condition,
+            "correlations": {"names": names, "matrix": fit.covariance.correlation.tolist()},
+            "other_ways": steps,
+            "data_sheet": {
+                "f_mm": self.sheet.f,
+                "f_sigma_mm": self.sheet.f_sigma,
+                "q_mm": self.sheet.q,
+                "d_mm": self.sheet.d,
+                "d_sigma_mm": self.sheet.d_sigma,
+                "cell_sigma_relative": self.sheet.cell_sigma,
+            },
+            "reprojection_rms_pitches": found.joint.rms,
+            "step_one_rms_pitches": found.first.rms,
+            "noise_pitches": found.lines.sigma,
+            "images_used": list(found.observations.names),
+            "images_missing": list(found.missing),
+            "views": len(found.observations.views),
+            "coordinates": found.observations.count,
+            "white_image": {
+                "pitch_px": lattice.pitch,
+                "rotation_rad": lattice.rotation,
+                "layout": lattice.layout,
+                "rms_px": self.centres.rms,
+                "microlenses": self.centres.counts(),
+                "used": int(used.sum()),
+            },
+            "depth_errors_mm": depths,
+            "distortion_coefficients": self.distortion,
+            "seed": self.seed,
+            "warnings": list(self.warnings),
+        }  # fmt: skip
+
+
+def outcome_of(
+    design: Design,
+    board: Board,
+    sheet: DataSheet,
+    centres: MicrolensCentres,
+    calibration: Calibration,
+    posterior: Posterior | None,
+    *,
+    seed: int,
+    distortion: int = 0,
+    warnings: tuple[str, ...] = (),
+) -> Outcome:
+    """Bring together what was found; `warnings` come before those that follow from it."""
+    shares = variance_shares(calibration.fit, sheet)
+    best = derived(calibration.fit.camera.vector(), sheet, np.asarray(sheet.f))
+    values = {name: float(best[name]) for name in QUANTITIES}
+    estimates = {name: _estimate(name, values[name], shares[name]["sigma"], posterior) for name in QUANTITIES}
+    depths = None
+    if posterior is not None:
+        distances = working_range(calibration, values["d_3"])
+        depths = depth_errors(posterior, calibration.fit, sheet, distances)
+    notes = [*warnings]
+    if calibration.missing:
+        notes.append(f"no board found in {', '.join(calibration.missing)}: calibrated from the others")
+    if posterior is not None and not posterior.converged:
+        notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
+    return Outcome(
+        design, board, sheet, centres, calibration, posterior, depths, shares, estimates, tuple(notes), seed, distortion
+    )
+
+
+def working_range(calibration: Calibration, d_3: float, count: int = 61) -> Array:
+    """Distances from the lens [mm], as far as the boards reach and a fifth more of their depth, shape (count,)."""
+    depth = calibration.fit.poses.translation[:, 2]
+    result: Array = d_3 + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), count)
+    return result
+
+
+def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None) -> Estimate:
+    if posterior is None:
+        near, far = _GAUSS["68"] * sigma, _GAUSS["95"] * sigma
+        return Estimate(value, sigma, value - near, value + near, value - far, value + far, None, None)
+    row = posterior.summary()[name]
+    key = "inverse_d_2" if name == "d_2" else name
+    ends = (row["low_68"], row["high_68"], row["low_95"], row["high_95"])
+    return Estimate(
+        value, row["sigma"], *ends, posterior.r_hat[key], min(posterior.bulk_ess[key], posterior.tail_ess[key])
+    )
