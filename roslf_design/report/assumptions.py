@@ -10,8 +10,15 @@ if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
 
+IDEAL = (
+    "The main lens is ideal and thin: no aberrations, distortion, field curvature or colour. Real lenses add theirs."
+)
+REAL = (
+    "The main lens is real. Its exact rays stand under Real main lens and in the verdicts; all else, tables, ray "
+    "diagrams, maps and design space, is its thin twin: an ideal lens of the same focal length and clear diameter, "
+    "with distances counted from the principal planes."
+)
 MODEL = (
-    "The main lens is ideal and thin: no aberrations, distortion, field curvature or colour. Real lenses add theirs.",
     "Microlenses are pinholes at the focal plane's image; their finite aperture, defocus and diffraction are sized "
     "under Effects and not drawn.",
     "Stops are thin circular openings; a tube counts by its rims. Walls neither reflect nor scatter.",
@@ -23,7 +30,7 @@ MODEL = (
 
 def assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     """The blocks of the section."""
-    items = list(MODEL)
+    items = [IDEAL if result.real_lens is None else REAL, *MODEL]
     if design.sensor.relay_magnification != 1:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
     if not design.aligned:

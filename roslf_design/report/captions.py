@@ -109,6 +109,36 @@ def maps(design: Design, result: Evaluation, fields: FieldMap) -> str:
     return f"{left} {right}"
 
 
+def lens_field(result: Evaluation) -> str:
+    """Of the aberrations over the field."""
+    lens = result.real_lens
+    assert lens is not None
+    edge = lens.fields[1]
+    moved = (
+        f"At the sensor's edge images lie {number(abs(edge.shift_px[0]), 3)} px off and are "
+        f"{number(edge.widening_percent, 3)} % wider. "
+        if edge.shift_px is not None and edge.widening_percent is not None
+        else "The sensor's edge has no whole image. "
+    )
+    return (
+        f"Exact rays through {lens.lens}, from the axis to the distance of the sensor's corner. Left: microlens images "
+        "against those of an ideal lens of the same focal length (dashed); the shift counts outwards. "
+        f"{moved}Middle: how far an object point's light spreads over the array because the focal surfaces are bent "
+        "(negative: in front of the array) and colours part. Right: distortion of the object. Images are whole out to "
+        f"{number(lens.x_ml_max_mm, 4)} mm on the array; for the thin lens Eq. 6 says "
+        f"{number(lens.thin_x_ml_max_mm, 4)} mm."
+    )
+
+
+def lens_images(result: Evaluation) -> str:
+    """Of the outlines behind a real lens."""
+    assert result.real_lens is not None
+    return (
+        f"Outlines of microlens images through {result.real_lens.lens} (blue) and through its thin twin (dashed), in "
+        "pixels from the thin image's centre. Ray optics; diffraction is not drawn."
+    )
+
+
 def plane(design: Design, result: Evaluation) -> str:
     """Of the D_F - d_3 plane."""
     matched, free = result.verdicts[0].ok, result.non_distortion.undistorted_in_field

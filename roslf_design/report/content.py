@@ -9,7 +9,16 @@ from .. import __version__
 from ..design import dumps
 from ..design.units import format_quantity
 from ..evaluation import evaluate
-from ..evaluation.show import EFFECT_HEADINGS, FIELD_HEADINGS, absent_effects, effect_rows, field_row, table_groups
+from ..evaluation.show import (
+    EFFECT_HEADINGS,
+    FIELD_HEADINGS,
+    LENS_HEADINGS,
+    absent_effects,
+    effect_rows,
+    field_row,
+    lens_field_row,
+    table_groups,
+)
 from . import sheets
 from .assumptions import assumptions
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
@@ -70,8 +79,9 @@ def design_report(
         Section("The design", (_parameters(design), *_stops(design))),
         Section("Evaluation", _tables(result)),
         Section("Rays", (figures["rays"], figures["cells"], picture)),
-        Section("Microlens images", (figures["images"], figures["maps"])),
-        Section("Design space", (figures["plane"], figures["depth"])),
+        Section(f"Microlens images{_of_twin(result)}", (figures["images"], figures["maps"])),
+        *_real_lens(design, result, tell),
+        Section(f"Design space{_of_twin(result)}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
         Section("Assumptions and what was left out", assumptions(design, result)),
         _making(design, command, stamp),
@@ -106,7 +116,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
     width, height = design.pixels
     rows = [
         ("D", "main lens clear aperture", design.D, ""),
-        ("f", "main lens focal length", design.f, ""),
+        ("f", "main lens focal length", design.f, _lens_name(design)),
         ("d_f", "focal plane in front of the lens", design.d_f, ""),
         ("d_1", "main lens to microlens array", design.d_1, ""),
         ("D_F", "FAP diameter", design.D_F, "flexible angular plane: the entrance pupil"),
@@ -122,6 +132,10 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), _relay(design)),
     ]
     return [*((symbol, name, _length(value), remark) for symbol, name, value, remark in rows), *sizes]
+
+
+def _lens_name(design: Design) -> str:
+    return "" if design.lens is None else f"{design.lens.name}, at this wavelength"
 
 
 def _relay(design: Design) -> str:
@@ -188,6 +202,20 @@ def _figures(design: Design, result: Evaluation, tell: Callable[[str], None]) ->
         tell(label)
         found[name] = make()
     return found
+
+
+def _of_twin(result: Evaluation) -> str:
+    return "" if result.real_lens is None else " of the thin twin"
+
+
+def _real_lens(design: Design, result: Evaluation, tell: Callable[[str], None]) -> tuple[Section, ...]:
+    """What the traced lens does, its thin twin beside it; nothing for an ideal one."""
+    if result.real_lens is None:
+        return ()
+    tell("real main lens")
+    rows = tuple(lens_field_row(field) for field in result.real_lens.fields)
+    fields = Table(rows, "llrrrrrr", LENS_HEADINGS, "Microlens images through the real lens, against its thin twin")
+    return (Section("Real main lens", (*sheets.lens_sheets(design, result), fields)),)
 
 
 def _picture(rendering: Rendering | NoPictureError, names: tuple[Name, ...]) -> Block:

@@ -96,6 +96,35 @@ def map_sheet(design: Design, result: Evaluation) -> Figure:
         return compose("maps", "Microlens images over the array", captions.maps(design, result, fields), figure)
 
 
+def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
+    """Microlens images and aberrations of a real main lens over the field, and its images beside the thin lens's."""
+    from .figures.real_lens import (
+        lens_curves,
+        plot_lens_distortion,
+        plot_lens_foci,
+        plot_lens_image,
+        plot_lens_images_over_field,
+    )
+
+    curves = lens_curves(design)
+    with drawing():
+        figure = new_drawing(3.5)
+        axes = figure.subplots(1, 3)
+        for ax, plot in zip(axes, (plot_lens_images_over_field, plot_lens_foci, plot_lens_distortion), strict=True):
+            plot(design, ax, curves)
+            ax.set_xlabel("microlens off axis [mm]")
+        shared_legend(figure, axes, "outside lower center", most=4)
+        over = compose("lens-field", "The real lens over the field", captions.lens_field(result), figure)
+        figure = new_drawing(3.2)
+        axes = figure.subplots(1, len(result.fields), sharex=True, sharey=True)
+        for ax, label, field in zip(axes, ("centre", "edge", "corner"), result.fields, strict=True):
+            plot_lens_image(design, field.x_ml_mm, ax)
+            ax.set_title(f"{label}: {ax.get_title(loc='left')}")
+        shared_legend(figure, axes, "outside lower center")
+        seen = compose("lens-images", "Microlens images behind the real lens", captions.lens_images(result), figure)
+    return over, seen
+
+
 def plane_sheet(design: Design, result: Evaluation) -> Figure:
     """The D_F - d_3 plane."""
     with drawing():
