@@ -62,6 +62,11 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     pair = tuple(place for place in known if place in (f"{name}.0", f"{name}.1"))
     if pair:
         return pair
+    if name.startswith(("main_lens.surfaces.", "main_lens.elements.")):
+        raise ValueError(
+            f"'{name}' is a number of a lens's prescription; studies take a real main lens as its thin twin, so "
+            "perturb main_lens.focal_length here, or give lens errors to roslf_design.lenses.manufacture"
+        )
     names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = (
