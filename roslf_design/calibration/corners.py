@@ -78,7 +78,7 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
 
 
 def observe(
-    fields: Mapping[str, LightField], board: Board, *, most_views: int = 100, least_weight: float = 0.7
+    fields: Mapping[str, LightField], board: Board, *, most_views: int = 100, least_weight: float = 0.85
 ) -> Observations:
     """Corners of one board in the views of several light fields.
 

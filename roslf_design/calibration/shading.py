@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .cells import CellMoments, cell_moments, window_pull
 from .frames import Frame
 from .lattice import Array, Lattice, LatticeFit, fit_lattice
+from .ripple import without_ripple
 
 _CORE = 0.45
 """Size of the inner window against the cell: inside the bright disc of most microlens images."""
@@ -40,22 +41,23 @@ def centred(
     it give two equations for the lattice's delta and h, both affine over the array. Vignetting of the scene, of the
     pupil and of the lenses all come out as h; nothing is assumed of how they share it. Only the change of h over the
     array is taken off: a constant h moves all centres alike, which no calibration notices, and looks the same as a
-    pixel grid that beats with the lattice. Where the images have no flat
-    top (heavy blur) the two equations say the same, and nothing is taken off.
+    pixel grid that beats with the lattice. Where the images have no flat top (heavy blur) the two equations say the
+    same, and nothing is taken off.
     """
     nodes = lattice.nodes(indices[:, 0], indices[:, 1])
     sample = nodes[good][:: max(1, int(good.sum()) // 500)]
     pull, inner_pull = window_pull(frame, lattice, sample), window_pull(frame, lattice, sample, _CORE)
     free = max(1 - pull, 1e-6)
-    plain = fit_lattice(indices[good], (nodes + moments.offset / free)[good], lattice.layout)
+    whole = without_ripple(nodes, indices, moments.offset / free, good)
+    plain = fit_lattice(indices[good], (nodes + whole)[good], lattice.layout)
     inner = cell_moments(frame, lattice, nodes, scale=_CORE)
     size, inner_size = _second_moment(moments, good), _second_moment(inner, good)
     crossing = size * (1 - inner_pull) - inner_size * free
     if lattice.pitch < _LEAST_PITCH or abs(crossing) < 0.6 * (size * abs(1 - inner_pull) + inner_size * free):
-        return Centred(moments.offset / free, plain, 0.0, pull)
-    delta = (size * inner.offset - inner_size * moments.offset) / crossing
+        return Centred(whole, plain, 0.0, pull)
+    delta = without_ripple(nodes, indices, (size * inner.offset - inner_size * moments.offset) / crossing, good)
     apart = fit_lattice(indices[good], (nodes + delta)[good], lattice.layout)
-    slope = (moments.offset - free * (apart.lattice.nodes(indices[:, 0], indices[:, 1]) - nodes)) / size
+    slope = free * (whole - (apart.lattice.nodes(indices[:, 0], indices[:, 1]) - nodes)) / size
     design = np.column_stack([np.ones(len(indices)), indices - indices[good].mean(axis=0)])
     both = np.flatnonzero(good)[apart.inliers & plain.inliers]
     growth = np.linalg.lstsq(design[both], slope[both], rcond=None)[0]
@@ -63,8 +65,8 @@ def centred(
     moved = np.sqrt(np.mean((field * size / free) ** 2))
     noise = np.sqrt(np.mean(np.einsum("ni,ij,nj->n", design[:, 1:], apart.covariance[1:, 1:], design[:, 1:])))
     if moved < 4 * noise:
-        return Centred(moments.offset / free, plain, 0.0, pull)
-    offset = (moments.offset - field * size) / free
+        return Centred(whole, plain, 0.0, pull)
+    offset = whole - field * size / free
     fit = fit_lattice(indices[good], (nodes + offset)[good], lattice.layout)
     fit = fit._replace(covariance=apart.covariance)
     return Centred(offset, fit, float(np.hypot(*field.T).max()) * lattice.pitch, pull)
