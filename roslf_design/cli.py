@@ -45,6 +45,10 @@ COMMANDS = {
         "Find the design: from a bore and what must be seen, or what stands in the way.",
         "roslf optimize studies/optimize-rigid-scope/study.toml -o out/rigid-scope",
     ),
+    "calibrate": Command(
+        "H, d_3 and the rest from images of a checkerboard, with how sure they are; or plan the capture.",
+        'roslf calibrate captures --design designs/paper.toml --board "4x5 6 mm" -o out/calibration',
+    ),
     "catalogue": Command(
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',

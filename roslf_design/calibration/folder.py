@@ -86,7 +86,7 @@ def read_image(path: Path) -> Image:
     """
     try:
         pixels, note = _tiff(path) if path.suffix.lower() != ".png" else _png(path)
-    except (OSError, ValueError, RuntimeError, SyntaxError) as error:
+    except (OSError, ValueError, RuntimeError, SyntaxError, LookupError) as error:
         detail = " ".join(str(error).split()) or type(error).__name__
         raise CalibrationError(f"{path.name} cannot be read as an image ({detail}); save it again") from None
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":

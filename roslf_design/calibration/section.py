@@ -1,0 +1,211 @@
+"""A calibration, or the plan of one, as tables and sentences that the terminal and the page share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .planning import Plan
+from .result import SHOWN, UNITS, Outcome
+
+PLAN_SCHEMA = "roslf.calibration-plan/1"
+_SOURCES = {"images": "images", "f": "f", "q": "pixel pitch", "d": "microlens pitch", "board": "board's scale"}
+_ADVICE = {
+    "images": "show more boards, tilted further and over more distances",
+    "f": "have the focal length measured",
+    "q": "have the pixel pitch measured",
+    "d": "have the microlens pitch measured",
+    "board": "have the board's cells measured",
+}
+_TITLES = {
+    "residuals": "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+    "epi-lines": (
+        "Slopes of all corners in the epipolar-plane images. The line's slope gives d_2, its zero the focal plane, m/A;"
+        " points far off it are corners badly placed or a board badly posed."
+    ),
+    "posterior": (
+        "Dark and light regions hold 68 % and 95 %; dashed lines hold 68 %. A narrow ridge is a pair that the images"
+        " cannot tell apart: better knowledge of one is better knowledge of the other."
+    ),
+    "depth": (
+        "Error that this calibration puts into every depth measured with it, the same in all images: averaging does not"
+        " take it away. Ticks mark the boards; beyond them the calibration extrapolates."
+    ),
+}
+
+
+def quantities_table(result: Outcome) -> Table:
+    """Every quantity with its intervals."""
+    sampled = result.posterior is not None
+    rows = []
+    for name in SHOWN:
+        e = result.estimates[name]
+        places = _places(e.sigma)
+        row = [name, f"{e.value:.{places}f}", UNITS[name], f"{e.sigma:.2g}"]
+        row += [f"{a:.{places}f} to {b:.{places}f}" for a, b in ((e.low_68, e.high_68), (e.low_95, e.high_95))]
+        if e.r_hat is not None and e.ess is not None:
+            row += [f"{e.r_hat:.4f}", f"{e.ess:.0f}"]
+        rows.append(tuple(row))
+    headings = ("", "estimate", "", "sigma", "68 % interval", "95 % interval")
+    if not sampled:
+        return Table(tuple(rows), "lrlrrr", headings, "Calibrated, with intervals of the Fisher matrix")
+    return Table(tuple(rows), "lrlrrrrr", (*headings, "R-hat", "ESS"), "Calibrated, with intervals of the posterior")
+
+
+def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
+    """Where each quantity's variance comes from."""
+    rows = tuple((name, *(f"{100 * shares[name][s]:.1f} %" for s in _SOURCES)) for name in SHOWN)
+    return Table(rows, "lrrrrr", ("", *_SOURCES.values()), "Where the variance comes from")
+
+
+def ways_table(result: Outcome) -> Table:
+    """The two steps beside the joint fit."""
+    found = result.calibration
+    rows = [
+        ("A", f"{found.second.camera.A:.5g}", f"{found.joint.camera.A:.5g}", "mm"),
+        ("m", f"{found.second.camera.m:.5g}", f"{found.joint.camera.m:.5g}", ""),
+        ("d_2", f"{1 / found.second.camera.inverse_d_2:.5g}", f"{1 / found.joint.camera.inverse_d_2:.5g}", "mm"),
+    ]
+    pairs = zip(("d_1", "d_f", "H", "d_3"), found.stepwise, found.refined, strict=False)
+    rows += [(name, f"{float(a):.5g}", f"{float(b):.5g}", UNITS[name]) for name, a, b in pairs]
+    rows.append(("reprojection RMS", f"{found.first.rms:.3g}", f"{found.joint.rms:.3g}", "pitches"))
+    return Table(
+        tuple(rows), "lrrl", ("", "steps one and two", "joint fit", ""), "By both ways",
+        "Step one's error is that of the central view, the joint fit's that of all views.",
+    )  # fmt: skip
+
+
+def statements(result: Outcome) -> Iterator[Statement]:
+    """What an engineer came for."""
+    e, found = result.estimates, result.calibration
+    pair = ", ".join(
+        f"{name} = {e[name].value:.{_places(e[name].sigma)}f} +- {e[name].sigma:.2g} {UNITS[name]}".strip()
+        for name in ("H", "d_3")
+    )
+    yield Statement("good" if result.converged is not False else "caution", f"{pair} (standard deviations).")
+    images, total = len(found.observations.names), len(found.observations.names) + len(found.missing)
+    yield Statement(
+        "plain",
+        f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
+        f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
+    )
+    parts = {source: result.shares["d_3"][source] for source in _SOURCES}
+    worst = max(parts, key=lambda source: parts[source])
+    yield Statement(
+        "plain",
+        f"{100 * parts[worst]:.0f} % of d_3's variance comes from {_from(worst)}.",
+        f"To do better, {_ADVICE[worst]}.",
+    )
+    if result.posterior is not None:
+        p = result.posterior
+        yield Statement("good" if p.converged else "bad", f"Posterior {p.message}.")
+    for warning in result.warnings:
+        yield Statement("caution", _sentence(warning))
+
+
+def calibration_report(result: Outcome, pictures: Mapping[str, str], command: str, version: str) -> Report:
+    """The page: answers, tables, figures (SVG text by name), how to run it again."""
+    from .figures import PLOTS
+
+    blocks: list[Block] = [Statements(tuple(statements(result))), quantities_table(result)]
+    drawings = [Figure(f"calibration-{n}", PLOTS[n][0], _TITLES[n], svg) for n, svg in pictures.items()]
+    method = Section("How it was done", (Paragraph(_method(result)), Code(command, "Run again")), "how")
+    evidence = Section("Evidence", (*drawings, ways_table(result), shares_table(result.shares)), "evidence")
+    subtitle = f"from {len(result.calibration.observations.names)} images of a {_board(result)}"
+    return Report(
+        f"Calibration of {result.design.name}",
+        subtitle,
+        (Section("Answers", tuple(blocks), "answers"), evidence, method),
+        f"roslf_design {version}",
+    )
+
+
+def _method(result: Outcome) -> str:
+    lattice, sheet = result.centres.lattice, result.sheet
+    return (
+        f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
+        f" {int(result.centres.used.sum())} microlenses, {result.centres.rms:.3g} px RMS about the lattice); decoded;"
+        " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
+        f" corners. From data sheets: f = {sheet.f:.6g} +- {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
+        f" d = {sheet.d * 1e3:.6g} +- {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
+        f" {100 * sheet.cell_sigma:.2g} %. Radial distortion coefficients fitted: {result.distortion}."
+        + ("" if result.posterior is None else f" Posterior sampled with seed {result.seed}.")
+    )
+
+
+def plan_blocks(plan: Plan) -> tuple[Block, ...]:
+    """A plan's promise and its changes, as tables."""
+    before = plan.expected
+    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    changes = tuple(
+        (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
+        for c in plan.changes
+    )
+    return (
+        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
+        shares_table(before.shares),
+        Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
+        Bullets((plan_advice(plan),)),
+    )
+
+
+def plan_advice(plan: Plan) -> str:
+    """The change that helps most, as a sentence; where none helps, that."""
+    if not plan.changes or plan.changes[0].gain(plan.expected) < 1.02:
+        return "No single change helps by more than 2 %."
+    return _sentence(plan.advice)
+
+
+def plan_to_dict(plan: Plan, design: str, seed: int, distortion: int) -> dict[str, object]:
+    """A plan as JSON's types."""
+    s, before = plan.session, plan.expected
+    return {
+        "schema": PLAN_SCHEMA,
+        "design": design,
+        "captures": {
+            "board": {"columns": s.board.columns, "rows": s.board.rows, "cell_mm": s.board.cell},
+            "boards": s.boards,
+            "distance_mm": s.distance,
+            "range_mm": s.distance_range,
+            "tilt_deg": math.degrees(s.tilt),
+            "offset_mm": s.offset,
+            "noise_pitches": s.noise,
+            "views_across": s.views,
+            "reach_px": s.reach,
+        },
+        "expected_sigma": {name: before.sigma[name] for name in SHOWN},
+        "variance_shares": before.shares,
+        "condition_number": before.condition,
+        "correlation_A_inverse_d_2": before.correlation,
+        "changes": [
+            {
+                "change": c.what,
+                "expected_sigma": {name: c.expected.sigma[name] for name in SHOWN},
+                "gain_d_3": c.gain(before),
+            }
+            for c in plan.changes
+        ],
+        "advice": plan_advice(plan),
+        "distortion_coefficients": distortion,
+        "seed": seed,
+    }
+
+
+def _places(sigma: float) -> int:
+    """Decimals that show two digits of a standard deviation."""
+    return max(0, min(8, 1 - math.floor(math.log10(sigma)))) if sigma > 0 else 6
+
+
+def _from(source: str) -> str:
+    names = {"images": "the images", "board": "the board's scale"}
+    return names.get(source, f"the data sheet's {_SOURCES[source]}")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}".rstrip(".") + "."
+
+
+def _board(result: Outcome) -> str:
+    b = result.board
+    return f"{b.columns} x {b.rows} board of {b.cell:g} mm cells"

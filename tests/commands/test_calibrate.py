@@ -1,0 +1,292 @@
+"""`roslf calibrate` on images rendered of a camera whose lengths are known, and its refusals."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from roslf_design.calibration import Board, CalibrationError
+from roslf_design.calibration.folder import read_capture, read_image
+from roslf_design.cli import main
+from roslf_design.commands.calibrate import captures_for, too_large
+from roslf_design.design import load, save
+from roslf_design.effects import Budget
+from roslf_design.imaging.files import write_image
+from roslf_design.imaging.render import render
+from roslf_design.scenes.files import make_scene
+
+CELL = 1.7
+BOARD = f"7x6 {CELL} mm"
+RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus"]
+POSES = [(-14, 28, 5), (25, -28, 8), (2, 3, -33), (-8, 20, 26), (12, -24, -20)]
+"""Distance from the focal plane [mm], tilts [deg]."""
+
+
+def run(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture(scope="module")
+def small():
+    """The paper's camera at a third of its size with pixels twice as large: 640 x 540 of them hold whole boards."""
+    paper = load("paper")
+    pixel = 2 * paper.sensor.pixel
+    size = (640 * pixel, 540 * pixel)
+    changes = {
+        "name": "small camera",
+        "sensor.pixel": pixel,
+        "sensor.size": size,
+        "microlens_array.size": (size[0] + 0.5, size[1] + 0.5),
+    }
+    return paper.replace(changes, f=paper.f / 3, d_1=paper.d_1 / 3, d_3=paper.d_3 / 3, D=paper.D / 3, D_F=paper.D_F / 3)
+
+
+@pytest.fixture(scope="module")
+def captured(small, tmp_path_factory):
+    """A folder of rendered images, the last without a board; the design file beside it."""
+    place = tmp_path_factory.mktemp("calibrate")
+    save(small, place / "small.toml")
+    cells = np.pad(np.where(np.add.outer(np.arange(6), np.arange(7)) % 2 == 0, 20, 230), 1, constant_values=230)
+    Image.fromarray(np.kron(cells, np.ones((24, 24))).astype(np.uint8)).save(place / "board.png")
+    folder = place / "images"
+    folder.mkdir()
+    budget = Budget(intensity=0.03)
+    white = render(small, overrides=RAYS, budget=budget)
+    write_image(white, folder / "white.tif")
+    for number, (away, about_x, about_y) in enumerate(POSES, 1):
+        plane = {
+            "kind": "plane",
+            "distance": small.d_f + away,
+            "tilt": (np.radians(about_x), np.radians(about_y)),
+            "size": (9 * CELL, 8 * CELL),
+            "texture": {"kind": "image", "file": str(place / "board.png"), "width": 9 * CELL},
+        }
+        scene = make_scene({"name": "board", "objects": [plane]})
+        write_image(render(small, scene, overrides=RAYS, budget=budget), folder / f"board{number}.tif")
+    shutil.copy(folder / "white.tif", folder / "board6.tif")
+    return place
+
+
+@pytest.fixture
+def images(captured, tmp_path):
+    """A copy of the images to spoil."""
+    return shutil.copytree(captured / "images", tmp_path / "images")
+
+
+def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_path):
+    out = tmp_path / "out"
+    code, said, err = run(
+        capsys, "calibrate", captured / "images", "--design", captured / "small.toml", "--board", BOARD, "-o", out
+    )
+    assert (code, err) == (0, "")
+    assert "board6.tif" in said
+    assert "68 % interval" in said
+    result = json.loads((out / "calibration.json").read_text())
+    assert result["schema"] == "roslf.calibration/1"
+    truth = {"H": small.d_1 / 92 * 3, "d_3": small.d_3, "d_1": small.d_1, "d_f": small.d_f, "m": 0.4}
+    for name, true in truth.items():
+        found = result["quantities"][name]
+        low, high = found["interval_95"]
+        assert low < true < high, name
+        assert low < found["interval_68"][0] < found["estimate"] < found["interval_68"][1] < high
+        assert found["r_hat"] < 1.01
+        assert found["ess"] > 400
+        assert sum(found["variance_shares"].values()) == pytest.approx(1)
+    # Interpolation between microlenses biases slopes by parts of a per cent, which scatter does not show.
+    assert result["quantities"]["d_2"]["estimate"] == pytest.approx(2.0, rel=0.02)
+    assert result["quantities"]["A"]["estimate"] == pytest.approx(92 / 3, rel=0.01)
+    assert result["converged"] is True
+    assert result["images_missing"] == ["board6.tif"]
+    assert result["images_used"] == [f"board{n}.tif" for n in range(1, 6)]
+    assert result["reprojection_rms_pitches"] < 0.06
+    calibrated = load(out / "calibrated.toml")
+    assert calibrated.d_3 == pytest.approx(result["quantities"]["d_3"]["estimate"])
+    assert calibrated.f == small.f
+    assert calibrated.d_f == pytest.approx(result["quantities"]["d_f"]["estimate"])
+    assert "d_3 = 4" in calibrated.source
+    for name in ("residuals", "epi-lines", "posterior", "depth"):
+        assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert b"<svg" in (out / f"{name}.svg").read_bytes()
+    page = (out / "index.html").read_text()
+    assert page.count("<svg") == 4
+    assert "Run again" in page
+
+
+def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path):
+    texts = []
+    for out in (tmp_path / "a", tmp_path / "b"):
+        options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
+        code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
+        assert code == 0
+        texts.append(said)
+        assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == ["epi-lines.png", "residuals.png"]
+    assert texts[0] == texts[1]
+    result = json.loads(texts[0])
+    assert result["converged"] is None
+    assert result["data_sheet"]["f_sigma_mm"] == 0.5
+    d_3 = result["quantities"]["d_3"]
+    # To first order an error of f reaches d_3 magnified by 1 + 1/m.
+    assert d_3["sigma"] == pytest.approx(0.5 * 3.5, rel=0.05)
+    assert d_3["interval_95"][1] - d_3["estimate"] == pytest.approx(1.96 * d_3["sigma"], rel=1e-4)
+
+
+def no_white(folder):
+    (folder / "white.tif").unlink()
+    return "no white image"
+
+
+def two_whites(folder):
+    Image.fromarray(np.zeros((9, 9), np.uint8)).save(folder / "white.png")
+    return "white.png and white.tif"
+
+
+def no_boards(folder):
+    for path in folder.glob("board*"):
+        path.unlink()
+    return "no images of the board"
+
+
+def unreadable(folder):
+    (folder / "board1.tif").write_bytes(b"II*\0 nothing")
+    return "board1.tif cannot be read as an image"
+
+
+def unreadable_white(folder):
+    (folder / "white.tif").unlink()
+    (folder / "white.png").write_bytes(b"no picture")
+    return "white.png cannot be read as an image"
+
+
+def other_size(folder):
+    tifffile.imwrite(folder / "board1.tif", np.ones((100, 100), np.float32))
+    return "board1.tif and the white image differ in size"
+
+
+def other_dark(folder):
+    tifffile.imwrite(folder / "dark.tif", np.zeros((100, 100), np.float32))
+    return "dark frame differ in size"
+
+
+def saturated(folder):
+    tifffile.imwrite(folder / "board1.tif", np.full((540, 640), 65535, np.uint16))
+    return "board1.tif: the raw image is saturated"
+
+
+def none_found(folder):
+    for number in range(1, 6):
+        shutil.copy(folder / "white.tif", folder / f"board{number}.tif")
+    return "no board of 7 x 6 cells"
+
+
+def parallel(folder):
+    for number in (1, 3, 4, 5):
+        shutil.copy(folder / "board2.tif", folder / f"board{number}.tif")
+    return "parallel"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        no_white, two_whites, no_boards, unreadable, unreadable_white, other_size, other_dark, saturated, none_found,
+        parallel,
+    ],
+)  # fmt: skip
+def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, captured, images, tmp_path, spoil):
+    said = spoil(images)
+    out = tmp_path / "out"
+    code, printed, err = run(
+        capsys, "calibrate", images, "--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior"
+    )
+    assert (code, printed) == (2, "")
+    assert said in err
+    assert err.startswith(f"roslf: {images}: ")
+    assert len(err.splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "FOLDER: name the folder"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out"], "none: no such folder"),
+        (["none", "--design", "paper", "--board", "4 by 5", "-o", "out"], '--board: board "4 by 5" is not understood'),
+        (["none", "--design", "paper", "--board", "4x5 6 mm"], "--output: is missing"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "x%"], "--f-sigma"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "30%"], "20 % at most"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--seed=-1"], "--seed"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--tilt", "9 deg"], "--tilt: goes with"),
+        (["--plan", "paper", "-o", "out"], "--output: has no place beside --plan"),
+        (["--plan", "paper", "--tilt", "0 deg"], "the boards are all parallel"),
+        (["--plan", "paper", "--tilt", "95 deg"], "stay below 90"),
+        (["--plan", "paper", "--boards", "1"], "one image of the board"),
+        (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
+        (["--plan", "paper", "--noise=-1"], "noise must be positive"),
+        (["--plan", "paper", "--range=-1 mm"], "range of distances"),
+        (["--plan", "none.toml"], "none.toml: no such file"),
+    ],
+)
+def test_bad_options_are_one_line_and_exit_2(capsys, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, "calibrate", *arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_opencv_it_says_what_to_install(capsys, captured, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    code, _, err = run(
+        capsys, "calibrate", captured / "images", "--design", "paper", "--board", BOARD, "-o", tmp_path / "out"
+    )
+    assert code == 2
+    assert "pip install" in err
+    assert len(err.splitlines()) == 1
+
+
+def test_the_plan_of_the_paper(capsys):
+    code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json")
+    assert code == 0
+    plan = json.loads(out)
+    # An f known to 1 % alone moves d_3 by 1 + 1/m = 3.5 mm.
+    assert 3.5 < plan["expected_sigma"]["d_3"] < 4.5
+    gains = [change["gain_d_3"] for change in plan["changes"]]
+    assert gains == sorted(gains, reverse=True)
+    assert plan["advice"].startswith("Know f twice as well")
+    code, exact, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", "--f-sigma", "0 mm")
+    assert code == 0
+    assert json.loads(exact)["expected_sigma"]["d_3"] < plan["expected_sigma"]["d_3"] / 2
+    code, out, _ = run(capsys, "calibrate", "--plan", "paper")
+    assert code == 0
+    assert "Expected sigma after one change" in out
+
+
+def test_a_board_that_the_sensor_cannot_see_whole_is_noted():
+    paper = load("paper")
+    wanted = {"boards": 12, "tilt": 0.3, "distance": None, "distance_range": None, "noise": 0.06}
+    assert too_large(paper, captures_for(paper, board=Board(4, 5, 6.0), **wanted)) == ()
+    (note,) = too_large(paper, captures_for(paper, board=Board(9, 10, 6.0), **wanted))
+    assert "54 x 60 mm" in note
+
+
+def test_sixteen_bits_of_a_render_come_back_as_intensities(small, tmp_path):
+    image = render(small, overrides=RAYS, budget=Budget(intensity=0.03), region=(300, 250, 40, 30))
+    for name in ("a.png", "a.tif"):
+        write_image(image, tmp_path / name, "16")
+        np.testing.assert_allclose(read_image(tmp_path / name), image.pixels, atol=2 / 65535)
+    Image.fromarray(np.full((9, 9), 700, np.uint16)).save(tmp_path / "camera.png")
+    assert read_image(tmp_path / "camera.png").dtype == np.uint16
+
+
+def test_boards_come_in_the_order_of_their_numbers_without_previews(tmp_path):
+    for name in ("white", "b10", "b2", "B1-preview", "b1"):
+        Image.fromarray(np.zeros((9, 9), np.uint8)).save(tmp_path / f"{name}.png")
+    assert [path.name for path in read_capture(tmp_path).boards] == ["b1.png", "b2.png", "b10.png"]
+    with pytest.raises(CalibrationError, match="is a file"):
+        read_capture(tmp_path / "b1.png")
