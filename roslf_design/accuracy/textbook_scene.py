@@ -26,12 +26,12 @@ def nondistortion_bound(
     focal_length: Any,
     focal_plane_distance: Any,
 ) -> Any:
-    """Eq. 6, and where that point's chief ray meets the array; negative, as A, where d_3 > d_f."""
+    """Eq. 6, and where that point's chief ray meets the array."""
     radius = distance * ((lens_diameter - pupil_diameter) / pupil_distance - lens_diameter / distance) / 2
     if radius < 0:
         return radius * 0, radius * 0
     reach = _d_1(focal_length, focal_plane_distance) / _h(focal_plane_distance, pupil_distance)
-    return radius, radius * reach / (distance - pupil_distance)
+    return radius, abs(radius * reach / (distance - pupil_distance))
 
 
 @formula
