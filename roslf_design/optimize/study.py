@@ -123,10 +123,19 @@ def _base(data: Mapping[str, Any], folder: Path, faults: list[Fault]) -> Design 
     if not isinstance(name, str):
         return None  # the study's own check says so
     try:
-        return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+        design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
     except InputError as error:
         faults += [Fault("design", f"{name}: {fault}") for fault in error.problems]
         return None
+    if design.lens is not None:
+        message = (
+            f"{name}: has a real main lens ({design.lens.name}), and the search varies ideal ones; give main_lens "
+            f'focal_length = "{design.f:.6g} mm" and diameter = "{design.D:.6g} mm" in place of its prescription, then '
+            "see `roslf evaluate` with the lens for what it really does"
+        )
+        faults.append(Fault("design", message))
+        return None
+    return design
 
 
 def with_design(problem: Problem, design: Design) -> Problem:

@@ -244,3 +244,14 @@ def test_batches_keep_the_lens_s_focal_length():
         DesignBatch(design, f=[99.0, 101.0])
     with pytest.raises(DesignError, match="vary one of these"):
         DesignBatch(design, d_f=[300.0], d_1=[140.0])
+
+
+def test_optimize_refuses_real_lenses_in_one_line(tmp_path, capsys):
+    study = preset_path("paper").parent.parent / "studies" / "optimize-rigid-scope" / "study.toml"
+    if not study.exists():
+        pytest.skip("the studies are not beside the designs")
+    (tmp_path / "study.toml").write_text(study.read_text().replace('"rigid-scope"', '"paper-singlet"'))
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "has a real main lens (LA1050-A reversed), and the search varies ideal ones" in lines[0]
