@@ -5,21 +5,20 @@ from __future__ import annotations
 import json as json_text
 import shlex
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from .calibrate_shared import StatusLine, print_blocks, read_board, read_sheet, refusal, status_line
+
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..calibration import Board, DataSheet, LightField, MicrolensCentres, Observations, Session
+    from ..calibration import Board, LightField, MicrolensCentres, Observations
     from ..calibration.folder import Capture
     from ..calibration.result import Outcome
     from ..design import Design
-    from ..report.blocks import Block
 
 
 def calibrate(
@@ -86,7 +85,9 @@ def calibrate(
     _check_options(folder, plan, design, board, output, seed, [k for k, v in planned.items() if v is not None])
     try:
         if plan is not None:
-            _plan(plan, board, boards, tilt, distance, range, noise, f_sigma, distortion, seed, json)
+            from .calibrate_plan import print_plan
+
+            print_plan(plan, board, boards, tilt, distance, range, noise, f_sigma, distortion, seed, json)
             return
         assert folder is not None
         assert design is not None
@@ -94,9 +95,9 @@ def calibrate(
         assert output is not None
         result = _calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior)
     except CalibrationError as error:
-        raise _refusal("" if plan is None else "--plan", str(error), "" if folder is None else str(folder)) from None
+        raise refusal("" if plan is None else "--plan", str(error), "" if folder is None else str(folder)) from None
     except MissingExtraError as error:
-        raise _refusal("", str(error)) from None
+        raise refusal("", str(error)) from None
     command = _command(folder, design, board, output, seed, f_sigma, distortion, no_posterior)
     written = _write(result, output, command)
     if json:
@@ -139,12 +140,6 @@ def _check_options(
         raise InputError(tuple(wrong))
 
 
-def _refusal(key: str, message: str, origin: str = "") -> Exception:
-    from ..errors import InputError, Problem
-
-    return InputError((Problem(key, " ".join(message.split())),), origin)
-
-
 def _calibrated(
     folder: Path, design: str, board: str, f_sigma: str, distortion: int, seed: int, no_posterior: bool
 ) -> Outcome:
@@ -155,13 +150,13 @@ def _calibrated(
     from ..calibration.result import outcome_of
     from ..design import load
 
-    checkerboard = _board(board)
+    checkerboard = read_board(board)
     loaded = load(design)
-    sheet = _sheet(loaded, f_sigma)
+    sheet = read_sheet(loaded, f_sigma)
     optional_module("cv2", "finding checkerboard corners")
     if not no_posterior:
         optional_module("emcee", "sampling the posterior")
-    with _status() as status:
+    with status_line() as status:
         status.tell("reading the white image")
         capture = read_capture(folder)
         status.tell("finding microlens centres")
@@ -185,7 +180,7 @@ def _calibrated(
     )
 
 
-def _observed(capture: Capture, centres: MicrolensCentres, board: Board, status: _Status) -> Observations:
+def _observed(capture: Capture, centres: MicrolensCentres, board: Board, status: StatusLine) -> Observations:
     """Corners of every image, decoded one at a time: a dozen light fields at once would fill the memory."""
     import numpy as np
 
@@ -223,170 +218,6 @@ def _mismatch(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
     return (
         f"the microlens images are {found:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
         " and its microlens pitch those of this camera?",
-    )
-
-
-def _board(text: str) -> Board:
-    from ..calibration import Board, CalibrationError
-
-    try:
-        return Board.parse(text)
-    except CalibrationError as error:
-        raise _refusal("--board", str(error)) from None
-
-
-def _sheet(design: Design, f_sigma: str) -> DataSheet:
-    from ..calibration import sheet_of
-
-    text = f_sigma.strip()
-    if text.endswith("%"):
-        try:
-            relative = float(text[:-1]) / 100
-        except ValueError:
-            raise _refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
-    else:
-        relative = _quantity("--f-sigma", f_sigma, "length") / design.f
-    return sheet_of(design, relative)
-
-
-def _quantity(option: str, text: str, dimension: str) -> float:
-    from ..design.units import parse_quantity
-
-    try:
-        return parse_quantity(text, dimension)
-    except ValueError as error:
-        raise _refusal(option, str(error)) from None
-
-
-def _plan(
-    design: str,
-    board: str | None,
-    boards: int | None,
-    tilt: str | None,
-    distance: str | None,
-    distance_range: str | None,
-    noise: float | None,
-    f_sigma: str,
-    distortion: int,
-    seed: int,
-    json: bool,
-) -> None:
-    from ..calibration import CalibrationError, camera_of
-    from ..calibration import plan as planned
-    from ..calibration.planning import reason
-    from ..calibration.section import plan_blocks, plan_to_dict
-    from ..design import load
-
-    loaded = load(design)
-    captures = captures_for(
-        loaded,
-        board=_board("4x5 6 mm" if board is None else board),
-        boards=12 if boards is None else boards,
-        tilt=_quantity("--tilt", tilt or "20 deg", "angle"),
-        distance=None if distance is None else _quantity("--distance", distance, "length"),
-        distance_range=None if distance_range is None else _quantity("--range", distance_range, "length"),
-        noise=0.06 if noise is None else noise,
-    )
-    with _status() as status:
-        status.tell("planning")
-        try:
-            found = planned(camera_of(loaded), _sheet(loaded, f_sigma), captures, distortion=distortion, seed=seed)
-        except CalibrationError as error:
-            why = reason(captures)
-            if why in str(error) or "into the bore" in str(error):
-                raise
-            raise CalibrationError(f"{error}: {why}") from None
-    notes = too_large(loaded, captures)
-    if json:
-        data = {**plan_to_dict(found, loaded.name, seed, distortion), "warnings": list(notes)}
-        print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
-        return
-    import math
-
-    from rich.console import Console
-
-    console = Console()
-    b = captures.board
-    console.print(f"[bold]Plan of a calibration of {loaded.name}[/bold]", highlight=False)
-    console.print(
-        f"{captures.boards} images of a {b.columns} x {b.rows} board of {b.cell:g} mm cells, tilted by up to"
-        f" {math.degrees(captures.tilt):g} degrees, {captures.distance:.4g} +- {captures.distance_range / 2:.3g} mm"
-        f" from the lens; corners to {captures.noise:g} pitches in {len(captures.view_grid())} views; f to {f_sigma}.",
-        highlight=False,
-        soft_wrap=True,
-    )
-    _print_blocks(plan_blocks(found), console)
-    for note in notes:
-        console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
-
-
-def too_large(design: Design, captures: Session) -> tuple[str, ...]:
-    """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
-    from ..calibration import camera_of
-
-    board, camera = captures.board, camera_of(design)
-    nearest = captures.distance - captures.distance_range / 2 - design.d_3
-    field = sorted(size * nearest / camera.A for size in design.sensor_size)
-    sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
-        return ()
-    return (
-        f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
-        f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen: choose a smaller --board",
-    )
-
-
-def captures_for(
-    design: Design,
-    *,
-    board: Board,
-    boards: int,
-    tilt: float,
-    distance: float | None,
-    distance_range: float | None,
-    noise: float,
-) -> Session:
-    """What one means to capture with a design; distances not given lie about its focal plane.
-
-    Parameters
-    ----------
-    design : Design
-    board : Board
-    boards : int
-    tilt : float
-        [rad]
-    distance, distance_range : float, optional
-        [mm]
-    noise : float
-        [pitches]
-
-    Raises
-    ------
-    CalibrationError
-        A number out of range.
-    """
-    import math
-
-    from ..calibration import CalibrationError, Session
-    from ..theory.aperture import effective_image_distance
-
-    if not 0 <= tilt < math.pi / 2:
-        raise CalibrationError(f"boards cannot be tilted by {math.degrees(tilt):g} degrees; stay below 90")
-    if distance_range is not None and distance_range < 0:
-        raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
-    middle = design.d_f if distance is None else distance
-    depth = middle - design.d_3
-    image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_1, design.d_3)))
-    return Session(
-        board=board,
-        boards=boards,
-        distance=middle,
-        distance_range=depth / 4 if distance_range is None else distance_range,
-        tilt=tilt,
-        offset=0.035 * max(depth, 0.0),
-        noise=noise,
-        # As far out as corners are followed: views at the pupil's rim are left out.
-        reach=0.385 * min(design.d, image) / design.q,
     )
 
 
@@ -438,54 +269,6 @@ def print_result(result: Outcome, written: list[Path], console: Console) -> None
         mark, colour = marks[statement.tone]
         said = f"{statement.text} {statement.remedy}".strip()
         console.print(Text(f"{mark} ", style=colour) + Text(said), soft_wrap=True)
-    _print_blocks((quantities_table(result), ways_table(result), shares_table(result.shares)), console)
+    print_blocks((quantities_table(result), ways_table(result), shares_table(result.shares)), console)
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
-
-
-def _print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    from ..report.blocks import Bullets
-    from ..report.blocks import Table as Rows
-
-    for block in blocks:
-        console.print()
-        if isinstance(block, Bullets):
-            for item in block.items:
-                console.print(item, highlight=False, soft_wrap=True)
-        elif isinstance(block, Rows):
-            console.print(Text(block.title, style="italic"))
-            table = Table(box=None, header_style="bold", pad_edge=False)
-            for heading, align in zip(block.headings, block.align, strict=True):
-                table.add_column(Text(heading), justify="left" if align == "l" else "right")
-            for row in block.rows:
-                table.add_row(*(Text(cell) for cell in row))
-            console.print(table)
-
-
-class _Status:
-    """One line on stderr that tells what is being done; silent where stderr is not a terminal."""
-
-    def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
-
-    def tell(self, what: str) -> None:
-        """Replace the line."""
-        if self._shown:
-            print(f"\r\x1b[2Kcalibrate: {what} ...", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Leave nothing behind."""
-        if self._shown:
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def _status() -> Iterator[_Status]:
-    status = _Status()
-    try:
-        yield status
-    finally:
-        status.clear()

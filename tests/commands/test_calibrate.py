@@ -12,7 +12,7 @@ from PIL import Image
 from roslf_design.calibration import Board, CalibrationError
 from roslf_design.calibration.folder import read_capture, read_image
 from roslf_design.cli import main
-from roslf_design.commands.calibrate import captures_for, too_large
+from roslf_design.commands.calibrate_plan import captures_for, too_large
 from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.files import write_image

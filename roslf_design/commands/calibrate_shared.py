@@ -1,0 +1,107 @@
+"""What `roslf calibrate` and its plan share: options read, refusals, tables on a terminal, a status line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..calibration import Board, DataSheet
+    from ..design import Design
+    from ..report.blocks import Block
+
+
+def refusal(key: str, message: str, origin: str = "") -> Exception:
+    """An `InputError` of one line."""
+    from ..errors import InputError, Problem
+
+    return InputError((Problem(key, " ".join(message.split())),), origin)
+
+
+def read_board(text: str) -> Board:
+    """A board from its option."""
+    from ..calibration import Board, CalibrationError
+
+    try:
+        return Board.parse(text)
+    except CalibrationError as error:
+        raise refusal("--board", str(error)) from None
+
+
+def read_sheet(design: Design, f_sigma: str) -> DataSheet:
+    """The data sheet of a design, f as well known as --f-sigma says."""
+    from ..calibration import sheet_of
+
+    text = f_sigma.strip()
+    if text.endswith("%"):
+        try:
+            relative = float(text[:-1]) / 100
+        except ValueError:
+            raise refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
+    else:
+        relative = read_quantity("--f-sigma", f_sigma, "length") / design.f
+    return sheet_of(design, relative)
+
+
+def read_quantity(option: str, text: str, dimension: str) -> float:
+    """Millimetres or radians of an option with a unit."""
+    from ..design.units import parse_quantity
+
+    try:
+        return parse_quantity(text, dimension)
+    except ValueError as error:
+        raise refusal(option, str(error)) from None
+
+
+def print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
+    """Tables and bullets of a report, on a terminal."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..report.blocks import Bullets
+    from ..report.blocks import Table as Rows
+
+    for block in blocks:
+        console.print()
+        if isinstance(block, Bullets):
+            for item in block.items:
+                console.print(item, highlight=False, soft_wrap=True)
+        elif isinstance(block, Rows):
+            console.print(Text(block.title, style="italic"))
+            table = Table(box=None, header_style="bold", pad_edge=False)
+            for heading, align in zip(block.headings, block.align, strict=True):
+                table.add_column(Text(heading), justify="left" if align == "l" else "right")
+            for row in block.rows:
+                table.add_row(*(Text(cell) for cell in row))
+            console.print(table)
+
+
+class StatusLine:
+    """One line on stderr that tells what is being done; silent where stderr is not a terminal."""
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+
+    def tell(self, what: str) -> None:
+        """Replace the line."""
+        if self._shown:
+            print(f"\r\x1b[2Kcalibrate: {what} ...", end="", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Leave nothing behind."""
+        if self._shown:
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def status_line() -> Iterator[StatusLine]:
+    """A status line that is gone afterwards."""
+    status = StatusLine()
+    try:
+        yield status
+    finally:
+        status.clear()
