@@ -83,7 +83,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
         f"{name} = {e[name].value:.{_places(e[name].sigma)}f} +- {e[name].sigma:.2g} {UNITS[name]}".strip()
         for name in ("H", "d_3")
     )
-    yield Statement("good" if result.converged is not False else "caution", f"{pair} (standard deviations).")
+    yield Statement("caution" if result.warnings else "good", f"{pair} (standard deviations).")
     images, total = len(found.observations.names), len(found.observations.names) + len(found.missing)
     yield Statement(
         "plain",
@@ -203,7 +203,8 @@ def _from(source: str) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}".rstrip(".") + "."
+    whole = f"{text[:1].upper()}{text[1:]}"
+    return whole if whole.endswith((".", "?")) else f"{whole}."
 
 
 def _board(result: Outcome) -> str:

@@ -136,6 +136,15 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
     assert d_3["interval_95"][1] - d_3["estimate"] == pytest.approx(1.96 * d_3["sigma"], rel=1e-4)
 
 
+def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path):
+    options = ["--design", "paper", "--board", BOARD, "-o", tmp_path / "out", "--no-posterior", "--json"]
+    code, said, _ = run(capsys, "calibrate", captured / "images", *options)
+    assert code == 0
+    pitch, missing = json.loads(said)["warnings"]
+    assert "6.413 px apart, and the design says 12.939 px" in pitch
+    assert "board6.tif" in missing
+
+
 def no_white(folder):
     (folder / "white.tif").unlink()
     return "no white image"
