@@ -21,7 +21,7 @@ from roslf_design.calibration.lattice import Lattice, Layout
 from roslf_design.calibration.model import Camera
 from roslf_design.calibration.posterior import sample_posterior
 from roslf_design.calibration.statistics_fit import fit_statistics
-from roslf_design.calibration.synthetic import Session, observe_synthetic, random_poses
+from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 from roslf_design.microlens.coverage import coverage_image
 
 Array = NDArray[np.float64]
@@ -85,9 +85,9 @@ def _decode() -> None:
 
 
 def _fits() -> None:
-    session = Session(boards=12, views=7)
+    captures = Captures(boards=12, views=7)
     rng = np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(session, 120.0, rng), session, rng)
+    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     seconds, found = _timed(lambda: calibrate(observations, SHEET), 5)
     print(
         f"calibration, 12 boards in {len(observations.views)} views, {observations.count} coordinates: {seconds:.3f} s"
@@ -99,9 +99,9 @@ def _fits() -> None:
 
 
 def _posterior() -> None:
-    session = Session(boards=12, views=5)
+    captures = Captures(boards=12, views=5)
     rng = np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(session, 120.0, rng), session, rng)
+    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     fit = calibrate(observations, SHEET).fit
     sample_posterior(fit, SHEET, seed=0, chunk=10, most_steps=10)
     seconds = {}

@@ -23,7 +23,7 @@ from .model import Camera, Poses
 from .planning import Plan, camera_of, expected_errors, plan, sheet_of
 from .posterior import Posterior, sample_posterior
 from .storage import load_light_field, save_light_field
-from .synthetic import Session, observe_synthetic, random_poses
+from .synthetic import Captures, observe_synthetic, random_poses
 from .trust import Reason
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "Calibration",
     "CalibrationError",
     "Camera",
+    "Captures",
     "Coverage",
     "DataSheet",
     "Lattice",
@@ -42,7 +43,6 @@ __all__ = [
     "Poses",
     "Posterior",
     "Reason",
-    "Session",
     "calibrate",
     "camera_of",
     "coverage",

@@ -16,7 +16,7 @@ from .lattice import Array
 from .model import Camera
 from .posterior import sample_posterior
 from .statistics_fit import StatisticsFit
-from .synthetic import Session, observe_synthetic, random_poses
+from .synthetic import Captures, observe_synthetic, random_poses
 
 _DRAWS = 4000
 
@@ -47,7 +47,7 @@ def coverage(
     d_2: float,
     d_3: float,
     sheet: DataSheet,
-    session: Session,
+    captures: Captures,
     *,
     trials: int,
     seed: int,
@@ -66,7 +66,7 @@ def coverage(
     d_1, d_2, d_3 : float
         The camera's lengths [mm].
     sheet : DataSheet
-    session : Session
+    captures : Captures
     trials, seed : int
         Trial k has its own generator, from (seed, k).
     level : float
@@ -88,9 +88,9 @@ def coverage(
         m = d_1 / float(focal_plane_distance(f, d_1))
         A = float(effective_image_distance(f, d_1 / m, d_3))
         camera = Camera(A, m, 1 / d_2, 150.0 + rng.uniform(-5, 5), 100.0 + rng.uniform(-5, 5), q=q, d=d)
-        real = replace(session, board=replace(session.board, cell=session.board.cell * board))
+        real = replace(captures, board=replace(captures.board, cell=captures.board.cell * board))
         observations = observe_synthetic(camera, random_poses(real, d_3, rng), real, rng)
-        observations = replace(observations, points=session.board.points)
+        observations = replace(observations, points=captures.board.points)
         truth = {"A": A, "m": m, "d_2": d_2, "d_1": d_1, "d_f": d_1 / m, "H": d_1 / A, "d_3": d_3}
         try:
             fit = calibrate(observations, sheet, distortion=distortion).fit

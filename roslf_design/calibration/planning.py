@@ -18,7 +18,7 @@ from .fisher import undetermined
 from .model import Camera
 from .refine import shared_names
 from .statistics_fit import StatisticsFit, fit_at
-from .synthetic import Session, ideal_observations, random_poses
+from .synthetic import Captures, ideal_observations, random_poses
 
 if TYPE_CHECKING:
     from ..design.design import Design
@@ -44,7 +44,7 @@ class Change(NamedTuple):
     """One way to do better."""
 
     what: str
-    session: Session
+    captures: Captures
     sheet: DataSheet
     expected: Expected
 
@@ -54,9 +54,9 @@ class Change(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A session's promise, and the changes ranked."""
+    """A captures's promise, and the changes ranked."""
 
-    session: Session
+    captures: Captures
     expected: Expected
     changes: tuple[Change, ...]
     """Best first, by d_3."""
@@ -87,7 +87,7 @@ def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3,
 
 
 def expected_errors(
-    camera: Camera, sheet: DataSheet, session: Session, *, distortion: int = 0, seed: int = 0, samples: int = 8
+    camera: Camera, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
 ) -> Expected:
     """Standard deviations from the Fisher matrix, poses eliminated, data-sheet errors added.
 
@@ -96,7 +96,7 @@ def expected_errors(
     camera : Camera
         The design's.
     sheet : DataSheet
-    session : Session
+    captures : Captures
         Boards, tilts, distances, noise.
     distortion : int
         Radial coefficients that the calibration will fit.
@@ -108,26 +108,26 @@ def expected_errors(
     Raises
     ------
     CalibrationError
-        The session does not determine A, m or d_2, and says why.
+        The captures does not determine A, m or d_2, and says why.
     """
     names = shared_names(distortion)
     d_3 = sheet.f + (sheet.f - camera.A) / camera.m
-    if session.distance - session.distance_range / 2 <= d_3:
+    if captures.distance - captures.distance_range / 2 <= d_3:
         raise CalibrationError(
-            f"boards at {session.distance:g} +- {session.distance_range / 2:g} mm reach into the bore: the FAP is at"
+            f"boards at {captures.distance:g} +- {captures.distance_range / 2:g} mm reach into the bore: the FAP is at"
             f" {d_3:.1f} mm from the lens"
         )
-    if session.views == 1 or session.boards == 1:
-        raise CalibrationError(f"this session does not determine A, m and d_2: {reason(session)}")
+    if captures.views == 1 or captures.boards == 1:
+        raise CalibrationError(f"this captures does not determine A, m and d_2: {reason(captures)}")
     found, fits = [], []
     for k in range(samples):
         rng = np.random.default_rng([seed, k])
-        poses = random_poses(session, d_3, rng)
-        statistics = corner_statistics(ideal_observations(camera, poses, session), session.noise)
+        poses = random_poses(captures, d_3, rng)
+        statistics = corner_statistics(ideal_observations(camera, poses, captures), captures.noise)
         fit = fit_at(statistics, camera, poses, names)
         lost = undetermined(fit.covariance, {"A": camera.A, "m": camera.m, "inverse_d_2": camera.inverse_d_2})
         if lost:
-            raise CalibrationError(f"this session does not determine {', '.join(lost)}: {reason(session)}")
+            raise CalibrationError(f"this captures does not determine {', '.join(lost)}: {reason(captures)}")
         fits.append(fit)
         found.append(variance_shares(fit, sheet))
     middle = {n: float(np.median([f[n]["sigma"] for f in found])) for n in found[0]}
@@ -139,66 +139,66 @@ def expected_errors(
 
 
 def plan(
-    camera: Camera, sheet: DataSheet, session: Session, *, distortion: int = 0, seed: int = 0, samples: int = 8
+    camera: Camera, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
 ) -> Plan:
-    """Expected errors of a session, and of the sessions that differ from it by one change, best first.
+    """Expected errors of a captures, and of the capture plans that differ from it by one change, best first.
 
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
     the bore) is left out.
     """
-    before = expected_errors(camera, sheet, session, distortion=distortion, seed=seed, samples=samples)
+    before = expected_errors(camera, sheet, captures, distortion=distortion, seed=seed, samples=samples)
     changes = []
-    for what, other, known in _alternatives(session, sheet):
+    for what, other, known in _alternatives(captures, sheet):
         try:
             after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
         except CalibrationError:
             continue
         changes.append(Change(what, other, known, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
-    return Plan(session, before, tuple(changes))
+    return Plan(captures, before, tuple(changes))
 
 
-def reason(session: Session) -> str:
-    """Why a session leaves a parameter open."""
-    if session.tilt < math.radians(3.0):
-        return f"the boards are all parallel (tilts within {math.degrees(session.tilt):.1f} degrees); tilt them by 20"
-    if session.boards == 1:
+def reason(captures: Captures) -> str:
+    """Why a captures leaves a parameter open."""
+    if captures.tilt < math.radians(3.0):
+        return f"the boards are all parallel (tilts within {math.degrees(captures.tilt):.1f} degrees); tilt them by 20"
+    if captures.boards == 1:
         return "one image of the board cannot tell its distance from A; show two or more, tilted differently"
-    if session.views == 1:
+    if captures.views == 1:
         return "there is one view only, and d_2 and m need a baseline"
-    if session.distance_range < 0.02 * session.distance:
+    if captures.distance_range < 0.02 * captures.distance:
         return "the boards stand at one depth; spread their distances"
     return "too few boards, too small tilts or too much noise"
 
 
-def _alternatives(session: Session, sheet: DataSheet) -> Sequence[tuple[str, Session, DataSheet]]:
-    board = session.board
-    tilt = min(max(1.5 * session.tilt, math.radians(10.0)), _STEEPEST)
+def _alternatives(captures: Captures, sheet: DataSheet) -> Sequence[tuple[str, Captures, DataSheet]]:
+    board = captures.board
+    tilt = min(max(1.5 * captures.tilt, math.radians(10.0)), _STEEPEST)
     finer = Board(2 * board.columns, 2 * board.rows, board.cell / 2)
     larger = Board(2 * board.columns - 1, 2 * board.rows - 1, board.cell)
     options = [
         (
-            f"show {2 * session.boards} boards instead of {session.boards}",
-            replace(session, boards=2 * session.boards),
+            f"show {2 * captures.boards} boards instead of {captures.boards}",
+            replace(captures, boards=2 * captures.boards),
             sheet,
         ),
         (
-            f"spread the distances over {2 * session.distance_range:g} mm",
-            replace(session, distance_range=2 * session.distance_range),
+            f"spread the distances over {2 * captures.distance_range:g} mm",
+            replace(captures, distance_range=2 * captures.distance_range),
             sheet,
         ),
-        ("halve the corner noise", replace(session, noise=session.noise / 2), sheet),
+        ("halve the corner noise", replace(captures, noise=captures.noise / 2), sheet),
         (
             f"use a board of {larger.columns} x {larger.rows} cells of the same size",
-            replace(session, board=larger),
+            replace(captures, board=larger),
             sheet,
         ),
-        (f"use cells of {finer.cell:g} mm on the same board", replace(session, board=finer), sheet),
-        ("know f twice as well", session, replace(sheet, f_sigma=sheet.f_sigma / 2)),
-        ("know the microlens pitch twice as well", session, replace(sheet, d_sigma=sheet.d_sigma / 2)),
-        ("know the board's scale twice as well", session, replace(sheet, cell_sigma=sheet.cell_sigma / 2)),
+        (f"use cells of {finer.cell:g} mm on the same board", replace(captures, board=finer), sheet),
+        ("know f twice as well", captures, replace(sheet, f_sigma=sheet.f_sigma / 2)),
+        ("know the microlens pitch twice as well", captures, replace(sheet, d_sigma=sheet.d_sigma / 2)),
+        ("know the board's scale twice as well", captures, replace(sheet, cell_sigma=sheet.cell_sigma / 2)),
     ]
-    if tilt > 1.01 * session.tilt:
-        said = f"tilt the boards by up to {math.degrees(tilt):.0f} degrees instead of {math.degrees(session.tilt):.0f}"
-        options.append((said, replace(session, tilt=tilt), sheet))
+    if tilt > 1.01 * captures.tilt:
+        said = f"tilt the boards by up to {math.degrees(tilt):.0f} degrees instead of {math.degrees(captures.tilt):.0f}"
+        options.append((said, replace(captures, tilt=tilt), sheet))
     return options

@@ -159,7 +159,7 @@ def plan_advice(plan: Plan) -> str:
 
 def plan_to_dict(plan: Plan, design: str, seed: int, distortion: int) -> dict[str, object]:
     """A plan as JSON's types."""
-    s, before = plan.session, plan.expected
+    s, before = plan.captures, plan.expected
     return {
         "schema": PLAN_SCHEMA,
         "design": design,

@@ -14,7 +14,7 @@ from .model import Camera, Poses, project_boards
 
 
 @dataclass(frozen=True)
-class Session:
+class Captures:
     """What one means to capture."""
 
     board: Board = field(default_factory=lambda: Board(4, 5, 6.0))
@@ -53,34 +53,34 @@ class Session:
         return np.stack([s[inside], t[inside]], axis=-1)
 
 
-def random_poses(session: Session, pupil_distance: float, rng: np.random.Generator) -> Poses:
+def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
     """Poses as a person would choose them: distances spread evenly, tilts in every direction, boards turned in hand.
 
     Parameters
     ----------
-    session : Session
+    captures : Captures
     pupil_distance : float
         d_3 [mm], from lens to FAP: poses are in the FAP's frame.
     rng : Generator
     """
-    n = session.boards
+    n = captures.boards
     spread = (np.arange(n) + 0.5) / n - 0.5 if n > 1 else np.zeros(1)
-    depth = session.distance - pupil_distance + session.distance_range * rng.permutation(spread)
-    size, towards = session.tilt * np.sqrt(rng.uniform(0, 1, n)), rng.uniform(0, 2 * math.pi, n)
+    depth = captures.distance - pupil_distance + captures.distance_range * rng.permutation(spread)
+    size, towards = captures.tilt * np.sqrt(rng.uniform(0, 1, n)), rng.uniform(0, 2 * math.pi, n)
     turn = rng.uniform(-math.pi / 8, math.pi / 8, n)
     rotation = np.column_stack([size * np.cos(towards), size * np.sin(towards), turn])
-    aside = rng.uniform(-session.offset, session.offset, (n, 2))
+    aside = rng.uniform(-captures.offset, captures.offset, (n, 2))
     return Poses(rotation, np.column_stack([aside, depth]))
 
 
-def ideal_observations(camera: Camera, poses: Poses, session: Session) -> Observations:
+def ideal_observations(camera: Camera, poses: Poses, captures: Captures) -> Observations:
     """Corners where the model puts them."""
-    views = session.view_grid()
-    uv = project_boards(camera.vector(), poses.vector, session.board.points, views).uv
-    return Observations(session.board.points, views, uv)
+    views = captures.view_grid()
+    uv = project_boards(camera.vector(), poses.vector, captures.board.points, views).uv
+    return Observations(captures.board.points, views, uv)
 
 
-def observe_synthetic(camera: Camera, poses: Poses, session: Session, rng: np.random.Generator) -> Observations:
+def observe_synthetic(camera: Camera, poses: Poses, captures: Captures, rng: np.random.Generator) -> Observations:
     """Corners as measured: the model's, each coordinate in each view off by independent normal errors."""
-    ideal = ideal_observations(camera, poses, session)
-    return Observations(ideal.points, ideal.views, ideal.uv + session.noise * rng.normal(size=ideal.uv.shape))
+    ideal = ideal_observations(camera, poses, captures)
+    return Observations(ideal.points, ideal.views, ideal.uv + captures.noise * rng.normal(size=ideal.uv.shape))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from .calibrate_shared import print_blocks, read_board, read_quantity, read_sheet, status_line
 
 if TYPE_CHECKING:
-    from ..calibration import Board, Session
+    from ..calibration import Board, Captures
     from ..design import Design
 
 
@@ -81,7 +81,7 @@ def print_plan(
         console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
 
 
-def too_large(design: Design, captures: Session) -> tuple[str, ...]:
+def too_large(design: Design, captures: Captures) -> tuple[str, ...]:
     """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
     from ..calibration import camera_of
 
@@ -106,7 +106,7 @@ def captures_for(
     distance: float | None,
     distance_range: float | None,
     noise: float,
-) -> Session:
+) -> Captures:
     """What one means to capture with a design; distances not given lie about its focal plane.
 
     Parameters
@@ -128,7 +128,7 @@ def captures_for(
     """
     import math
 
-    from ..calibration import CalibrationError, Session
+    from ..calibration import CalibrationError, Captures
     from ..theory.aperture import effective_image_distance
 
     if not 0 <= tilt < math.pi / 2:
@@ -138,7 +138,7 @@ def captures_for(
     middle = design.d_f if distance is None else distance
     depth = middle - design.d_3
     image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_1, design.d_3)))
-    return Session(
+    return Captures(
         board=board,
         boards=boards,
         distance=middle,

@@ -20,7 +20,7 @@ from roslf_design.calibration.refine import refine
 from roslf_design.calibration.statistics_fit import fit_statistics
 from roslf_design.calibration.step_one import step_one
 from roslf_design.calibration.step_two import step_two
-from roslf_design.calibration.synthetic import Session, observe_synthetic, random_poses
+from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 from roslf_design.theory import back_substitute
 
 CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
@@ -28,9 +28,9 @@ SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0)
 NAMES = ("A", "m", "inverse_d_2", "x_0", "y_0")
 
 
-def captured(session, seed=0, camera=CAMERA):
+def captured(captures, seed=0, camera=CAMERA):
     rng = np.random.default_rng(seed)
-    return observe_synthetic(camera, random_poses(session, 120.0, rng), session, rng)
+    return observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
 
 
 def sigmas_off(camera, covariance):
@@ -41,7 +41,7 @@ def sigmas_off(camera, covariance):
 def test_exact_corners_give_the_camera_back(distortion):
     camera = CAMERA if distortion == 0 else replace(CAMERA, k_1=0.5, k_2=-8.0)
     found = calibrate(
-        captured(Session(noise=1e-10, boards=6, offset=15.0), camera=camera), SHEET, distortion=distortion
+        captured(Captures(noise=1e-10, boards=6, offset=15.0), camera=camera), SHEET, distortion=distortion
     )
     np.testing.assert_allclose(found.joint.camera.vector(), camera.vector(), rtol=1e-6, atol=1e-6)
     assert found.refined.pupil_distance == pytest.approx(120.0, abs=1e-6)
@@ -54,7 +54,7 @@ def test_exact_corners_give_the_camera_back(distortion):
 def test_joint_fit_is_at_the_noise_and_its_errors_are_honest():
     off, ratio = [], []
     for seed in range(12):
-        found = calibrate(captured(Session(boards=8, views=3), seed), SHEET)
+        found = calibrate(captured(Captures(boards=8, views=3), seed), SHEET)
         off.append(sigmas_off(found.joint.camera, found.joint.covariance))
         ratio.append(found.joint.sigma / 0.06)
         assert found.joint.rms == pytest.approx(0.06 * math.sqrt(2), rel=0.1)
@@ -66,7 +66,7 @@ def test_joint_fit_is_at_the_noise_and_its_errors_are_honest():
 
 
 def test_fit_on_statistics_is_the_joint_fit():
-    observations = captured(Session(boards=8))
+    observations = captured(Captures(boards=8))
     found = calibrate(observations, SHEET)
     plain = fit_statistics(
         corner_statistics(observations, found.joint.sigma), found.joint.camera, found.joint.poses, NAMES, scale=False
@@ -79,7 +79,7 @@ def test_fit_on_statistics_is_the_joint_fit():
 
 
 def test_errors_common_to_all_views_widen_the_errors():
-    observations = captured(Session(boards=8))
+    observations = captured(Captures(boards=8))
     shared = np.random.default_rng(9).normal(0, 0.06, observations.uv[:, :1].shape)  # a corner off in every view alike
     found = calibrate(replace(observations, uv=observations.uv + shared), SHEET)
     assert found.fit.place_scale == pytest.approx(math.sqrt(1 + 13), rel=0.15)  # 13 views no longer average it away
@@ -99,7 +99,7 @@ def test_reduced_information_is_the_inverse_of_the_whole_covariance_s_block():
 
 
 def test_missing_corners_and_views_are_left_out():
-    observations = captured(Session(boards=8))
+    observations = captured(Captures(boards=8))
     rng = np.random.default_rng(4)
     uv = observations.uv.copy()
     uv[rng.uniform(size=uv.shape[:3]) < 0.2] = np.nan
@@ -119,7 +119,7 @@ def test_missing_corners_and_views_are_left_out():
 
 
 def test_zhang_s_closed_form_is_exact_and_knows_its_limits():
-    poses = random_poses(Session(boards=3), 120.0, np.random.default_rng(3))
+    poses = random_poses(Captures(boards=3), 120.0, np.random.default_rng(3))
     points = Board(4, 5, 6.0).points
     uv = project_boards(CAMERA.vector(), poses.vector, points, np.zeros((1, 2))).uv[:, 0]
     maps = np.stack([homography(points[:, :2], image) for image in uv])
@@ -133,7 +133,7 @@ def test_zhang_s_closed_form_is_exact_and_knows_its_limits():
 
 
 def test_step_two_reports_its_lever():
-    observations = captured(Session(boards=8))
+    observations = captured(Captures(boards=8))
     lines = fit_lines(observations)
     second = step_two(observations, lines, step_one(observations, lines, CAMERA.q, CAMERA.d))
     far, near = (1 / 1e4, 1 / 230.0)
@@ -163,20 +163,20 @@ def test_table_2_of_the_paper_with_its_spread():
 
 def test_boards_that_do_not_determine_the_camera_are_refused_by_name():
     with pytest.raises(CalibrationError, match=r"A, x_0 and y_0 .* not determined: the boards are all parallel"):
-        calibrate(captured(Session(tilt=0.0)), SHEET)
-    one_way = captured(Session(tilt=0.0, boards=4))
+        calibrate(captured(Captures(tilt=0.0)), SHEET)
+    one_way = captured(Captures(tilt=0.0, boards=4))
     with pytest.raises(CalibrationError, match="all parallel"):
         calibrate(one_way, SHEET, guess=92.0)
     with pytest.raises(CalibrationError, match="one image of the board"):
-        calibrate(captured(Session(boards=1)), SHEET)
+        calibrate(captured(Captures(boards=1)), SHEET)
     with pytest.raises(CalibrationError, match="one view only"):
-        calibrate(captured(Session(views=1)), SHEET)
+        calibrate(captured(Captures(views=1)), SHEET)
     with pytest.raises(CalibrationError, match="not determined to 30 %: the boards stand at one depth"):
-        calibrate(captured(Session(distance_range=0.0, tilt=math.radians(6), noise=0.4, boards=6), 3), SHEET)
+        calibrate(captured(Captures(distance_range=0.0, tilt=math.radians(6), noise=0.4, boards=6), 3), SHEET)
 
 
 def test_slopes_that_rise_with_inverse_depth_are_mirrored_views():
-    observations = captured(Session(boards=6))
+    observations = captured(Captures(boards=6))
     with pytest.raises(CalibrationError, match="views are mirrored"):
         calibrate(replace(observations, views=-observations.views), SHEET)
 
@@ -191,7 +191,7 @@ def test_rank_loss_names_the_parameter():
 
 
 def test_too_few_corners_are_refused():
-    observations = captured(Session(boards=3))
+    observations = captured(Captures(boards=3))
     uv = observations.uv.copy()
     uv[1, :, 3:] = np.nan
     with pytest.raises(CalibrationError, match="fewer than four corners were seen of board 2"):
@@ -207,7 +207,7 @@ def test_too_few_corners_are_refused():
 
 
 def _poses(boards):
-    return random_poses(Session(boards=boards), 120.0, np.random.default_rng(0))
+    return random_poses(Captures(boards=boards), 120.0, np.random.default_rng(0))
 
 
 def test_boards_are_read_and_checked():

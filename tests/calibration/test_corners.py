@@ -18,7 +18,7 @@ from roslf_design.calibration.lines import fit_lines
 from roslf_design.calibration.model import Camera, project_boards, rotation_matrix
 from roslf_design.calibration.saddle import fit_saddles
 from roslf_design.calibration.step_one import step_one
-from roslf_design.calibration.synthetic import Session, random_poses
+from roslf_design.calibration.synthetic import Captures, random_poses
 from tests.oracles.calibration import board_view
 
 BOARD = Board(4, 5, 6.0)
@@ -37,7 +37,7 @@ def drawn_field(pose, offsets, noise, rng):
 def drawn():
     pytest.importorskip("cv2")
     rng = np.random.default_rng(11)
-    poses = random_poses(Session(boards=6, tilt=0.35, offset=4.0), 120.0, rng)
+    poses = random_poses(Captures(boards=6, tilt=0.35, offset=4.0), 120.0, rng)
     offsets = np.array([-5.0, 0.0, 5.0])
     fields = {f"board-{k}": drawn_field(pose, offsets, 0.01, rng) for k, pose in enumerate(poses.vector)}
     return fields, poses

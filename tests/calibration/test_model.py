@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from roslf_design.calibration.board import Board
 from roslf_design.calibration.corner_statistics import corner_statistics, model_statistics
 from roslf_design.calibration.model import GLOBALS, Camera, Poses, project_boards, rotation_matrix
-from roslf_design.calibration.synthetic import Session, ideal_observations, random_poses
+from roslf_design.calibration.synthetic import Captures, ideal_observations, random_poses
 from roslf_design.theory import from_homogeneous, project, view_projection
 from tests.oracles.calibration import traced_view
 
@@ -68,20 +68,20 @@ def test_derivatives_agree_with_complex_steps():
 
 
 def test_statistics_are_the_least_squares_lines_of_the_model_s_views():
-    session = Session(boards=3, views=5)
-    poses = random_poses(session, 120.0, np.random.default_rng(2))
+    captures = Captures(boards=3, views=5)
+    poses = random_poses(captures, 120.0, np.random.default_rng(2))
     plain = replace(CAMERA, k_1=0.0, k_2=0.0)
     for camera, tolerance in ((plain, 1e-11), (CAMERA, 2e-3)):  # distortion to second order in the baseline
-        statistics = corner_statistics(ideal_observations(camera, poses, session), 0.06)
+        statistics = corner_statistics(ideal_observations(camera, poses, captures), 0.06)
         model = model_statistics(camera.vector(), poses.vector, statistics)
         np.testing.assert_allclose(model.values, statistics.values, rtol=1e-11, atol=tolerance)
 
 
 def test_derivatives_of_statistics_agree_with_complex_steps():
     rng = np.random.default_rng(3)
-    session = Session(boards=4, views=3)
+    captures = Captures(boards=4, views=3)
     pose = some_poses(rng)
-    seen = ideal_observations(CAMERA, Poses.from_vector(pose), session)
+    seen = ideal_observations(CAMERA, Poses.from_vector(pose), captures)
     statistics = replace(
         corner_statistics(seen, 0.06), at=rng.normal(0, 2, (4, 12, 2)), share=rng.uniform(0.2, 0.8, (4, 12))
     )

@@ -16,17 +16,17 @@ from roslf_design.calibration.errors import CalibrationError, MissingExtraError
 from roslf_design.calibration.likelihood import ProfileLikelihood
 from roslf_design.calibration.model import Camera, Poses, project_boards
 from roslf_design.calibration.posterior import sample_posterior
-from roslf_design.calibration.synthetic import Session, ideal_observations, observe_synthetic, random_poses
+from roslf_design.calibration.synthetic import Captures, ideal_observations, observe_synthetic, random_poses
 from roslf_design.theory import back_substitution_covariance
 
 CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
-SESSION = Session(boards=5, views=3)
+SESSION = Captures(boards=5, views=3)
 
 
-def calibrated(session=SESSION, seed=0, distortion=0, camera=CAMERA):
+def calibrated(captures=SESSION, seed=0, distortion=0, camera=CAMERA):
     rng = np.random.default_rng(seed)
-    observations = observe_synthetic(camera, random_poses(session, 120.0, rng), session, rng)
+    observations = observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
     return calibrate(observations, SHEET, distortion=distortion)
 
 
@@ -130,7 +130,7 @@ def test_without_emcee_the_message_says_what_to_install(fit, monkeypatch):
 
 def test_distortion_is_sampled_where_asked():
     camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
-    fit = calibrated(Session(boards=6, views=3, offset=20.0), distortion=2, camera=camera).fit
+    fit = calibrated(Captures(boards=6, views=3, offset=20.0), distortion=2, camera=camera).fit
     posterior = sample_posterior(fit, SHEET, seed=1, chunk=100, most_steps=100)
     assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "f")
     assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
@@ -214,7 +214,7 @@ def test_diagnostics_of_still_and_parted_chains():
 
 
 def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say():
-    found = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=6, views=3), trials=40, seed=1)
+    found = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=6, views=3), trials=40, seed=1)
     assert found.failed == 0
     assert found.trials == 40
     low, high = found.expected
@@ -227,19 +227,19 @@ def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say():
 
 def test_intervals_of_the_sampled_posterior_hold_too():
     found = coverage(
-        140.0, 2.0, 120.0, SHEET, Session(boards=3, views=3), trials=2, seed=2, level=0.95, method="ensembles"
+        140.0, 2.0, 120.0, SHEET, Captures(boards=3, views=3), trials=2, seed=2, level=0.95, method="ensembles"
     )
     assert found.failed == 0
     assert all(share >= found.expected[0] > 0 for share in found.share.values())
-    fisher = coverage(140.0, 2.0, 120.0, SHEET, Session(boards=3, views=3), trials=2, seed=2, level=0.95)
+    fisher = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=3, views=3), trials=2, seed=2, level=0.95)
     for name, pulls in found.pulls.items():  # the same cameras, judged alike by both
         np.testing.assert_allclose(pulls, fisher.pulls[name], atol=0.5)
 
 
 def test_one_view_observations_have_no_posterior():
     rng = np.random.default_rng(0)
-    session = replace(SESSION, views=1)
-    seen = observe_synthetic(CAMERA, random_poses(session, 120.0, rng), session, rng)
+    captures = replace(SESSION, views=1)
+    seen = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     assert isinstance(seen, Observations)
     with pytest.raises(CalibrationError, match="one view only"):
         calibrate(seen, SHEET)
