@@ -54,7 +54,7 @@ class Change(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A captures's promise, and the changes ranked."""
+    """What a set of captures promises, and the changes ranked."""
 
     captures: Captures
     expected: Expected
@@ -108,7 +108,7 @@ def expected_errors(
     Raises
     ------
     CalibrationError
-        The captures does not determine A, m or d_2, and says why.
+        The captures do not determine A, m or d_2, and says why.
     """
     names = shared_names(distortion)
     d_3 = sheet.f + (sheet.f - camera.A) / camera.m
