@@ -118,7 +118,7 @@ def expected_errors(
             f" {d_3:.1f} mm from the lens"
         )
     if captures.views == 1 or captures.boards == 1:
-        raise CalibrationError(f"this captures does not determine A, m and d_2: {reason(captures)}")
+        raise CalibrationError(f"these captures do not determine A, m and d_2: {reason(captures)}")
     found, fits = [], []
     for k in range(samples):
         rng = np.random.default_rng([seed, k])
@@ -127,7 +127,7 @@ def expected_errors(
         fit = fit_at(statistics, camera, poses, names)
         lost = undetermined(fit.covariance, {"A": camera.A, "m": camera.m, "inverse_d_2": camera.inverse_d_2})
         if lost:
-            raise CalibrationError(f"this captures does not determine {', '.join(lost)}: {reason(captures)}")
+            raise CalibrationError(f"these captures do not determine {', '.join(lost)}: {reason(captures)}")
         fits.append(fit)
         found.append(variance_shares(fit, sheet))
     middle = {n: float(np.median([f[n]["sigma"] for f in found])) for n in found[0]}
@@ -141,7 +141,7 @@ def expected_errors(
 def plan(
     camera: Camera, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
 ) -> Plan:
-    """Expected errors of a captures, and of the capture plans that differ from it by one change, best first.
+    """Expected errors of a set of captures, and of those that differ from it by one change, best first.
 
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
     the bore) is left out.
@@ -159,7 +159,7 @@ def plan(
 
 
 def reason(captures: Captures) -> str:
-    """Why a captures leaves a parameter open."""
+    """Why captures leave a parameter open."""
     if captures.tilt < math.radians(3.0):
         return f"the boards are all parallel (tilts within {math.degrees(captures.tilt):.1f} degrees); tilt them by 20"
     if captures.boards == 1:
