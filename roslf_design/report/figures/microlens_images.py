@@ -135,7 +135,9 @@ def plot_microlens_image(
     ax.spines[:].set_color(GREY)
     title = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
     # Rounding of a sum over pixels is not an edge.
-    ax.set_title(title if view.on_sensor > 1 - 1e-6 else f"{title}, {100 * view.on_sensor:.2g} % seen")
+    # A sliver beyond the sensor's edge (less than half a percent) is hatched but not worth a number.
+    whole = view.on_sensor > 0.995
+    ax.set_title(title if whole else f"{title},\n{100 * view.on_sensor:.3g} % on the sensor")
     if alone:
         ax.figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return ax
