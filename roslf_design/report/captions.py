@@ -13,6 +13,7 @@ from .figures.ray_diagram import is_centred
 if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
+    from ..imaging.encircled import Encircled
     from .figures.field_maps import FieldMap
 
 PICTURE = (
@@ -86,6 +87,15 @@ def images(result: Evaluation, on_sensor: float) -> str:
         "cell, the cross its chief ray. "
         f"{follow} Diffraction, which blurs them over {number(result.diffraction.airy_radius_px, 2)} px (Airy radius), "
         "is not drawn."
+    )
+
+
+def waves(light: Encircled) -> str:
+    """Of one microlens image by rays and by waves."""
+    return (
+        "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
+        f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
+        f"{100 * light.cell:.1f} % in a cell of one image pitch; the rest lies on the neighbours."
     )
 
 

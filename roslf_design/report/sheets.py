@@ -84,6 +84,18 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
         return compose("images", "Microlens images on their pixels", captions.images(result, seen), figure)
 
 
+def wave_sheet(design: Design) -> Figure:
+    """One microlens image by rays and by waves."""
+    from ..imaging.encircled import encircled
+    from ..imaging.figures import draw_microlens_images
+
+    with drawing():
+        figure = new_drawing(3.3)
+        rays, waves = figure.subplots(1, 2)
+        draw_microlens_images(rays, waves, design)
+        return compose("waves", "One microlens image by rays and by waves", captions.waves(encircled(design)), figure)
+
+
 def map_sheet(design: Design, result: Evaluation) -> Figure:
     """Kept fraction and image offset over the MLA."""
     with drawing():

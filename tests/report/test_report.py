@@ -106,8 +106,10 @@ def test_text_in_drawings_is_text(text):
 def test_difficult_designs_have_whole_reports(no_gl, name):
     report = content.design_report(DESIGNS[name])
     figures = [block for section in report.sections for block in section.blocks if isinstance(block, Figure)]
-    assert len({figure.name for figure in figures}) == len(figures) == 7
+    assert len({figure.name for figure in figures}) == len(figures) == 8
     assert all("nan" not in figure.content.lower().split("base64")[0] for figure in figures)
+    waves = next(figure for figure in figures if figure.name == "waves")
+    assert "% in the geometric disc" in waves.caption
     Page(render_html(report))
 
 
