@@ -57,6 +57,11 @@ class Kernel(Generic[P, R]):
         return seen.hexdigest()[:16]
 
     @property
+    def ready(self) -> bool:
+        """Whether the compiled twin is in memory: from then on interpreting saves nothing."""
+        return self._compiled is not None
+
+    @property
     def compiled(self) -> Callable[P, R]:
         """The numba twin, compiled (or read from numba's disk cache) on first use."""
         if self._compiled is None:

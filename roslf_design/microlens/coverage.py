@@ -16,7 +16,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.floating[Any]]
 
 INTERPRETED_BELOW = 40_000
-"""Pixels in the boxes around all parts up to which compiling, or even loading compiled code, takes longer."""
+"""Pixels in the boxes around all parts up to which compiling, or even loading compiled code, takes longer.
+
+Interpreted, a pixel takes 1 to 5 us, and loading numba with the compiled kernel some 0.5 s; once loaded, it is quicker
+at any size. Small calls add up: `INTERPRETED_IN_ALL` counts all pixels that the process has interpreted so far. Which
+of the two runs makes no difference but an ulp of a sine or an arc tangent, where the libraries' differ.
+"""
+INTERPRETED_IN_ALL = 200_000
+_interpreted = [0]
 LARGEST_PART = 20_000
 """Pixels across one part: its own workspace is this many squared."""
 LARGEST_SENSOR = 2**40
@@ -208,9 +215,11 @@ def _add(
         centres, radii = _without_vast_discs(centres, radii, pixel)
     side = int(across.max()) + 4
     arguments = (axes, centres, radii, *origin, pixel, first_row, first_column, side, image)
-    if float(((across + 2) ** 2).sum()) < INTERPRETED_BELOW:
+    pixels = int(((across + 2) ** 2).sum())
+    if not _pixels.coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
+        _interpreted[0] += pixels
         _pixels.coverage.interpreted(*arguments)
-    elif parallel:
+    elif parallel and pixels >= INTERPRETED_BELOW:
         with THREADS:
             _pixels.coverage_bands.compiled(*arguments, min(len(image), _pixels.BANDS))
     else:

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roslf_design._jit import Kernel
+from roslf_design.microlens import coverage as coverage_module
 from roslf_design.microlens.cells import area_in_rectangle
 from roslf_design.microlens.coverage import coverage_image, pixel_areas
 from roslf_design.microlens.discs import intersect
@@ -150,15 +152,31 @@ def test_threads_make_the_same_image(options):
     np.testing.assert_array_equal(coverage_image(*arguments, parallel=True, **keywords), one)
 
 
-def test_large_and_small_problems_agree():
+def test_large_and_small_problems_agree(monkeypatch):
     """Compiled and interpreted kernels do the same arithmetic, but for an ulp of a sine or an arc tangent."""
     (axes, centres, radii), keywords = paper_sensor((300, 211), **CLIPPED)
     whole = coverage_image(axes, centres, radii, **keywords)
+    monkeypatch.setattr(Kernel, "ready", False)
+    monkeypatch.setattr(coverage_module, "INTERPRETED_IN_ALL", 10**9)
     pieces = np.zeros_like(whole)
     for k in range(0, len(axes), 150):
         some = slice(k, k + 150)
         coverage_image(axes[some], centres[some], radii[some], out=pieces, **keywords)
     np.testing.assert_allclose(pieces, whole, rtol=0, atol=4e-15)
+
+
+def test_many_small_problems_end_compiled(monkeypatch):
+    """Interpreting is for the first few: a thousand small images must not take a thousand times as long as one."""
+    monkeypatch.setattr(Kernel, "ready", False)
+    spent = [0]
+    monkeypatch.setattr(coverage_module, "_interpreted", spent)
+    monkeypatch.setattr(coverage_module, "INTERPRETED_IN_ALL", 500)
+    images = [
+        coverage_image([0.1, 0.2], [[0.0, 0.0], [3.0, 1.0]], [4.0, 5.0], pixel=1.0, size=(11, 11)) for _ in range(20)
+    ]
+    assert 500 <= spent[0] < 1000
+    for image in images:
+        np.testing.assert_allclose(image, images[0], rtol=0, atol=4e-15)
 
 
 def test_neighbours_add_up():
