@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from .evaluate import parse_field
-from .report import PAGE, Progress, check_folder
+from .progress import StatusLine
+from .report import PAGE, check_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -86,7 +87,7 @@ def diagrams(
     if output is not None:
         check_folder(output)
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
-    with Progress() as progress:
+    with StatusLine("accuracy") as progress:
         groups = [measured_group(loaded, name, axis, accuracy, seed, progress.tell) for name in wanted]
         scene_text = ""
         if scene is not None:
@@ -231,7 +232,7 @@ def calibrate(
 
     loaded = load(design)
     path = table.cache_file() if output is None else output
-    with Progress() as progress:
+    with StatusLine("accuracy") as progress:
         found = table.calibrate(loaded, seed=max(seed, 0), progress=progress.tell)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, found.to_json().encode())
@@ -273,7 +274,7 @@ def hard_cases(
     loaded = load(design)
     if output is not None:
         check_folder(output)
-    with Progress() as progress:
+    with StatusLine("accuracy") as progress:
         found = run_hard_cases(loaded, seed=seed, progress=progress.tell)
     text = json_text.dumps(short(found.to_dict()), allow_nan=False, ensure_ascii=False) + "\n"
     if output is not None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from .calibrate_shared import StatusLine, print_blocks, read_board, read_sheet, refusal, status_line
+from .calibrate_shared import print_blocks, read_board, read_sheet, refusal
+from .progress import StatusLine
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -156,7 +157,7 @@ def _calibrated(
     optional_module("cv2", "finding checkerboard corners")
     if not no_posterior:
         optional_module("emcee", "sampling the posterior")
-    with status_line() as status:
+    with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = read_capture(folder)
         status.tell("finding microlens centres")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json as json_text
 from typing import TYPE_CHECKING
 
-from .calibrate_shared import print_blocks, read_board, read_quantity, read_sheet, status_line
+from .calibrate_shared import print_blocks, read_board, read_quantity, read_sheet
+from .progress import StatusLine
 
 if TYPE_CHECKING:
     from ..calibration import Board, Captures
@@ -48,7 +49,7 @@ def print_plan(
         distance_range=None if distance_range is None else read_quantity("--range", distance_range, "length"),
         noise=0.06 if noise is None else noise,
     )
-    with status_line() as status:
+    with StatusLine("calibrate") as status:
         status.tell("planning")
         try:
             found = planned(camera_of(loaded), read_sheet(loaded, f_sigma), captures, distortion=distortion, seed=seed)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -78,30 +75,3 @@ def print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
             for row in block.rows:
                 table.add_row(*(Text(cell) for cell in row))
             console.print(table)
-
-
-class StatusLine:
-    """One line on stderr that tells what is being done; silent where stderr is not a terminal."""
-
-    def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
-
-    def tell(self, what: str) -> None:
-        """Replace the line."""
-        if self._shown:
-            print(f"\r\x1b[2Kcalibrate: {what} ...", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Leave nothing behind."""
-        if self._shown:
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def status_line() -> Iterator[StatusLine]:
-    """A status line that is gone afterwards."""
-    status = StatusLine()
-    try:
-        yield status
-    finally:
-        status.clear()

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json as json_text
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+from .progress import StatusLine
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -51,7 +52,7 @@ def optimize(
     if blocked is not None:
         raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
     posed = load_study(study, seed)
-    with _Status() as status:
+    with StatusLine("optimize") as status:
         try:
             result = run(posed, status.tell)
         except InputError as error:
@@ -94,22 +95,3 @@ def print_result(result: Result, written: list[Path], console: Console) -> None:
         console.print(f"Note: {note}", highlight=False, soft_wrap=True)
     console.print(f"{result.seconds:.1f} s; written to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
-
-
-class _Status:
-    """One line on stderr that tells what is being done; silent where stderr is not a terminal."""
-
-    def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
-
-    def __enter__(self) -> _Status:
-        return self
-
-    def tell(self, what: str) -> None:
-        """Replace the line."""
-        if self._shown:
-            print(f"\r\x1b[2Koptimize: {what} ...", end="", file=sys.stderr, flush=True)
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown:
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json as json_text
 import math
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+
+from .progress import bar
 
 if TYPE_CHECKING:
     from ..effects import Plan
@@ -92,24 +91,13 @@ def render(
     from ..imaging.render import render as compute
 
     for each, effects_on, target in zip(scenes, plans, targets, strict=True):
-        with _progress(target.name) as tell:
+        with bar(target.name) as tell:
             image = compute(loaded, each, effects=effects_on, budget=budget, seed=seed, region=piece, progress=tell)
         beside = write_image(image, target, depth)
         written = [target, beside]
         if preview:
             written.append(_preview(image, target))
         _show(image, written, json)
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr; silent where that is no terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(name, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
 
 
 def _number(option: str, text: str) -> float:

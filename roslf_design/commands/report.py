@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+
+from .progress import StatusLine
 
 if TYPE_CHECKING:
     from ..report.blocks import Report
@@ -67,7 +68,7 @@ def report(
     options += [part for name in figure or () for part in ("--figure", name)]
     command = shlex.join(["roslf", "report", *names, *options])
     lines = stamp_lines() if stamp else ()
-    with Progress() as progress:
+    with StatusLine("report") as progress:
         if compare:
             from ..report.compare import comparison_report
 
@@ -178,22 +179,3 @@ def stamp_lines() -> tuple[str, ...]:
         f"Python {platform.python_version()}",
         libraries,
     )
-
-
-class Progress:
-    """One line on stderr that tells what is being made; silent where stderr is not a terminal."""
-
-    def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
-
-    def __enter__(self) -> Progress:
-        return self
-
-    def tell(self, what: str) -> None:
-        """Replace the line."""
-        if self._shown:
-            print(f"\r\x1b[2Kreport: {what} ...", end="", file=sys.stderr, flush=True)
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown:
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)

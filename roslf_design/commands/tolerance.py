@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+from .progress import bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -64,9 +64,9 @@ def tolerance(
         raise InputError(tuple(Problem(key, "must be a positive whole number") for key, bad in wrong.items() if bad))
     plan, description, grades = load_plan(study, trials=trials, seed=seed)
     where = Where(workers or _workers(plan.chunks), scheduler)
-    with _progress(plan.trials) as progress:
+    with bar("trials", plan.trials) as tell:
         try:
-            tally = run_trials(plan, output, where, resume=resume, progress=progress)
+            tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
         except ChunkLostError as error:
             print(f"roslf: {error}", file=sys.stderr)
             raise SystemExit(1) from None
@@ -156,32 +156,3 @@ def _workers(chunks: int) -> int:
 
     # A pool costs a second to start: not worth it below a few chunks.
     return 1 if chunks < 8 else max(1, min(chunks, len(os.sched_getaffinity(0))))
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[int, int], None] | None]:
-    """A bar on stderr, from two seconds on; nothing where stderr is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    started = time.monotonic()
-    bar = Progress(
-        TextColumn("trials"), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TimeRemainingColumn(), console=Console(stderr=True), transient=True,
-    )  # fmt: skip
-    task = bar.add_task("trials", total=total)
-
-    def advance(done: int, _: int) -> None:
-        bar.update(task, completed=done)
-        if not bar.live.is_started and time.monotonic() - started > 2:
-            bar.start()
-
-    try:
-        yield advance
-    finally:
-        bar.stop()
