@@ -211,7 +211,7 @@ def _decide(effect: Effect, size: float, limit: float, user: list[str]) -> tuple
     if size > limit:
         return True, "above the budget"
     if user:
-        return True, f"{user[0]} spreads light over the neighbours"
+        return True, f"{user[0].replace('_', ' ')} spreads light over the neighbours"
     return False, "" if size == 0 else "below the budget"
 
 
