@@ -21,10 +21,24 @@ def falloff(design: Design, x_ml: ArrayLike) -> NDArray[np.float64]:
 
 
 def estimate(design: Design, brief: SceneBrief) -> Estimate:
-    """Loss at the field's rim [fraction of full scale]; -expm1 keeps small angles exact."""
-    slope = field_radius(design, brief) * design.d_f / design.d_1 / (design.d_f - design.d_3)
-    loss = float(-np.expm1(-2 * np.log1p(slope**2)))
+    """Loss at the field's rim [fraction of full scale].
+
+    Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
+    the size of the microlens images there, which are traced (etendue is conserved).
+    """
+    if design.lens is not None:
+        from .lens_faults import faults, lens_field
+
+        x_ml = lens_field(design, brief)
+        loss = _loss(faults(design, x_ml).steepest)
+        return Estimate(loss, f"{loss:.2%} darker at X_ml = {x_ml:.4g} mm, behind the array (traced)")
+    loss = _loss(field_radius(design, brief) * design.d_f / design.d_1 / (design.d_f - design.d_3))
     return Estimate(loss, f"{loss:.2%} darker {field_note(design, brief)}")
+
+
+def _loss(slope: float) -> float:
+    """1 - cos^4 of the angle of a slope; -expm1 keeps small angles exact."""
+    return float(-np.expm1(-2 * np.log1p(slope**2)))
 
 
 EFFECT = Effect("cos4", "cos^4 fall-off", "intensity", estimate)

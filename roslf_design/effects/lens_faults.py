@@ -35,6 +35,8 @@ class Faults(NamedTuple):
     """The same from the tangential and sagittal foci alone [mm]."""
     whole_to: float
     """Largest of the radii looked at to which images are whole [mm]."""
+    steepest: float
+    """Steepest ray behind the array that makes a microlens image: dx/dz."""
 
 
 @lru_cache(maxsize=256)
@@ -45,15 +47,10 @@ def faults(design: Design, x_ml: float) -> Faults:
 
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
-    centred = design.replace(
-        {
-            "microlens_array.rotation": 0.0,
-            "microlens_array.decentre": (0.0, 0.0),
-            "main_lens.decentre": (0.0, 0.0),
-            "main_lens.tilt": (0.0, 0.0),
-            "aperture.decentre": (0.0, 0.0),
-        }
-    )
+    upright = ("main_lens", "aperture", "microlens_array", "sensor", *(f"stops.{i}" for i in range(len(design.stops))))
+    straight = {f"{part}.tilt": (0.0, 0.0) for part in upright}
+    straight |= {f"{part}.decentre": (0.0, 0.0) for part in upright[:3]}
+    centred = design.replace({**straight, "microlens_array.rotation": 0.0})
     found = real_field(centred, axes)
     diameter = found.thin_diameter
     lost = 1 - found.images.kept_fraction
@@ -67,6 +64,7 @@ def faults(design: Design, x_ml: float) -> Faults:
         spread=float(np.max(np.where(seen, np.max(found.maps.spread, axis=-1), 0.0))),
         curvature=float(np.max(np.where(seen, foci, 0.0))) * cone,
         whole_to=max((axes[i][0] for i in range(len(axes)) if whole[i]), default=0.0),
+        steepest=float(np.max(np.hypot(*np.moveaxis(found.images.outline, -1, 0)))) / design.d_2,
     )
 
 

@@ -70,5 +70,3 @@ class RealLens:
     undistorted_in_field: bool
     """Whether images are whole, and not folded, at every field told here and at the four corners."""
     fields: tuple[RealLensField, ...]
-    left_out: tuple[str, ...]
-    """What the traced camera leaves out."""

@@ -37,7 +37,7 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     """
     if design.lens is None:
         return None
-    from ..lenses.of_design import camera_of, left_out, measured_bound
+    from ..lenses.of_design import camera_of, measured_bound
 
     camera = camera_of(design)
     constants = camera.first_order
@@ -60,7 +60,6 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
         turned_x_ml_max_mm=None if whole else _turned_bound(design),
         undistorted_in_field=whole,
         fields=fields,
-        left_out=tuple(f"tilt of the {part}" for part in left_out(design)),
     )
 
 

@@ -105,7 +105,6 @@ def table_groups(result: Evaluation) -> Iterator[tuple[str, list[Row]]]:
 
 
 def _lens_rows(lens: RealLens) -> list[Row]:
-    left_out = [("left out of the trace", "", ", ".join(lens.left_out))] if lens.left_out else []
     return [
         ("lens", lens.lens, ""),
         ("focal length", f"{number(lens.focal_length_mm)} mm", f"back focal {number(lens.back_focal_length_mm)} mm"),
@@ -116,7 +115,6 @@ def _lens_rows(lens: RealLens) -> list[Row]:
             f"{number(lens.x_ml_max_mm)} mm",
             f"on the MLA; thin lens, Eq. 6: {number(lens.thin_x_ml_max_mm)} mm",
         ),
-        *left_out,
     ]
 
 

@@ -74,14 +74,14 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
     """
     if design.lens is None or not any(plan.on(name) for name in LENS_EFFECTS):
         return None
-    from ..lenses.of_design import left_out
+    from ..lenses.of_design import tilted_parts
 
     seen = straightened(design, plan)
     off = "switch off " + ", ".join(f"-{name}" for name in LENS_EFFECTS) + " to take the lens as thin"
     problems = []
     if scene.points:
         problems.append(Problem("objects", f"point sources behind a real main lens are not rendered; {off}"))
-    if tilted := left_out(seen):
+    if tilted := tilted_parts(seen):
         message = f"a tilted {' and '.join(tilted)} behind a real main lens is not rendered; add -tilts, or {off}"
         problems.append(Problem("effects", message))
     textured = scene.white is None

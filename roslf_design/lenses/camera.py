@@ -20,6 +20,7 @@ from ..microlens.discs import DiscIntersection
 from ..microlens.images import microlens_images
 from .first_order import FirstOrder, first_order, focused
 from .kernels import STOPPED
+from .perturb import rotation
 from .prescription import LensError, Prescription
 from .trace import KEPT, Rays, trace
 
@@ -37,6 +38,56 @@ class Rim:
     x: float = 0.0
     y: float = 0.0
     """Decentre [mm]."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """About x, then about y, about its centre [rad]."""
+
+
+class Plane(NamedTuple):
+    """How a plane of the camera stands: upright where its tilt is zero."""
+
+    x: float = 0.0
+    y: float = 0.0
+    """What it is turned about [mm]."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """About x, then about y [rad]."""
+
+    @property
+    def axes(self) -> Array:
+        """Its own x, y and normal in the lens's frame, one a row, (3, 3)."""
+        return rotation(*self.tilt).T
+
+    def lifted(self, point: ArrayLike, z: float) -> Array:
+        """Points (..., 2) of the plane, counted as if it stood upright, in space, (3, ...) [mm]; `z` is the pivot's."""
+        p = np.asarray(point, float)
+        if self.tilt == (0.0, 0.0):
+            return np.stack([p[..., 0], p[..., 1], np.full(p.shape[:-1], z)])
+        across, along, _ = self.axes
+        off = p - [self.x, self.y]
+        there = np.array([self.x, self.y, z]) + off[..., :1] * across + off[..., 1:] * along
+        return np.moveaxis(there, -1, 0)
+
+    def crossed(self, place: Array, slope: Array, ahead: float) -> Array:
+        """Where rays cross the plane, (2, ...) [mm], counted as if it stood upright.
+
+        Parameters
+        ----------
+        place, slope : ndarray, shape (2, ...)
+            The rays' heights on some upright plane [mm], and dx/dz, dy/dz.
+        ahead : float
+            From that plane to the pivot, along z [mm].
+        """
+        if self.tilt == (0.0, 0.0):
+            return place + slope * ahead if ahead else place
+        across, along, normal = self.axes
+        x, y = place[0] - self.x, place[1] - self.y
+        lean = normal[0] * slope[0] + normal[1] * slope[1] + normal[2]
+        step = -(normal[0] * x + normal[1] * y - normal[2] * ahead) / lean
+        hit = np.stack([x + step * slope[0], y + step * slope[1], step - ahead])
+        mine = [np.tensordot(axis, hit, axes=1) for axis in (across, along)]
+        return np.stack([mine[0] + self.x, mine[1] + self.y])
+
+
+UPRIGHT = Plane()
 
 
 @dataclass(frozen=True)
@@ -52,7 +103,10 @@ class LensCamera:
     rims : tuple of Rim
         The FAP first, then further stops.
     focal_plane, mla, sensor : float
-        Places along z of the plane in focus, the microlens array and the sensor [mm].
+        Places along z of the plane in focus, the microlens array and the sensor [mm]; where these are tilted, of what
+        they turn about.
+    array, detector : Plane
+        How the microlens array and the sensor stand. Points on them count as if they stood upright.
     """
 
     lens: Prescription
@@ -61,6 +115,8 @@ class LensCamera:
     focal_plane: float
     mla: float
     sensor: float
+    array: Plane = UPRIGHT
+    detector: Plane = UPRIGHT
 
     def __post_init__(self) -> None:
         problems = []
@@ -98,6 +154,12 @@ class LensCamera:
     def fap(self) -> Rim:
         """The flexible angular plane: the entrance pupil."""
         return self.rims[0]
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether nothing around the lens is tilted."""
+        around = (*(rim.tilt for rim in self.rims), self.array.tilt, self.detector.tilt)
+        return all(tilt == (0.0, 0.0) for tilt in around)
 
     @property
     def first_order(self) -> FirstOrder:
@@ -201,7 +263,9 @@ class Views(NamedTuple):
     """Backward rays, told where they cross the plane of the FAP; leading axes of the input."""
 
     pupil: Array
-    """Point on the FAP's plane [mm], (..., 2)."""
+    """Point on the FAP's own plane, counted as if it stood upright [mm], (..., 2)."""
+    place: Array
+    """Point on the upright plane through the FAP's centre [mm], (..., 2); `pupil` where the FAP is not tilted."""
     slope: Array
     """dx/dz and dy/dz in object space, (..., 2)."""
     state: NDArray[np.int16]
@@ -213,7 +277,7 @@ class Views(NamedTuple):
 
     def at(self, distance: ArrayLike) -> Array:
         """Where the rays cross a plane `distance` in front of the FAP [mm], (..., 2)."""
-        return np.asarray(self.pupil - self.slope * np.asarray(distance, float)[..., None])
+        return np.asarray(self.place - self.slope * np.asarray(distance, float)[..., None])
 
 
 def views(
@@ -226,9 +290,10 @@ def views(
     camera : LensCamera
         The camera.
     microlens : array_like
-        Microlens axes c on the array [mm], (..., 2).
+        Microlens axes c on the array [mm], (..., 2), in the lens's frame; where the array is tilted, as if it stood
+        upright.
     sensor : array_like
-        Points p on the sensor [mm], (..., 2), broadcast against `microlens`.
+        Points p on the sensor [mm], (..., 2), broadcast against `microlens`; likewise.
     wavelength : float, optional
         [mm]; the camera's own by default.
     clip : bool
@@ -240,8 +305,7 @@ def views(
     """
     c, p = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(sensor, float))
     shape = c.shape[:-1]
-    start = np.stack([p[..., 0], p[..., 1], np.full(shape, camera.sensor)])
-    end = np.stack([c[..., 0], c[..., 1], np.full(shape, camera.mla)])
+    start, end = camera.detector.lifted(p, camera.sensor), camera.array.lifted(c, camera.mla)
     colour = camera.wavelength if wavelength is None else wavelength
     rays = Rays(end, Rays.between(start, end).direction)
     traced = trace(camera.lens, rays, colour, backward=True, plane=camera.fap.z, clip=clip, room=True)
@@ -249,18 +313,20 @@ def views(
     lost = traced.state != KEPT
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(lost, 0.0, traced.rays.direction[:2] / traced.rays.direction[2])
-    pupil, room, state = traced.rays.position[:2], traced.room, traced.state.copy()
-    fap_room = room
+    place, room, state = traced.rays.position[:2], traced.room, traced.state.copy()
+    pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
-        at = pupil + slope * (rim.z - camera.fap.z) - np.reshape([rim.x, rim.y], (2, *(1,) * len(shape)))
+        crossing = Plane(rim.x, rim.y, rim.tilt).crossed(place, slope, rim.z - camera.fap.z)
+        at = crossing - np.reshape([rim.x, rim.y], (2, *(1,) * len(shape)))
         left = np.where(lost, -1.0, 1 - np.sum(np.square(at), axis=0) / (rim.diameter / 2) ** 2)
         if number == 0:
-            fap_room = left
+            pupil, fap_room = crossing, left
         else:
             room = np.minimum(room, left)
         if clip:
             state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
-    return Views(np.moveaxis(pupil, 0, -1), np.moveaxis(slope, 0, -1), state, fap_room, room)
+    points = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
+    return Views(*points, state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:

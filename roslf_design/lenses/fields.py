@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..rays.sampling import sunflower
 from ..theory.field import FieldBound, nondistortion_bound
-from .camera import LensCamera
+from .camera import LensCamera, Plane
 from .images import sensor_of_pupil
 from .trace import KEPT, Rays, Traced, trace
 
@@ -100,12 +100,21 @@ def _unfound(state: NDArray[np.int16]) -> NDArray[np.int16]:
 
 
 def _forward(camera: LensCamera, point: Array, pupil: Array, wavelength: ArrayLike, *, clip: bool = False) -> Traced:
-    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array."""
+    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array, in its own frame."""
     x, a = np.broadcast_arrays(point, pupil)
     start = np.stack([x[..., 0], x[..., 1], np.full(x.shape[:-1], camera.focal_plane)])
-    end = np.stack([a[..., 0], a[..., 1], np.full(x.shape[:-1], camera.fap.z)])
+    fap = camera.fap
+    end = Plane(fap.x, fap.y, fap.tilt).lifted(a, fap.z)
     rays = Rays(end, Rays.between(start, end).direction)
-    return trace(camera.lens, rays, wavelength, plane=camera.mla, clip=clip)
+    found = trace(camera.lens, rays, wavelength, plane=camera.mla, clip=clip)
+    if camera.array.tilt == (0.0, 0.0):
+        return found
+    position, direction = found.rays
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(found.kept, direction[:2] / direction[2], 0.0)
+    there = camera.array.crossed(position[:2], slope, 0.0)
+    turned = np.tensordot(camera.array.axes, direction, axes=1)
+    return found._replace(rays=Rays(np.stack([*there, position[2]]), turned))
 
 
 def _focus(camera: LensCamera, point: Array, centre: Array, axis: Array) -> Array:

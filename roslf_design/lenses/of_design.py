@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..design import Design, Stop
+from ..design.parts import MicrolensArray, Sensor
 from ..errors import InputError
-from .camera import LensCamera, Rim, chief_slope
+from .camera import UPRIGHT, LensCamera, Plane, Rim, chief_slope
 from .fields import FieldMap, field_map, undistorted_field
 from .first_order import first_order
 from .images import CLIPPED, FOLDED, MicrolensImages, real_images
@@ -36,8 +37,8 @@ def camera_of(design: Design) -> LensCamera:
     Parameters
     ----------
     design : Design
-        With a real main lens. A tilt of the main lens turns it about the middle of its principal planes; tilts of
-        other parts are left out (`left_out` names them).
+        With a real main lens. A tilt of the main lens turns it about the middle of its principal planes, one of any
+        other part about its own centre.
 
     Raises
     ------
@@ -57,22 +58,27 @@ def camera_of(design: Design) -> LensCamera:
 
     def rim(stop: Stop) -> Rim:
         x, y = stop.decentre
-        return Rim(stop.diameter, front - stop.distance, x - lens_x, y - lens_y)
+        return Rim(stop.diameter, front - stop.distance, x - lens_x, y - lens_y, stop.tilt)
+
+    def stands(part: MicrolensArray | Sensor) -> Plane:
+        x, y = part.decentre
+        return Plane(x - lens_x, y - lens_y, part.tilt) if part.tilt != (0.0, 0.0) else UPRIGHT
 
     mla = rear + design.d_1
     rims = tuple(rim(stop) for stop in design.all_stops)
-    return LensCamera(lens, design.wavelength, rims, front - design.d_f, mla, mla + design.d_2)
+    planes = (stands(design.microlens_array), stands(design.sensor))
+    return LensCamera(lens, design.wavelength, rims, front - design.d_f, mla, mla + design.d_2, *planes)
 
 
-def left_out(design: Design) -> tuple[str, ...]:
-    """Parts whose tilt the traced camera leaves out."""
+def tilted_parts(design: Design) -> tuple[str, ...]:
+    """Parts around the main lens that are tilted."""
     tilts = {"FAP": design.aperture.tilt, "microlens array": design.microlens_array.tilt, "sensor": design.sensor.tilt}
     tilts |= {f"stop {number}": stop.tilt for number, stop in enumerate(design.stops, start=1)}
     return tuple(name for name, tilt in tilts.items() if tilt != (0.0, 0.0))
 
 
 def microlenses(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> Array:
-    """Microlens axes (..., 2), given on the array's own frame, in the lens's frame [mm]."""
+    """Microlens axes (..., 2), given in the array's own frame, in the lens's [mm]; as if the array stood upright."""
     on_array = np.asarray(axes, float)
     cosine, sine = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
     there = on_array @ np.array([[cosine, sine], [-sine, cosine]])
@@ -145,7 +151,7 @@ def measured_bound(design: Design) -> tuple[float, float]:
     Twin of Eq. 6's bound; where parts are off axis, the least of eight directions.
     """
     camera = camera_of(design)
-    centred = camera.lens.is_centred and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
+    centred = camera.lens.is_centred and camera.is_upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
     turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
     found = [undistorted_field(camera, angle=turn) for turn in turns]
     least = min(found, key=lambda bound: float(bound.mla_radius))

@@ -66,13 +66,13 @@ def decentred(lens: Prescription, element: int, x: float, y: float) -> Prescript
 
 def tilted(lens: Prescription, element: int, alpha: float, beta: float) -> Prescription:
     """An element turned by alpha about x, then beta about y [rad], about the middle of its axis."""
-    return _moved(lens, element, np.zeros(3), _rotation(alpha, beta))
+    return _moved(lens, element, np.zeros(3), rotation(alpha, beta))
 
 
 def turned(lens: Prescription, alpha: float, beta: float, pivot: float) -> Prescription:
     """The whole lens turned by alpha about x, then beta about y [rad], about the axis point at `pivot` along z [mm]."""
     members = tuple(range(len(lens.surfaces)))
-    return _carried(lens, members, np.array([0.0, 0.0, pivot]), np.zeros(3), _rotation(alpha, beta))
+    return _carried(lens, members, np.array([0.0, 0.0, pivot]), np.zeros(3), rotation(alpha, beta))
 
 
 def surface_tilted(lens: Prescription, surface: int, alpha: float, beta: float) -> Prescription:
@@ -96,7 +96,8 @@ def _moved(lens: Prescription, element: int, step: Array, rotation: Array) -> Pr
     return _carried(lens, members, (vertices[members[0]] + vertices[members[-1]]) / 2, step, rotation)
 
 
-def _rotation(alpha: float, beta: float) -> Array:
+def rotation(alpha: float, beta: float) -> Array:
+    """Matrix that turns by alpha about x, then by beta about y [rad], (3, 3)."""
     ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
     about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])

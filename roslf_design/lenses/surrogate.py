@@ -144,6 +144,10 @@ def fitted(
     """
     if not camera.lens.is_centred:
         raise LensError((Problem("main_lens", "is decentred or tilted: a surrogate needs symmetry; trace it"),))
+    if not camera.is_upright:
+        raise LensError(
+            (Problem("camera", "has tilted parts around the lens: a surrogate needs symmetry; trace it"),)
+        )
     colour = camera.wavelength if wavelength is None else wavelength
     domain = _domain(camera, field_radius, colour)
     train = _samples(camera, domain, colour, FIT_RAYS, held_out=False)
