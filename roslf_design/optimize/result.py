@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+from ..json_data import null_unless_finite
 from .conflicts import Conflict
 from .problem import Constraint, Goal
 from .robust import Spread, names_of
@@ -59,7 +59,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         ]
     if timings:
         data["seconds"] = {"solve": answer.seconds, "all": result.seconds}
-    finite: dict[str, Any] = _finite(data)
+    finite: dict[str, Any] = null_unless_finite(data)
     return finite
 
 
@@ -200,13 +200,3 @@ def _ranking(ranking: Ranking, timings: bool) -> dict[str, Any]:
         "best": rows,
     }
     return found | {"seconds": ranking.seconds} if timings else found
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
