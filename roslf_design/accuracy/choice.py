@@ -18,6 +18,7 @@ from ..design import Design
 from ..errors import InputError, Problem
 from .jobs import QUANTITIES, Job
 from .methods import Method, methods
+from .statement import check_accuracy
 from .table import Row, Table, current_table
 
 Floats = NDArray[np.float64]
@@ -78,19 +79,6 @@ class Answer:
             "seconds": self.seconds,
             "runs": self.runs,
         }
-
-
-def check_accuracy(accuracy: float) -> float:
-    """Refuse what is no accuracy.
-
-    Raises
-    ------
-    InputError
-        Not between 1e-15 and 1.
-    """
-    if not 1e-15 <= accuracy <= 1:
-        raise InputError((Problem("--accuracy", f"{accuracy:g} is out of range; give 1e-15 to 1, as 1e-3"),))
-    return accuracy
 
 
 def choose(

@@ -68,9 +68,9 @@ def diagrams(
     seed
         Of random methods and jobs.
     """
-    from ..accuracy.choice import check_accuracy
     from ..accuracy.honesty import try_choice
     from ..accuracy.jobs import QUANTITIES
+    from ..accuracy.statement import check_accuracy
     from ..accuracy.table import current_table
     from ..design import load
     from ..errors import InputError, Problem

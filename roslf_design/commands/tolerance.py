@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json as json_text
 import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +28,7 @@ def tolerance(
     seed: int | None = None,
     workers: int | None = None,
     trials: int | None = None,
+    accuracy: float | None = None,
     scheduler: str | None = None,
     resume: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
@@ -46,6 +49,9 @@ def tolerance(
         Processes; changes the time, never the results. Default: 1 for small runs, else one a core.
     trials
         Instead of the study's.
+    accuracy
+        Instead of a number of trials: what the yield and the ranks of quantiles may be off by, as 0.005 (in 95 % of
+        runs). 0.001 takes a million trials.
     scheduler
         Address of a Dask scheduler, or "local" for a cluster started here.
     resume
@@ -56,13 +62,20 @@ def tolerance(
     from ..tolerance.executors import ChunkLostError
     from ..tolerance.figures import pictures
     from ..tolerance.plan import load_plan
+    from ..tolerance.precision import precision, trials_for
     from ..tolerance.run import Where, analyse, npz_bytes, run_trials, save_worst, trial_arrays
 
     wrong = {"--seed": seed is not None and seed < 0, "--trials": trials is not None and trials < 1}
     wrong["--workers"] = workers is not None and workers < 1
     if any(wrong.values()):
         raise InputError(tuple(Problem(key, "must be a positive whole number") for key, bad in wrong.items() if bad))
+    if accuracy is not None and trials is not None:
+        raise InputError((Problem("--accuracy", "says how many trials there are, as does --trials; give one of them"),))
+    started = time.perf_counter()
     plan, description, grades = load_plan(study, trials=trials, seed=seed)
+    if accuracy is not None:
+        count = trials_for(accuracy, plan.draws.sampling)
+        plan, description, grades = load_plan(study, trials=count, seed=seed)
     where = Where(workers or _workers(plan.chunks), scheduler)
     with bar("trials", plan.trials) as tell:
         try:
@@ -71,6 +84,8 @@ def tolerance(
             print(f"roslf: {error}", file=sys.stderr)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
+    seconds = time.perf_counter() - started
+    result = replace(result, precision=precision(plan, tally, result.final, output, accuracy, seconds))
     text = _lines(result.to_dict())
     write_atomically(output / "results.json", (text + "\n").encode())
     write_atomically(output / "summary.txt", summary(result).encode())
@@ -79,11 +94,12 @@ def tolerance(
         write_atomically(output / name, content)
     write_atomically(output / "index.html", page(result, str(study)).encode())
     if json:
-        print(text)
+        timed = None if result.precision is None else result.precision.to_dict(times=True)
+        print(_lines(result.to_dict() | {"accuracy": timed}))
         return
     from rich.console import Console
 
-    print_result(result, Console())
+    print_result(result, Console(), times=True)
 
 
 def page(result: StudyResult, study: str) -> str:
@@ -98,15 +114,25 @@ def page(result: StudyResult, study: str) -> str:
     return render_html(Report(f"Tolerances of {plan.question.design.name}", plan.name, (section,)))
 
 
-def print_result(result: StudyResult, console: Console) -> None:
-    """Tables for a terminal."""
+def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
+    """Tables for a terminal; `times`: with how long it took, which differs from run to run."""
     from rich.table import Table
 
     from ..report.blocks import Table as Block
-    from ..tolerance.section import headline, limits_table, quantiles_table, rss_table, sobol_table, tolerances_table
+    from ..tolerance.section import (
+        headline,
+        limits_table,
+        quantiles_table,
+        rss_table,
+        sentence,
+        sobol_table,
+        tolerances_table,
+    )
 
     console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
     console.print(headline(result), highlight=False, soft_wrap=True)
+    if result.precision is not None:
+        console.print(sentence(result, times), highlight=False, soft_wrap=True)
     if result.scale_for_target is not None:
         scale, found = result.scale_for_target
         console.print(f"All tolerances times {scale:.3g} give a yield of {100 * found.value:.2f} %", highlight=False)

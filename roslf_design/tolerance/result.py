@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..json_data import null_unless_finite
 from .plan import Plan
+from .precision import Precision
 from .sensitivity import Allowed, Sensitivity
 from .sobol import SobolIndices
 from .study import Study
@@ -89,6 +91,8 @@ class StudyResult:
     """Columns with perturbations, shape (C, P)."""
     worst: tuple[WorstTrial, ...]
     warnings: tuple[str, ...]
+    precision: Precision | None = None
+    """Standard errors of the run; None where nobody asked."""
 
     @property
     def final(self) -> Variant:
@@ -111,6 +115,7 @@ class StudyResult:
             "trials": plan.trials,
             "fields_mm": [list(field) for field in plan.question.fields],
             "object_distance_mm": plan.question.object_distance,
+            "accuracy": None if self.precision is None else self.precision.to_dict(),
             "yield": {"value": self.final.result.value, "interval_95": [low, high], "of": self.final.name},
             "perturbations": [_perturbation(p) for p in plan.draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in plan.draws.correlations],
@@ -154,7 +159,7 @@ class StudyResult:
             "worst": [{"trial": w.number, "score": w.score, "file": w.file} for w in self.worst],
             "warnings": list(self.warnings),
         }
-        finite: dict[str, Any] = _finite(data)
+        finite: dict[str, Any] = null_unless_finite(data)
         return finite
 
 
@@ -212,13 +217,3 @@ def _sobol(found: SobolIndices, columns: list[str]) -> dict[str, Any]:
         "total_interval_95": found.total_interval.tolist(),
         "undefined_evaluations": found.undefined.tolist(),
     }
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

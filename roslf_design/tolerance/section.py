@@ -55,6 +55,14 @@ def headline(result: StudyResult) -> str:
     )
 
 
+def sentence(result: StudyResult, times: bool = False) -> str:
+    """How sure the run is, in words; empty where nobody asked."""
+    if result.precision is None:
+        return ""
+    words = result.precision.accuracy.sentence(times)
+    return words[0].upper() + words[1:]
+
+
 def _statements(result: StudyResult) -> Iterator[Statement]:
     target = result.study.yield_target
     good = result.final.result.value >= target
@@ -64,6 +72,9 @@ def _statements(result: StudyResult) -> Iterator[Statement]:
     elif not good:
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
     yield Statement("good" if good else "bad", f"{headline(result)}; wanted {100 * target:.4g} %.", remedy)
+    if result.precision is not None:
+        accuracy = result.precision.accuracy
+        yield Statement("caution" if accuracy.kept is False else "plain", f"{sentence(result)}.")
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(

@@ -5,10 +5,11 @@ import json
 import pytest
 
 import roslf_design as roslf
-from roslf_design.accuracy.choice import candidates, check_accuracy, choose, compute
+from roslf_design.accuracy.choice import candidates, choose, compute
 from roslf_design.accuracy.honesty import try_choice
 from roslf_design.accuracy.jobs import QUANTITIES, Job, panel_jobs
 from roslf_design.accuracy.references import reference
+from roslf_design.accuracy.statement import check_accuracy
 from roslf_design.accuracy.table import Row, Table, cache_file, calibrate, read_table, shipped_table
 from roslf_design.errors import InputError
 

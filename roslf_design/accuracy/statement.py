@@ -1,0 +1,90 @@
+"""What every result that was computed to an accuracy says of itself: method, expected and measured error, time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError, Problem
+
+LEAST = 1e-15
+
+
+def check_accuracy(accuracy: float, least: float = LEAST, why: str = "") -> float:
+    """Refuse what is no accuracy.
+
+    Parameters
+    ----------
+    accuracy : float
+        As asked for.
+    least : float
+        The finest that can be had.
+    why : str
+        What sets it; for the message.
+
+    Raises
+    ------
+    InputError
+        Not between `least` and 1.
+    """
+    if not least <= accuracy <= 1:
+        reason = f" ({why})" if why else ""
+        raise InputError(
+            (Problem("--accuracy", f"{accuracy:g} is out of range; give {least:g} to 1, as 1e-3{reason}"),)
+        )
+    return accuracy
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How far a result can be trusted."""
+
+    of: str
+    """What the errors are of, and in what unit."""
+    method: str
+    """How it was computed, with its effort."""
+    expected_error: float
+    """At most, or in 95 % of cases where chance is in it."""
+    measured_error: float | None = None
+    """None where measuring would cost as much again, or nothing is sampled."""
+    measured_by: str = ""
+    """How."""
+    asked: float | None = None
+    """None where no accuracy was asked for."""
+    seconds: float | None = None
+    """That the result took, checks included."""
+    scatter: float = 0.0
+    """Relative standard error of the measured error itself."""
+
+    @property
+    def kept(self) -> bool | None:
+        """Whether what was asked for is kept, by what is expected and what was measured; None where nothing was."""
+        if self.asked is None:
+            return None
+        measured = self.measured_error or 0.0
+        return self.expected_error <= self.asked and measured <= self.asked * (1 + 2 * self.scatter)
+
+    def to_dict(self, times: bool = False) -> dict[str, Any]:
+        """JSON-ready; `times` adds what differs from run to run, which files that repeat themselves leave out."""
+        found: dict[str, Any] = {
+            "of": self.of,
+            "asked": self.asked,
+            "method": self.method,
+            "expected_error": self.expected_error,
+            "measured_error": self.measured_error,
+            "measured_by": self.measured_by or None,
+            "kept": self.kept,
+        }
+        return found | ({"seconds": self.seconds} if times else {})
+
+    def sentence(self, times: bool = True) -> str:
+        """For a terminal or a page."""
+        words = f"{self.of}: expected within {self.expected_error:.2g}"
+        if self.asked is not None:
+            words += f" (asked for {self.asked:g})"
+        if self.measured_error is not None:
+            words += f", measured {self.measured_error:.2g} ({self.measured_by})"
+        words += f"; {self.method}"
+        if times and self.seconds is not None:
+            words += f"; {self.seconds:.2g} s"
+        return words + ("" if self.kept in (None, True) else ". Not kept: see the expected and the measured error")

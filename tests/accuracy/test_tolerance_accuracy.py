@@ -1,0 +1,125 @@
+"""`roslf tolerance --accuracy`: as many trials as it takes, and standard errors that are those of repeated runs."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roslf_design.cli import main
+from roslf_design.tolerance.plan import plan_from
+from roslf_design.tolerance.precision import precision, trials_for
+from roslf_design.tolerance.run import run_trials
+from roslf_design.tolerance.summary import summarise
+
+GOALS = [{"metric": "fill_factor", "max": 1.02}]
+PERTURB = [{"place": "sensor.distance", "tolerance": "0.06 mm"}]
+STUDY = """name = "short"
+design = "paper"
+trials = 2000
+sobol_samples = 0
+[[perturb]]
+place = "sensor.distance"
+tolerance = "0.06 mm"
+[[goals]]
+metric = "fill_factor"
+max = 1.02
+"""
+
+
+def run_of(folder, trials, seed=0, sampling="random", chunk=None):
+    plan = plan_from({"name": "s", "design": "paper", "goals": GOALS, "perturb": PERTURB, "trials": trials})
+    plan = replace(plan.with_draws(seed=seed, sampling=sampling), chunk=chunk or plan.chunk)
+    tally = run_trials(plan, folder)
+    return plan, tally, summarise(plan, tally)[-1]
+
+
+def test_standard_errors_are_the_spread_of_repeated_runs(tmp_path):
+    """100 runs of other seeds: the spread of their yields is known to 7 %, one run's measured error to 16 %."""
+    yields, medians, told = [], [], None
+    for seed in range(100):
+        folder = tmp_path / str(seed)
+        plan, tally, final = run_of(folder, 2000, seed)
+        yields.append(final.result.value)
+        medians.append(final.distributions[0].quantiles[3])
+        if seed == 0:
+            told = precision(plan, tally, final, folder, 0.05)
+    spread = np.std(yields, ddof=1)
+    assert told.yield_expected == pytest.approx(spread, rel=0.3)
+    assert told.yield_measured == pytest.approx(spread, rel=0.6)
+    assert told.rank_expected == pytest.approx(0.5 / np.sqrt(2000), rel=1e-12)
+    # The rank of a median is the share of one long run below it.
+    _, _, whole = run_of(tmp_path / "long", 200_000, 999)
+    column = whole.distributions[0]
+    ranks = np.interp(medians, column.quantiles, column.probabilities)
+    assert np.std(ranks, ddof=1) == pytest.approx(told.rank_expected, rel=0.3)
+    assert told.accuracy.kept
+
+
+def test_errors_measured_from_chunks_and_from_kept_trials_agree(tmp_path):
+    """Both estimate the same standard error, to a quarter and to a sixth."""
+    folder = tmp_path / "run"
+    plan, tally, final = run_of(folder, 40_000, chunk=2000)
+    chunks = precision(plan, tally, final, folder)
+    assert "20 chunks" in chunks.accuracy.measured_by
+    assert chunks.yield_measured == pytest.approx(chunks.yield_expected, rel=0.7)
+    assert chunks.rank_measured == pytest.approx(chunks.rank_expected, rel=0.7)
+    other = tmp_path / "other"
+    plan, tally, final = run_of(other, 40_000, chunk=20_000)
+    kept = precision(plan, tally, final, other)
+    assert "first 10000 trials, scaled" in kept.accuracy.measured_by
+    assert kept.rank_measured == pytest.approx(chunks.rank_measured, rel=0.8)
+    assert chunks.accuracy.asked is None
+    assert chunks.accuracy.kept is None
+
+
+@pytest.mark.parametrize("accuracy", [1.0, 0.3, 0.1, 0.01, 1e-3])
+def test_trials_are_enough_whatever_the_yield(accuracy):
+    from roslf_design.tolerance.yields import binomial_interval
+
+    n = trials_for(accuracy)
+    for passed in {0, n // 4, n // 2, n}:
+        low, high = binomial_interval(passed, n)
+        assert (high - low) / 2 <= accuracy
+    sobol = trials_for(accuracy, "sobol")
+    assert sobol & (sobol - 1) == 0
+    assert n <= sobol < 2 * n
+
+
+def test_a_study_to_an_accuracy(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY)
+    results = []
+    for name in ("one", "two"):
+        assert main(["tolerance", str(study), "-o", str(tmp_path / name), "--accuracy", "0.05", "--json"]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        assert printed["accuracy"]["seconds"] > 0
+        results.append((tmp_path / name / "results.json").read_bytes())
+    assert results[0] == results[1]  # times are told, not written
+    told = json.loads(results[0])
+    assert told["trials"] == trials_for(0.05)
+    assert told["accuracy"]["asked"] == 0.05
+    assert told["accuracy"]["expected_error"] <= 0.05
+    assert told["accuracy"]["measured_error"] > 0
+    assert "closed forms" in told["accuracy"]["method"]
+    page = (tmp_path / "one" / "index.html").read_text()
+    assert "asked for 0.05" in page
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])
+def test_no_accuracy_is_one_line_and_nothing_written(value, tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY)
+    assert main(["tolerance", str(study), "-o", str(tmp_path / "out"), "--accuracy", value]) == 2
+    told = capsys.readouterr().err
+    assert "--accuracy" in told
+    assert len(told.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_trials_and_accuracy_exclude_each_other(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY)
+    line = ["tolerance", str(study), "-o", str(tmp_path / "out"), "--accuracy", "0.1", "--trials", "10"]
+    assert main(line) == 2
+    assert "--trials" in capsys.readouterr().err
