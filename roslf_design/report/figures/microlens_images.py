@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...evaluation.fields import field_discs
 from ...evaluation.rims import axes_in_space, rims
-from ...microlens.cells import area_in_rectangle
+from ...microlens.coverage import coverage_image
 from ...microlens.discs import intersect, outline
 from ...microlens.lattice import cell_polygon
 from ...theory.pupils import microlens_image_pitch
@@ -60,27 +60,32 @@ def image_view(design: Design, place: tuple[float, float]) -> ImageView:
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
     (axis,) = axes_in_space(design, [place])
-    x, y = (
-        _pixel_edges(design, side, centres[0, side] + axis[side] - half, centres[0, side] + axis[side] + half)
-        - axis[side]
-        for side in (0, 1)
-    )
-    low = np.stack(np.meshgrid(x[:-1], y[:-1]), axis=-1)
-    high = np.stack(np.meshgrid(x[1:], y[1:]), axis=-1)
-    area = area_in_rectangle(centres, radii, low, high) if low.size else np.zeros(low.shape[:2])
+    middle = centres[0] + axis
+    columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
+    x, y = (_edges(design, side, seen) - axis[side] for side, seen in enumerate((columns, rows)))
+    coverage = coverage_image(
+        axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
+        window=(rows, columns),
+    )  # fmt: skip
     image = intersect(centres, radii)
-    on_sensor = float(area.sum() / image.area) if image.lit else 1.0
-    coverage, kept = area / design.q**2, float(image.kept_fraction)
-    return ImageView(centres, radii, outline(centres, radii), cell, x, y, coverage, kept, on_sensor, half)
+    on_sensor = float(coverage.sum() * design.q**2 / image.area) if image.lit else 1.0
+    kept = float(image.kept_fraction)
+    shares = np.asarray(coverage, float)
+    return ImageView(centres, radii, outline(centres, radii), cell, x, y, shares, kept, on_sensor, half)
 
 
-def _pixel_edges(design: Design, side: int, low: float, high: float) -> Floats:
-    """Edges between pixels from the one that holds `low` to the one that holds `high` [mm]; those on the sensor."""
+def _pixels_within(design: Design, side: int, low: float, high: float) -> slice:
+    """Pixels from the one that holds `low` to the one that holds `high` [mm]; those on the sensor."""
     count = design.pixels[side]
     start = design.sensor.decentre[side] - count * design.q / 2
     first, last = math.floor((low - start) / design.q), math.ceil((high - start) / design.q)
-    first, last = min(max(first, 0), count), min(max(last, 0), count)
-    return np.asarray(start + design.q * np.arange(first, last + 1), float)
+    return slice(min(max(first, 0), count), min(max(last, 0), count))
+
+
+def _edges(design: Design, side: int, seen: slice) -> Floats:
+    """Edges between these pixels [mm], one more than there are pixels."""
+    start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
+    return np.asarray(start + design.q * np.arange(seen.start, seen.stop + 1), float)
 
 
 def plot_microlens_image(
