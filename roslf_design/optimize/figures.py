@@ -11,6 +11,7 @@ from .pareto import Front
 from .problem import Goal
 from .robust import Robust
 from .run import Bore, Result
+from .words import in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,8 +79,7 @@ def _plain_ticks(axis: object) -> None:
 
 def _axis(goal: Goal) -> str:
     unit = f" [{goal.quantity.unit}]" if goal.quantity.unit else ""
-    words = goal.label.replace("_mm", "").replace("_", " ")
-    return f"{words}{unit} ({'less' if goal.direction == 'min' else 'more'} is better)"
+    return f"{in_words(goal.label)}{unit} ({'less' if goal.direction == 'min' else 'more'} is better)"
 
 
 def plot_bore(bore: Bore) -> Figure:
@@ -108,7 +108,7 @@ def plot_robust(robust: Robust) -> Figure:
         ax.barh(places + shift, values, 0.36, color=colour, label=label)
         for place, value in zip(places + shift, values, strict=True):
             ax.text(value + 1, place, f"{value:.1f} %", va="center", fontsize=8)
-    ax.set_yticks(places, [str(row[0]) for row in rows])
+    ax.set_yticks(places, [in_words(str(row[0])) for row in rows])
     ax.set_xlim(0, 118)
     ax.set_xticks(range(0, 101, 20))
     ax.set_xlabel("builds that hold it [%]")

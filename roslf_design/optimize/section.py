@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
 from ..report.figures.style import to_svg
@@ -12,6 +13,7 @@ from .pareto import Front
 from .problem import Constraint, Goal
 from .run import Result
 from .solve import Answer
+from .words import in_words
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -48,6 +50,11 @@ def optimize_section(result: Result, command: str = "") -> Section:
 
 def statements(result: Result) -> Iterator[Statement]:
     """The answer in sentences."""
+    for statement in _statements(result):
+        yield replace(statement, text=in_words(statement.text), remedy=in_words(statement.remedy))
+
+
+def _statements(result: Result) -> Iterator[Statement]:
     answer = result.answer
     if answer.feasible:
         reached = ", ".join(f"{goal.label} = {_value(answer, goal)}" for goal in answer.asked.goals)
@@ -137,7 +144,7 @@ def _price(result: Result) -> Statement:
     for goal in answer.asked.goals:
         after = float(goal.values(answer.problem.cameras(robust.unit[None])).ravel()[0])
         unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
-        costs.append(f"{goal.label} {answer.number(goal):.4g} -> {after:.4g}{unit}")
+        costs.append(f"{goal.label} {answer.number(goal):.4g} → {after:.4g}{unit}")
     text = (
         f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
         f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
@@ -147,6 +154,12 @@ def _price(result: Result) -> Statement:
 
 def tables(result: Result) -> Iterator[Table]:
     """The tables of a study."""
+    for table in _tables(result):
+        rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
+        yield replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings))
+
+
+def _tables(result: Result) -> Iterator[Table]:
     answer = result.answer
     yield _variables(result)
     yield _held(answer)
@@ -167,9 +180,9 @@ def _variables(result: Result) -> Table:
     rows = []
     values = answer.variables()
     for index, variable in enumerate(answer.problem.variables):
-        row = [variable.name, f"{variable.low:.5g}", f"{values[variable.name]:.7g}", f"{variable.high:.5g}"]
+        row = [variable.name, f"{variable.low:.5g}", f"{values[variable.name]:.5g}", f"{variable.high:.5g}"]
         if robust is not None:
-            row.append(f"{float(answer.problem.values(robust.unit[None])[variable.place][0]):.7g}")
+            row.append(f"{float(answer.problem.values(robust.unit[None])[variable.place][0]):.5g}")
         rows.append(tuple(row))
         assert index < answer.problem.n
     heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(["robust [mm]"] if robust is not None else []))
@@ -178,17 +191,17 @@ def _variables(result: Result) -> Table:
 
 
 def _held(answer: Answer) -> Table:
-    rows = [
-        (goal.label, "", f"{answer.number(goal):.6g}", "", goal.quantity.unit, f"goal: {goal.direction}")
-        for goal in answer.asked.goals
-    ]
-    for constraint in answer.asked.constraints:
-        low = "" if constraint.low is None else f"{constraint.low:.6g}"
-        high = "" if constraint.high is None else f"{constraint.high:.6g}"
-        value = answer.number(constraint)
-        shown = "0" if abs(value) < 1e-9 else f"{value:.6g}"
-        rows.append((constraint.label, low, shown, high, constraint.quantity.unit, ""))
-    return Table(tuple(rows), "ldddll", ("quantity", "min", "value", "max", "unit", ""), "Goals and limits")
+    wanted = {goal.label: "least" if goal.direction == "min" else "most" for goal in answer.asked.goals}
+    limited = {constraint.label for constraint in answer.asked.constraints}
+    parts: list[Goal | Constraint] = [goal for goal in answer.asked.goals if goal.label not in limited]
+    rows = []
+    for part in [*parts, *answer.asked.constraints]:
+        low, high = (part.low, part.high) if isinstance(part, Constraint) else (None, None)
+        value = answer.number(part)
+        shown = "0" if abs(value) < 1e-9 else f"{value:.5g}"
+        limits = ["" if limit is None else f"{limit:.6g}" for limit in (low, high)]
+        rows.append((part.label, limits[0], shown, limits[1], part.quantity.unit, wanted.get(part.label, "")))
+    return Table(tuple(rows), "ldddll", ("quantity", "min", "value", "max", "unit", "goal"), "Goals and limits")
 
 
 def _active(answer: Answer) -> Table:
