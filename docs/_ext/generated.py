@@ -38,19 +38,41 @@ PACKAGES = {
 
 def design_file() -> str:
     """Every table of a design file."""
-    from roslf_design.design import Light, MainLens, MicrolensArray, Sensor, Stop
+    from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 
+    lens = {
+        "prescription": PRESCRIPTION,
+        "diameter": "D, clear aperture. With a prescription it may be left out, and is then the lens's own; a smaller "
+        "one is a stop at the lens.",
+        "tilt": TILT,
+    }
+    whole = {
+        "main_lens": "Table `[main_lens]`.",
+        "aperture": "Table `[aperture]`: the flexible angular plane (FAP), the system's entrance pupil.",
+        "stops": "Tables `[[stops]]`: further rims of a real bore.",
+        "microlens_array": "Table `[microlens_array]`.",
+        "sensor": "Table `[sensor]`.",
+        "light": "Table `[light]`.",
+    }
     tables = (
-        ("[main_lens]", MainLens, {"prescription": PRESCRIPTION}),
-        ("[aperture]", Stop, {}),
-        ("[[stops]]", Stop, {"diameter": "Of the rim [mm].", "distance": "In front of the main lens [mm]."}),
-        ("[microlens_array]", MicrolensArray, {}),
-        ("[sensor]", Sensor, {}),
+        ("the file", Design, whole),
+        ("[main_lens]", MainLens, lens),
+        ("[aperture]", Stop, {"tilt": TILT}),
+        (
+            "[[stops]]",
+            Stop,
+            {"diameter": "Of the rim [mm].", "distance": "In front of the main lens [mm].", "tilt": TILT},
+        ),
+        ("[microlens_array]", MicrolensArray, {"tilt": TILT}),
+        ("[sensor]", Sensor, {"tilt": TILT}),
         ("[light]", Light, {}),
     )
-    return "\n".join(f"### {code(head)}\n\n{keys_table(model, own)}" for head, model, own in tables)
+    return "\n".join(
+        f"### {code(head) if '[' in head else 'The file'}\n\n{keys_table(model, own)}" for head, model, own in tables
+    )
 
 
+TILT = "Of the part's normal from z: by the first about x, then by the second about y [rad]."
 PRESCRIPTION = (
     'A real lens: the name of one that ships (`"LA1050-A"`), a lens file (`.toml` or `.zmx`, relative to the design '
     "file), or the lens as a table with a lens file's keys. Left out: the ideal thin lens."
@@ -65,13 +87,9 @@ def scene_file() -> str:
 
     own = {"objects": "Tables `[[objects]]`, each with its `kind`; at least one.", "light": "Table `[light]`."}
     parts = [f"### The file\n\n{keys_table(Scene, own)}", f"### `[light]`\n\n{keys_table(SceneLight)}"]
-    parts += [f'### `[[objects]]`, kind "{n}"\n\n{_about(m)}\n\n{_textured(keys_table(m))}' for n, m in OBJECTS.items()]
+    parts += [f'### `[[objects]]`, kind "{n}"\n\n{_about(m)}\n\n{keys_table(m)}' for n, m in OBJECTS.items()]
     parts += [f'### `texture`, kind "{name}"\n\n{_about(m)}\n\n{keys_table(m)}' for name, m in TEXTURES.items()]
     return "\n".join(parts)
-
-
-def _textured(table: str) -> str:
-    return re.sub(r"table, see Uniform.*?(?= \|)", "table, see `texture` below", table)
 
 
 def _about(kind: type) -> str:
@@ -105,7 +123,7 @@ def tolerance_study() -> str:
     }
     heads = ("The file", Study), ("`[[perturb]]`", Perturb), ("`[[groups]]`", Group), ("`[[goals]]`", Goal)
     parts = [
-        f"### {head}\n\n{plain(_first(kind))}\n\n{_tables(keys_table(kind, own[kind]))}"
+        f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, own[kind])}"
         for head, kind in (*heads, ("`[[compensators]]`", Compensate))
     ]
     rows = [
@@ -116,10 +134,6 @@ def tolerance_study() -> str:
 
 def _first(kind: type) -> str:
     return " ".join((kind.__doc__ or "").split("\n\n")[0].split())
-
-
-def _tables(table: str) -> str:
-    return re.sub(r"(list of )?table, see \w+", lambda m: "tables" if m[1] else "table", table)
 
 
 def optimise_study() -> str:
@@ -198,10 +212,7 @@ def optimise_study() -> str:
             },
         ),
     }
-    parts = [
-        f"### {head}\n\n{plain(_first(kind))}\n\n{_tables(keys_table(kind, told))}"
-        for head, (kind, told) in own.items()
-    ]
+    parts = [f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, told)}" for head, (kind, told) in own.items()]
     rows = [
         (code(q.name), q.unit, {"never": "", "optional": "may", "needed": "must"}[q.at], plain(q.meaning))
         for q in QUANTITIES.values()
@@ -216,7 +227,31 @@ def evaluation_json() -> str:
     """The JSON of `roslf evaluate`."""
     from roslf_design.evaluation import Evaluation
 
-    return results_table(Evaluation)
+    return results_table(Evaluation, JSON)
+
+
+JSON = {
+    "microlens_image.diameter_px": "The same in pixels.",
+    "fields[].ray_budget.fap": "Past the FAP: all of those that fill it.",
+    "fields[].ray_budget.main_lens": "Of these, past the main lens.",
+    "depth.disparity_pitches_per_mm": "Disparity between the FAP's rims per depth [microlens pitches/mm].",
+    "depth.sigma_z_mm": "Standard deviation of depth that a disparity error of sigma_disparity_pitches makes.",
+    "diffraction.airy_radius_px": "1.22 lambda d_2/d, on the sensor.",
+    "effects[].name": "One of those under Effects.",
+    "effects[].estimate": "Its size here.",
+    "effects[].unit": "px on the sensor, pitch on the array, intensity as a share of full scale.",
+    "effects[].budget": "Below this it may be left out.",
+    "effects[].on": "Whether a rendering has it on.",
+    "effects[].reason": "In words, with the numbers.",
+    "verdicts[].name": "f_number_matched, field_undistorted, views_resolved; with a real lens thin_lens_holds.",
+    "verdicts[].ok": "Whether the answer is yes.",
+    "warnings": "What is no error but must not go unsaid; empty as a rule.",
+    "real_lens.focal_length_mm": "At the design's wavelength.",
+    "real_lens.back_focal_length_mm": "Last vertex to the image-side focus.",
+    "real_lens.fields[].widening_percent": "The same as a percentage.",
+    "real_lens.fields[].sagittal_focus_pitches": "The same across it.",
+    "real_lens.left_out": "What the trace does not hold.",
+}
 
 
 def effects() -> str:
@@ -262,11 +297,11 @@ def errors() -> str:
         ("a size of zero", 'diameter = "50.8 mm"', 'diameter = "0 mm"'),
         ("a key that is not known", "focal_plane", "focal_plain"),
         ("a key that is missing", 'pixel = "4.847826 um"\n', ""),
-        ("f, d_f and d_1 that contradict each other", 'focal_plane = "350 mm"', 'focal_plane = "300 mm"'),
+        ("lengths f, d_f and d_1 that contradict each other", 'focal_plane = "350 mm"', 'focal_plane = "300 mm"'),
         ("a focal plane within f", 'focal_plane = "350 mm"', 'focal_plane = "90 mm"'),
         ("the object inside the bore", 'distance = "120 mm"', 'distance = "400 mm"'),
         ("a word that is not known", "[sensor]", 'layout = "round"\n\n[sensor]'),
-        ("two digits too many brackets: no TOML", "[sensor]", "[sensor"),
+        ("text that is no TOML", "[sensor]", "[sensor"),
     )
     found = []
     for what, old, new in changes:
@@ -276,12 +311,10 @@ def errors() -> str:
         try:
             roslf.loads(changed.replace(old, new, 1), origin="my.toml")
         except roslf.DesignError as error:
-            found.append((what.replace("two digits too many brackets: no TOML", "text that is no TOML"), str(error)))
+            found.append((what, str(error)))
         else:
             raise ValueError(f"{what} is not refused")
-    return "\n".join(
-        f"**{what.capitalize() if what[1] != ',' else what}**\n\n```text\n{said}\n```\n" for what, said in found
-    )
+    return "\n".join(f"**{what[0].upper()}{what[1:]}**\n\n```text\n{said}\n```\n" for what, said in found)
 
 
 def commands() -> str:
@@ -297,6 +330,7 @@ def commands() -> str:
         text = re.sub(r"^## Table of Contents\n.*?(?=^\*\*|^#)", "", text, flags=re.M | re.S)
         text = re.sub(r"^\*\*Commands\*\*:\n\n(\* .*\n)+", "", text, flags=re.M)
         text = "\n".join(_headed(name, line) for line in text.splitlines())
+        text = re.sub(r"^roslf (\S+ \S+) -m \w+ ", r"roslf \1 ", text, flags=re.M)
         example = f"\nExample:\n\n```sh\n{COMMANDS[name].example}\n```\n"
         head, _, rest = text.partition("\n### ")
         parts.append(head.rstrip() + "\n" + example + ("\n### " + rest if rest else ""))

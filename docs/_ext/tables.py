@@ -13,9 +13,11 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
+from roslf_design.design.real_lens import Lens
 from roslf_design.design.units import Angle, AnyLength, Distance, Length, format_quantity
+from roslf_design.tolerance.study import FieldPlace
 
-LENGTHS = ((Length, "length > 0"), (Distance, "length ≥ 0"), (AnyLength, "length, either sign"))
+LENGTHS = ((Length, "length > 0"), (Distance, "length ≥ 0"), (AnyLength, "length"))
 
 
 class UndescribedError(ValueError):
@@ -57,13 +59,36 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
             raise UndescribedError(f"{model.__name__}.{name} is described neither in the code nor on the page")
         needed = field.is_required() or field.validate_default
         default = "**needed**" if needed else _default(field.get_default(call_default_factory=True), hints[name])
-        rows.append((code(name), takes(hints[name]), default, plain(told[name])))
+        # In a file a length carries its own unit.
+        meaning = re.sub(r" ?\[(mm|rad)\]", "", re.sub(r"\bNone\b", "left out", told[name])).strip(" .")
+        meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
+        rows.append((code(name), takes(hints[name]), default, plain(meaning)))
     return markdown(("key", "takes", "default", "meaning"), rows)
 
 
-def results_table(kind: type, prefix: str = "") -> str:
-    """A result's JSON keys, nested ones under their path."""
-    return markdown(("key", "type", "meaning"), list(_result_rows(kind, prefix)))
+def results_table(kind: type, own: Mapping[str, str]) -> str:
+    """A result's JSON keys, nested ones under their path.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass that becomes the JSON object.
+    own : mapping
+        What to say of paths that the code leaves undescribed.
+    """
+    rows = [(key, shape, _as_json(about or own.get(key, ""))) for key, shape, about in _result_rows(kind, "")]
+    blank = [key for key, _, about in rows if not about]
+    if blank:
+        raise UndescribedError(f"described neither in the code nor on the page: {', '.join(blank)}")
+    return markdown(("key", "type", "meaning"), ((code(key), shape, plain(about)) for key, shape, about in rows))
+
+
+def _as_json(text: str) -> str:
+    return re.sub(
+        r"\binfinite\b",
+        "null (infinite)",
+        re.sub(r"\bInfinite\b", "Null (infinite)", re.sub(r"\bNone\b", "null", text)),
+    )
 
 
 def _result_rows(kind: type, prefix: str) -> Iterator[tuple[str, str, str]]:
@@ -77,10 +102,10 @@ def _result_rows(kind: type, prefix: str) -> Iterator[tuple[str, str, str]]:
             summary = _first_paragraph(inner)
             about = f"{about} {summary}".strip() if about != summary else about
             shape = "list of objects" if many else "object"
-            yield code(prefix + field.name), shape + (" or null" if optional else ""), plain(about)
+            yield prefix + field.name, shape + (" or null" if optional else ""), about
             yield from _result_rows(inner, f"{prefix}{field.name}{'[]' if many else ''}.")
         else:
-            yield code(prefix + field.name), _json_type(hint), plain(about)
+            yield prefix + field.name, _json_type(hint), about
 
 
 def _first_paragraph(kind: type) -> str:
@@ -110,7 +135,10 @@ def _json_type(hint: Any) -> str:
 
 def takes(hint: Any) -> str:
     """What a key may hold, in words."""
-    for known, words in (*LENGTHS, (Angle, "angle, either sign")):
+    for known, words in (*LENGTHS, (Angle, "angle")):
+        if hint == known:
+            return words
+    for known, words in ((Lens, "text or table"), (FieldPlace, "name or [length, length]")):
         if hint == known:
             return words
     origin, parts = get_origin(hint), get_args(hint)
@@ -122,14 +150,15 @@ def takes(hint: Any) -> str:
     if origin is Literal:
         return " or ".join(code(f'"{part}"' if isinstance(part, str) else str(part)) for part in parts)
     if origin is tuple:
+        words = takes(parts[0])
         if parts[-1] is Ellipsis:
-            return f"list of {takes(parts[0])}"
-        return f"[{', '.join(takes(part) for part in parts)}]"
+            return "tables" if words == "table" else f"list of {words}"
+        return f"[{words}, the same]" if set(parts) == {parts[0]} else f"[{', '.join(map(takes, parts))}]"
     if origin is dict:
         return "table"
     if isinstance(hint, type) and issubclass(hint, BaseModel):
-        return f"table, see {hint.__name__}"
-    simple = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text", Any: "value"}
+        return "table"
+    simple = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text", Any: "text or number"}
     return simple.get(hint, getattr(hint, "__name__", str(hint)).lower())
 
 
@@ -153,8 +182,8 @@ def _default(value: Any, hint: Any) -> str:
         return "none"
     if isinstance(value, bool):
         return code(str(value).lower())
-    if isinstance(value, BaseModel):
-        return "as below"
+    if isinstance(value, BaseModel) or (isinstance(value, tuple) and value and isinstance(value[0], BaseModel)):
+        return "as below" if isinstance(value, BaseModel) else "a white field"
     if value == ():
         return "none"
     if isinstance(value, tuple):
