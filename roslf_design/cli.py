@@ -57,6 +57,10 @@ COMMANDS = {
         "How far numbers can be trusted, and what accuracy costs in time.",
         "roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy",
     ),
+    "explore": Command(
+        "Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.",
+        "roslf explore designs/paper.toml",
+    ),
     "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""

@@ -1,0 +1,72 @@
+"""`roslf explore`."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+from typing import Annotated
+
+from cyclopts import Parameter
+
+PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
+"""What the explorer needs beyond the rest of the library."""
+
+
+def explore(
+    design: str = "paper",
+    /,
+    *,
+    port: int | None = None,
+    host: str = "127.0.0.1",
+    browser: Annotated[bool, Parameter(negative="--no-browser")] = True,
+) -> None:
+    """Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.
+
+    Parameters
+    ----------
+    design
+        A design file, or the name of a preset (see `roslf presets`).
+    port
+        Where to listen; 0 lets the system choose. Default: the first free one from 8517 on.
+    host
+        Address to listen on. The default is reached from this machine only.
+    browser
+        Whether to open the page in the browser.
+    """
+    import asyncio
+
+    from ..design import load
+
+    check_packages()
+    loaded = load(design)
+    from ..explorer.front import application, is_local, serve
+    from ..explorer.session import Session
+
+    def ready(address: str) -> None:
+        print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)
+        if not is_local(host):
+            print(f"roslf: with --host {host} everyone who reaches this machine can use it", file=sys.stderr)
+        if browser:
+            import webbrowser
+
+            webbrowser.open(address)
+
+    asyncio.run(serve(application(lambda: Session(loaded), host), host, port, ready))
+
+
+def check_packages() -> None:
+    """Tell what to install where the web app's packages are missing.
+
+    Raises
+    ------
+    InputError
+        Names them, and the command.
+    """
+    from ..errors import InputError, Problem
+
+    missing = [name for name in PACKAGES if find_spec(name) is None]
+    if missing:
+        names = " ".join(name.replace("_", "-") for name in missing)
+        raise InputError(
+            (Problem("explore", f"needs packages that are not installed; install them: pip install {names}"),)
+        )

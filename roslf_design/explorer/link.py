@@ -1,0 +1,122 @@
+"""A link that brings a state back: the design and what of it is looked at, packed into the address."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import zlib
+from dataclasses import dataclass
+from typing import Any, cast
+
+from ..design import Design, DesignError, dumps, loads
+from .fields import CONJUGATE
+from .state import Follower, Place, State, start
+
+VERSION = "1"
+LIMIT = 200_000
+"""Largest unpacked link [bytes]: one from elsewhere must not fill the memory."""
+
+TABS = {
+    "camera": "Camera",
+    "depth": "Depth and effects",
+    "tolerance": "Tolerance",
+    "optimise": "Optimise",
+    "space": "3D",
+}
+"""Views of the explorer with their labels, first the one it opens with."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What of a design is looked at; not part of what undo takes back."""
+
+    tab: str = "camera"
+    place: Place = "centre"
+    """The microlens whose image is shown."""
+    diffraction: bool = True
+    pixels: bool = True
+
+
+class LinkError(ValueError):
+    """A link that cannot be read; says why."""
+
+
+def encode(state: State, look: Look) -> str:
+    """Text of letters, digits, - and _ that `decode` turns into an equal design, follower and look."""
+    content = {"design": dumps(state.design), "follows": state.follows, "look": _plain(look)}
+    if state.reference != state.design:
+        content["reference"] = dumps(state.reference)
+    packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
+    return VERSION + base64.urlsafe_b64encode(packed).decode().rstrip("=")
+
+
+def decode(text: str) -> tuple[State, Look]:
+    """What `encode` packed.
+
+    Raises
+    ------
+    LinkError
+        Cut off, changed, of another version, or holding no design.
+    """
+    if not text.startswith(VERSION):
+        raise LinkError("the link is not one of this version of the explorer; make it again there")
+    try:
+        content = json.loads(_unpacked(text[len(VERSION) :]))
+        state = start(_design(content["design"]), _follower(content["follows"]))
+        if "reference" in content:
+            state = State(state.design, _design(content["reference"]), state.follows)
+        return state, _look(content["look"])
+    except DesignError as error:
+        raise LinkError(f"the link's design cannot be used: {error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise LinkError("the link is cut off or changed; copy it again, whole") from None
+
+
+def _unpacked(text: str) -> bytes:
+    try:
+        packed = base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
+        reader = zlib.decompressobj()
+        content = reader.decompress(packed, LIMIT)
+    except (binascii.Error, zlib.error) as error:
+        raise ValueError(str(error)) from None
+    if reader.unconsumed_tail or not reader.eof:
+        raise ValueError("cut off, or too large")
+    return content
+
+
+def _design(text: Any) -> Design:
+    return loads(str(text), "link")
+
+
+def _follower(text: Any) -> Follower:
+    if text not in CONJUGATE:
+        raise ValueError(f"{text!r} does not follow")
+    return cast("Follower", text)
+
+
+def _plain(look: Look) -> dict[str, Any]:
+    return {"tab": look.tab, "place": look.place, "diffraction": look.diffraction, "pixels": look.pixels}
+
+
+def _look(data: Any) -> Look:
+    place, tab = data["place"], data["tab"]
+    if tab not in TABS:
+        raise ValueError(f"no page {tab!r}")
+    return Look(tab, read_place(place), bool(data["diffraction"]), bool(data["pixels"]))
+
+
+def read_place(place: Any) -> Place:
+    """A microlens by its name or its two coordinates [mm].
+
+    Raises
+    ------
+    ValueError
+        Neither.
+    """
+    if place in ("centre", "edge", "corner"):
+        return cast("Place", place)
+    x, y = (float(value) for value in place)
+    if not (abs(x) < 1e6 and abs(y) < 1e6):
+        raise ValueError("a place on the MLA is two finite numbers")
+    return x, y

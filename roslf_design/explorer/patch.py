@@ -1,0 +1,70 @@
+"""A few pixels of the white image around one microlens, with diffraction, quickly enough for a slider."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design
+from ..effects import plan
+from ..imaging.camera import planned_design
+from ..imaging.convolve import fineness
+from ..imaging.grid import Region
+from ..imaging.transfer import MicrolensTransfer
+from ..imaging.white import FRAME, WhiteGeometry
+
+Floats = NDArray[np.float64]
+
+NEIGHBOURS = 1.5
+"""Microlens pitches around the patch that lend their light."""
+MOST = 400
+"""Subpixels across the patch and its surroundings."""
+KEPT = ("+microlens_diffraction", "+overlap")
+"""What is on whatever its size."""
+
+
+class Patch(NamedTuple):
+    """Part of the sensor under uniform light."""
+
+    columns: slice
+    rows: slice
+    """Which pixels."""
+    values: Floats
+    """Relative intensities, 1 where geometry lights a whole pixel; shape (rows, columns)."""
+
+
+def white_patch(design: Design, columns: slice, rows: slice) -> Patch:
+    """Pixels of the white image with diffraction at the microlenses.
+
+    Parameters
+    ----------
+    design : Design
+        Tilts and aberrations are left out.
+    columns, rows : slice
+        Pixels of the sensor, counted from its left and its lower edge.
+
+    Returns
+    -------
+    Patch
+        As `imaging.render.render` with a white scene has it, but for light of microlenses more than `NEIGHBOURS`
+        pitches away, for which those on the other side stand in: within about 1e-2 of full scale.
+    """
+    seen = design.thin_twin
+    effects = plan(seen, overrides=KEPT)
+    seen = planned_design(seen, effects)
+    transfer = MicrolensTransfer.of(seen, effects)
+    wide, high = columns.stop - columns.start, rows.stop - rows.start
+    if wide <= 0 or high <= 0:
+        return Patch(columns, rows, np.zeros((max(high, 0), max(wide, 0))))
+    halo = min(FRAME, math.ceil(NEIGHBOURS * seen.d / seen.q))
+    fine = max(1, min(fineness(transfer, seen.q), MOST // (max(wide, high) + 2 * halo)))
+    region = Region(columns.start - halo, rows.start - halo, wide + 2 * halo, high + 2 * halo)
+    light = WhiteGeometry.of(seen, effects).image(region, fine)
+    step = seen.q / fine
+    frequency_y, frequency_x = np.fft.fftfreq(light.shape[0], step), np.fft.rfftfreq(light.shape[1], step)
+    wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
+    pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))
+    return Patch(columns, rows, np.maximum(pixels[halo:-halo, halo:-halo], 0.0))

@@ -1,0 +1,225 @@
+"""What one tab does: requests of the page in, the page's values out. Holds the tab's history; draws what is seen."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from ..design import Design, DesignError, load, loads, preset_names
+from ..errors import InputError
+from . import state as states
+from .drawing import DRAWINGS, Size, fitting
+from .fields import BY_SYMBOL, reach, value_at
+from .history import History, record, redo, undo
+from .link import TABS, LinkError, Look, decode, read_place
+from .pictures.axes import Picture
+from .pictures.theme import ThemeName
+from .state import State
+from .view import controls, header, looked_at
+
+MOST_TEXT = 1_000_000
+"""Largest design file that is taken [characters]."""
+
+
+class Session:
+    """The state of one tab, and the requests that change it.
+
+    Parameters
+    ----------
+    design : Design
+        What it opens with, unless the address brings a state of its own.
+    """
+
+    requests = (
+        *(
+            "opened",
+            "restore",
+            "slide",
+            "write",
+            "follow",
+            "undo",
+            "redo",
+            "preset",
+            "load_text",
+            "load_path",
+            "dismiss",
+        ),
+        *("show_tab", "choose", "switch", "resize", "set_theme"),
+    )
+    """Methods that the page may call."""
+
+    def __init__(self, design: Design) -> None:
+        self._history = History(states.start(design))
+        self._look = Look()
+        self._theme: ThemeName = "light"
+        self._sizes: dict[str, Size] = {name: drawing.size for name, drawing in DRAWINGS.items()}
+        self._drawn: dict[str, tuple[Any, Picture | None]] = {}
+        self._children: set[asyncio.subprocess.Process] = set()
+        self.on_news: Callable[[], None] = lambda: None
+        """Called when something is to be shown that nobody asked for."""
+
+    @property
+    def state(self) -> State:
+        """The present state."""
+        return self._history.present
+
+    @property
+    def design(self) -> Design:
+        """The last good design."""
+        return self.state.design
+
+    def page(self) -> dict[str, Any]:
+        """Values of the whole page; pictures only of the tab that is shown."""
+        pictures = {
+            f"picture_{name.replace('-', '_')}": self._draw(name)
+            for name, drawing in DRAWINGS.items()
+            if drawing.tab == self._look.tab or name not in self._drawn
+        }
+        return {
+            **header(self._history),
+            **controls(self.state),
+            **looked_at(self.state, self._look),
+            **pictures,
+            "presets": list(preset_names()),
+            "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
+            "theme": self._theme,
+        }
+
+    def picture(self, name: str, theme: ThemeName) -> str | None:
+        """A picture as a file of its own; None where there is none of that name."""
+        drawing = DRAWINGS.get(name)
+        if drawing is None:
+            return None
+        return drawing.make(drawing.inputs(self.state, self._look), theme, self._sizes[name]).svg
+
+    def close(self) -> None:
+        """End all that runs for this tab."""
+        for process in self._children:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+
+    @contextlib.contextmanager
+    def owning(self, process: asyncio.subprocess.Process) -> Iterator[None]:
+        """Let a process end with the tab."""
+        self._children.add(process)
+        try:
+            yield
+        finally:
+            self._children.discard(process)
+            if process.returncode is None:
+                process.kill()
+
+    # Requests: what the page may ask.
+
+    def restore(self, link: str) -> None:
+        """Take the state that a link brings."""
+        try:
+            state, self._look = decode(link)
+        except LinkError as error:
+            self._tell(str(error))
+        else:
+            self._go(state)
+
+    def opened(self, link: str, theme: str, sizes: dict[str, Sequence[float]]) -> None:
+        """The page is there: take the state that its address brings, and its theme and room."""
+        self.set_theme(theme)
+        self.resize(sizes)
+        if link:
+            self.restore(link)
+
+    def slide(self, symbol: str, place: float, gesture: str) -> None:
+        """Move a slider; all of one gesture is one step back."""
+        field = BY_SYMBOL[symbol]
+        value = value_at(field, float(place), reach(field, self.state.reference, self.design))
+        self._go(states.set_value(self.state, symbol, value), gesture)
+
+    def write(self, symbol: str, text: str) -> None:
+        """Type into a number field."""
+        self._go(states.edit(self.state, symbol, str(text)))
+
+    def follow(self, symbol: str) -> None:
+        """Choose which of f, d_1, d_f follows."""
+        self._go(states.follow(self.state, symbol))
+
+    def undo(self) -> None:
+        """One step back."""
+        self._history = undo(self._history)
+
+    def redo(self) -> None:
+        """One step forward again."""
+        self._history = redo(self._history)
+
+    def preset(self, name: str) -> None:
+        """Load a design that ships."""
+        if name in preset_names():
+            self._load(lambda: load(name))
+
+    def load_text(self, name: str, text: str) -> None:
+        """Load a design file that the browser read."""
+        if len(text) > MOST_TEXT:
+            self._tell(f"{name}: is too large for a design file")
+        else:
+            self._load(lambda: loads(text, name))
+
+    def load_path(self, path: str) -> None:
+        """Load a design file of the machine that the explorer runs on."""
+        self._load(lambda: load(path.strip()))
+
+    def dismiss(self) -> None:
+        """Take note of the message."""
+        self._tell("")
+
+    def show_tab(self, tab: str) -> None:
+        """Turn to another tab of the page."""
+        if tab in TABS:
+            self._look = replace(self._look, tab=tab)
+
+    def choose(self, place: Any) -> None:
+        """Look at another microlens."""
+        self._look = replace(self._look, place=read_place(place))
+
+    def switch(self, what: str, on: bool) -> None:
+        """Diffraction or pixels, on or off."""
+        if what == "diffraction":
+            self._look = replace(self._look, diffraction=bool(on))
+        elif what == "pixels":
+            self._look = replace(self._look, pixels=bool(on))
+
+    def resize(self, sizes: dict[str, Sequence[float]]) -> None:
+        """Take note of how much room the pictures have [px]."""
+        for name in sizes.keys() & DRAWINGS.keys():
+            self._sizes[name] = fitting(sizes[name], self._sizes[name])
+
+    def set_theme(self, theme: str) -> None:
+        """Light or dark."""
+        self._theme = "dark" if theme == "dark" else "light"
+
+    # How they do it.
+
+    def _go(self, state: State, gesture: str = "") -> None:
+        self._history = record(self._history, state, gesture)
+
+    def _tell(self, message: str) -> None:
+        self._go(replace(self.state, message=message))
+
+    def _load(self, read: Callable[[], Design]) -> None:
+        try:
+            self._go(states.start(read()))
+        except DesignError as error:
+            self._tell(str(error))
+
+    def _draw(self, name: str) -> str:
+        """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
+        drawing = DRAWINGS[name]
+        wanted = (drawing.inputs(self.state, self._look), self._theme, self._sizes[name])
+        before, picture = self._drawn.get(name, (None, None))
+        if wanted != before:
+            try:
+                picture = drawing.make(*wanted)
+            except InputError as error:
+                self._tell(f"{drawing.label} cannot be drawn: {error}")
+            self._drawn[name] = (wanted, picture)
+        return "" if picture is None else picture.svg

@@ -1,0 +1,357 @@
+/* The browser's half of the explorer: fields, pictures and menus as Vue components over trame's state.
+   It decides nothing about a design; it asks the server, one request at a time, and of a slider only the last place. */
+(function () {
+  "use strict";
+  const { inject, onMounted, onBeforeUnmount, ref, computed, watch, nextTick } = window.Vue;
+  const root = document.documentElement;
+  let trame = null;
+  let tabKey = "";
+  let title = "design";
+
+  // Requests: in order, one under way; a later one of the same key replaces an earlier that still waits.
+  const waiting = new Map();
+  let busy = false;
+  let serial = 0;
+
+  function ask(name, ...args) { askAs(`${name}#${serial++}`, name, ...args); }
+
+  function askAs(key, name, ...args) {
+    waiting.delete(key);
+    waiting.set(key, [name, args]);
+    pump();
+  }
+
+  async function pump() {
+    if (busy || !trame) return;
+    busy = true;
+    root.dataset.busy = "yes";
+    try {
+      while (waiting.size) {
+        const [key, [name, args]] = waiting.entries().next().value;
+        waiting.delete(key);
+        try {
+          await trame.trigger(name, args);
+        } catch (error) {
+          say(`The request "${name}" failed; the terminal that runs roslf explore tells why.`);
+        }
+      }
+    } finally {
+      busy = false;
+      delete root.dataset.busy;
+    }
+  }
+
+  function say(text) {
+    let place = document.getElementById("said");
+    if (!place) {
+      place = document.createElement("p");
+      place.id = "said";
+      place.setAttribute("role", "status");
+      document.body.append(place);
+    }
+    place.textContent = text;
+    place.classList.add("shown");
+    clearTimeout(say.timer);
+    say.timer = setTimeout(() => place.classList.remove("shown"), 6000);
+  }
+
+  // Light or dark: as chosen before, else as the system has it.
+  function chosenTheme() {
+    try {
+      const kept = localStorage.getItem("roslf-theme");
+      if (kept === "dark" || kept === "light") return kept;
+    } catch { /* storage may be forbidden */ }
+    return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  }
+  root.dataset.theme = chosenTheme();
+
+  function turnTheme() {
+    const next = root.dataset.theme === "dark" ? "light" : "dark";
+    root.dataset.theme = next;
+    try { localStorage.setItem("roslf-theme", next); } catch { /* storage may be forbidden */ }
+    ask("set_theme", next);
+  }
+
+  // Room of the pictures, told to the server when it changes.
+  const boxes = new Map();
+  const observer = new ResizeObserver(() => {
+    clearTimeout(observer.timer);
+    observer.timer = setTimeout(tellSizes, 80);
+  });
+  let told = "";
+
+  function sizes() {
+    const result = {};
+    for (const [name, box] of boxes) {
+      const { width, height } = box.getBoundingClientRect();
+      if (width > 0 && height > 0) result[name] = [Math.round(width), Math.round(height)];
+    }
+    return result;
+  }
+
+  function tellSizes() {
+    const now = sizes();
+    const text = JSON.stringify(now);
+    if (text === told || !opened) return;
+    told = text;
+    askAs("resize", "resize", now);
+  }
+
+  // Files.
+  function save(blob, name) {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = name;
+    document.body.append(link);
+    link.click();
+    link.remove();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  }
+
+  async function fetched(name) {
+    const answer = await fetch(`/tab/${tabKey}/${name}`);
+    if (!answer.ok) throw new Error(await answer.text());
+    const told = /filename="([^"]+)"/.exec(answer.headers.get("Content-Disposition") || "");
+    return [await answer.blob(), told ? told[1] : name];
+  }
+
+  async function fetchFile(name, event) {
+    const button = event && event.currentTarget;
+    if (button) button.setAttribute("aria-busy", "true");
+    try {
+      save(...(await fetched(name)));
+    } catch (error) {
+      say(`${name} could not be made: ${error.message}`);
+    } finally {
+      if (button) button.removeAttribute("aria-busy");
+    }
+  }
+
+  async function fetchPng(name) {
+    try {
+      const [blob, file] = await fetched(`${name}.svg`);
+      const image = new Image();
+      image.src = URL.createObjectURL(blob);
+      await image.decode();
+      const canvas = document.createElement("canvas");
+      [canvas.width, canvas.height] = [2 * image.naturalWidth, 2 * image.naturalHeight];
+      const pen = canvas.getContext("2d");
+      pen.fillStyle = "#ffffff";
+      pen.fillRect(0, 0, canvas.width, canvas.height);
+      pen.drawImage(image, 0, 0, canvas.width, canvas.height);
+      URL.revokeObjectURL(image.src);
+      save(await new Promise((done) => canvas.toBlob(done, "image/png")), file.replace(/svg$/, "png"));
+    } catch (error) {
+      say(`${name}.png could not be made: ${error.message}`);
+    }
+  }
+
+  async function copyLink() {
+    try {
+      await navigator.clipboard.writeText(location.href);
+      say("The link is copied.");
+    } catch {
+      say("The browser does not allow copying; take the link from the address bar.");
+    }
+  }
+
+  async function upload(event) {
+    const [file] = event.target.files;
+    event.target.value = "";
+    closeMenus();
+    if (file) ask("load_text", file.name, await file.text());
+  }
+
+  function path(event) {
+    const text = event.target.elements.path.value;
+    closeMenus();
+    if (text.trim()) ask("load_path", text);
+  }
+
+  function preset(event) {
+    const name = event.target.value;
+    event.target.value = "";
+    if (name) ask("preset", name);
+  }
+
+  function closeMenus(but) {
+    for (const menu of document.querySelectorAll("details.menu[open]")) if (menu !== but) menu.open = false;
+  }
+
+  function toViews() { document.getElementById("views").focus(); }
+
+  function tabKeys(event) {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const tabs = [...event.target.parentElement.querySelectorAll("[role=tab]")];
+    const next = tabs[(tabs.indexOf(event.target) + step + tabs.length) % tabs.length];
+    next.focus();
+    next.click();
+    event.preventDefault();
+  }
+
+  function turnSheet() { document.querySelector(".numbers").classList.toggle("open"); }
+
+  // The address holds the state, so that reloading, bookmarks and links bring it back.
+  let opened = false;
+  let linked = "";
+
+  const Shell = {
+    props: ["link", "theme", "tabKey", "title"],
+    setup(props) {
+      trame = inject("trame");
+      tabKey = props.tabKey;
+      watch(() => props.tabKey, (key) => { tabKey = key; });
+      watch(() => props.title, (name) => { document.title = `${name} - roslf explore`; }, { immediate: true });
+      watch(() => props.link, (link) => {
+        if (!opened || !link || link === linked) return;
+        linked = link;
+        clearTimeout(Shell.timer);
+        // Browsers allow few changes of the address a second.
+        Shell.timer = setTimeout(() => history.replaceState(null, "", `/#${linked}`), 150);
+      });
+      const moved = () => {
+        const link = location.hash.slice(1);
+        if (link && link !== linked) { linked = link; ask("restore", link); }
+      };
+      const keys = (event) => {
+        const typing = event.target.matches && event.target.matches("input[type=text]");
+        if (event.key === "Escape") closeMenus();
+        if (typing || !(event.ctrlKey || event.metaKey)) return;
+        const key = event.key.toLowerCase();
+        if (key === "z") { ask(event.shiftKey ? "redo" : "undo"); event.preventDefault(); }
+        if (key === "y") { ask("redo"); event.preventDefault(); }
+        if (key === "s") { fetchFile("design.toml"); event.preventDefault(); }
+      };
+      const outside = (event) => closeMenus(event.target.closest && event.target.closest("details.menu"));
+      onMounted(async () => {
+        addEventListener("hashchange", moved);
+        addEventListener("keydown", keys);
+        addEventListener("pointerdown", outside);
+        await nextTick();
+        told = JSON.stringify(sizes());
+        ask("opened", location.hash.slice(1), root.dataset.theme, sizes());
+        opened = true;
+      });
+      onBeforeUnmount(() => {
+        removeEventListener("hashchange", moved);
+        removeEventListener("keydown", keys);
+        removeEventListener("pointerdown", outside);
+      });
+      return {};
+    },
+    template: `<span hidden></span>`,
+  };
+
+  // One number: a slider and a field that takes units.
+  const FieldView = {
+    props: ["field"],
+    setup(props) {
+      const dragging = ref(false);
+      const local = ref(props.field.position);
+      const text = ref(props.field.text);
+      const typing = ref(false);
+      let gesture = "";
+      let last = 0;
+      let down = false;
+      watch(() => props.field.text, (now) => { if (!typing.value) text.value = now; });
+      const place = computed(() => (dragging.value ? local.value : props.field.position));
+      function slide(event) {
+        const now = performance.now();
+        if (!gesture || (!down && now - last > 800)) gesture = `${props.field.symbol}:${serial++}`;
+        last = now;
+        dragging.value = true;
+        local.value = Number(event.target.value);
+        askAs(`slide ${props.field.symbol}`, "slide", props.field.symbol, local.value, gesture);
+      }
+      function grasp() { down = true; gesture = `${props.field.symbol}:${serial++}`; }
+      function release() { down = false; settle(); }
+      // The server's place takes over once it has answered all that was asked.
+      function settle() {
+        if (busy) { setTimeout(settle, 30); return; }
+        if (!down) dragging.value = false;
+      }
+      function written(event) {
+        typing.value = false;
+        if (event.target.value !== props.field.text || props.field.fault) ask("write", props.field.symbol, event.target.value);
+      }
+      function typed(event) { typing.value = true; text.value = event.target.value; }
+      function left() { typing.value = false; if (!props.field.fault) text.value = props.field.text; }
+      function keys(event) {
+        if (event.key === "Escape") { typing.value = false; text.value = props.field.shown; ask("write", props.field.symbol, props.field.shown); event.target.blur(); }
+      }
+      return { place, text, slide, grasp, release, written, typed, left, keys, ask };
+    },
+    template: `
+<div class="field" :class="{ wrong: field.fault, shut: !field.open }" :data-field="field.symbol">
+  <label :for="'n-' + field.symbol"><b v-html="field.markup"></b> {{ field.name }}</label>
+  <button v-if="field.can_follow" type="button" class="lock" :aria-pressed="field.follows" :title="field.follows ? 'Follows from the other two' : 'Let this one follow from the other two'" :aria-label="field.spoken + ' follows from the other two'" @click="ask('follow', field.symbol)"><svg viewBox="0 0 20 20" aria-hidden="true"><path v-if="field.follows" d="M8 12a3.500 3.500 0 0 0 5 0l2.500-2.500a3.540 3.540 0 0 0-5-5L9.500 5.500M12 8a3.500 3.500 0 0 0-5 0L4.500 10.500a3.540 3.540 0 0 0 5 5l1-1" /><path v-else d="M9 15.500 8.500 16a3.500 3.500 0 0 1-5-5L5 9.500M11 4.500l.5-.5a3.500 3.500 0 0 1 5 5L15 10.500M4 4l12 12" /></svg></button>
+  <input class="number" :id="'n-' + field.symbol" type="text" inputmode="text" autocomplete="off" spellcheck="false" :value="text" :readonly="!field.open" :title="field.why" :aria-invalid="field.fault ? 'true' : 'false'" :aria-describedby="field.fault ? 'e-' + field.symbol : null" @input="typed" @change="written" @blur="left" @keydown="keys" />
+  <input class="slider" type="range" min="0" :max="field.steps" step="1" :value="place" :disabled="!field.open" :aria-label="field.spoken" :aria-valuetext="field.shown" @input="slide" @pointerdown="grasp" @pointerup="release" @change="release" />
+  <p v-if="field.fault" class="fault" :id="'e-' + field.symbol" role="alert">{{ field.fault }}</p>
+</div>`,
+  };
+
+  const Card = {
+    props: ["name", "label", "files"],
+    setup() { return { fetchFile, fetchPng }; },
+    template: `
+<section class="card" :class="'card-' + name" :aria-label="label">
+  <div class="card-head"><h2>{{ label }}</h2><slot name="tools"></slot>
+    <span v-if="files !== false" class="files"><button type="button" :aria-label="label + ' as SVG'" @click="fetchFile(name + '.svg')">SVG</button><button type="button" :aria-label="label + ' as PNG'" @click="fetchPng(name)">PNG</button></span></div>
+  <slot></slot>
+</section>`,
+  };
+
+  const Picture = {
+    props: ["name", "svg", "drag", "click", "help"],
+    setup(props) {
+      const box = ref(null);
+      let gesture = "";
+      onMounted(() => { boxes.set(props.name, box.value); observer.observe(box.value); });
+      onBeforeUnmount(() => { boxes.delete(props.name); observer.unobserve(box.value); });
+      function where(event) {
+        const svg = box.value.querySelector("svg");
+        const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+        return [point.x, point.y];
+      }
+      function down(event) {
+        if (event.button !== 0 || !(props.drag || props.click)) return;
+        gesture = `${props.name}:${serial++}`;
+        box.value.setPointerCapture(event.pointerId);
+        point(event);
+      }
+      function move(event) { if (gesture && props.drag) point(event); }
+      function point(event) { askAs(props.name, "point", props.name, ...where(event), gesture); event.preventDefault(); }
+      function up() { gesture = ""; }
+      function keys(event) {
+        if (!(props.drag || props.click)) return;
+        const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+        if (!step) return;
+        const size = event.shiftKey ? 10 : 1;
+        ask("nudge", props.name, step[0] * size, step[1] * size);
+        event.preventDefault();
+      }
+      return { box, down, move, up, keys };
+    },
+    template: `<div class="picture" ref="box" :data-picture="name" :class="{ live: drag || click }" :tabindex="drag || click ? 0 : null" :role="drag || click ? 'application' : null" :aria-label="help || null" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up" @keydown="keys" v-html="svg"></div>`,
+  };
+
+  const Menu = {
+    props: ["label", "name"],
+    template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
+  };
+
+  window.roslfExplorer = {
+    install(app) {
+      app.component("rx-shell", Shell);
+      app.component("rx-field", FieldView);
+      app.component("rx-card", Card);
+      app.component("rx-picture", Picture);
+      app.component("rx-menu", Menu);
+      app.config.globalProperties.$rx = {
+        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, say,
+      };
+    },
+  };
+})();

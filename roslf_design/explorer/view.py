@@ -1,0 +1,94 @@
+"""What the page's controls show of a state, as plain values for the browser."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ..design import Design
+from ..evaluation import default_fields
+from .fields import CONJUGATE, FIELDS, STEPS, Field, position, reach, show
+from .history import History
+from .link import Look, encode
+from .state import Place, State, changeable, followers
+
+_MARKUP = {
+    "wavelength": "<i>λ</i>",
+    **{
+        field.symbol: f"<i>{field.symbol.split('_')[0]}</i><sub>{field.symbol.split('_')[1]}</sub>"
+        if "_" in field.symbol
+        else f"<i>{field.symbol}</i>"
+        for field in FIELDS
+        if field.symbol != "wavelength"
+    },
+}
+
+_SPOKEN = {"wavelength": "lambda"}
+
+
+def header(history: History) -> dict[str, Any]:
+    """Name of the design, what went wrong with a file or link, and whether one can go back or forward."""
+    state = history.present
+    return {
+        "title": state.design.name,
+        "source": state.design.source,
+        "message": state.message,
+        "can_undo": bool(history.past),
+        "can_redo": bool(history.future),
+        "lens_name": "" if state.design.lens is None else (state.design.lens.name or "a real lens"),
+    }
+
+
+def controls(state: State) -> dict[str, Any]:
+    """Every field with its slider, by part of the camera."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for field in FIELDS:
+        groups.setdefault(field.group, []).append(_control(field, state))
+    return {"groups": [{"name": name, "fields": fields} for name, fields in groups.items()]}
+
+
+def _control(field: Field, state: State) -> dict[str, Any]:
+    value = float(getattr(state.design, field.symbol))
+    ends = reach(field, state.reference, state.design)
+    fault = state.fault(field.symbol)
+    own = field.symbol == "f" and state.design.main_lens.prescription is not None
+    return {
+        "symbol": field.symbol,
+        "markup": _MARKUP[field.symbol],
+        "name": field.name,
+        "spoken": f"{field.name}, {_SPOKEN.get(field.symbol, field.symbol.replace('_', ' '))}",
+        "text": show(field, value) if fault is None else fault.text,
+        "fault": "" if fault is None else fault.message,
+        "position": position(field, value, ends),
+        "steps": STEPS,
+        "shown": show(field, value),
+        "open": changeable(state, field.symbol),
+        "follows": state.follows == field.symbol,
+        "can_follow": field.symbol in CONJUGATE and field.symbol in followers(state.design),
+        "why": "given by the lens" if own else "follows from the other two" if state.follows == field.symbol else "",
+    }
+
+
+def place_on_mla(design: Design, place: Place) -> tuple[float, float]:
+    """Where a microlens stands [mm]."""
+    if not isinstance(place, str):
+        return place
+    places = dict(zip(("centre", "edge", "corner"), default_fields(design), strict=False))
+    return places.get(place, (0.0, 0.0))
+
+
+def looked_at(state: State, look: Look) -> dict[str, Any]:
+    """What is looked at, and the link that brings all of it back."""
+    x, y = place_on_mla(state.design, look.place)
+    return {
+        "tab": look.tab,
+        "place": look.place if isinstance(look.place, str) else "chosen",
+        "place_text": f"x {_mm(x)}, y {_mm(y)} mm",
+        "diffraction": look.diffraction,
+        "pixels": look.pixels,
+        "link": encode(state, look),
+    }
+
+
+def _mm(value: float) -> str:
+    return "0" if abs(value) < 5e-4 else f"{value:.3f}".rstrip("0").rstrip(".") if math.isfinite(value) else "-"
