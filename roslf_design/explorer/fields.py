@@ -70,9 +70,7 @@ def show(field: Field, value: float) -> str:
     value : float
         [mm].
     """
-    number = value / factor(field)
-    text = f"{number:.7g}"
-    return f"{float(text):.7g} {field.unit}" if "e" not in text else f"{float(text):g} {field.unit}"
+    return f"{value / factor(field):.7g} {field.unit}"
 
 
 def read(field: Field, text: str) -> float:
