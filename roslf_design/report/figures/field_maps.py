@@ -124,7 +124,7 @@ def _draw_frame(ax: Axes, design: Design, fields: FieldMap) -> None:
         Rectangle((-width / 2, -height / 2), width, height, fill=False, edgecolor=GREY, linewidth=0.8, label="MLA")
     )
     width, height = design.sensor_size
-    x, y = _on_mla(design, design.sensor.decentre)
+    x, y = on_mla(design, design.sensor.decentre)
     turn = -math.degrees(design.microlens_array.rotation)
     ax.add_patch(
         Rectangle((x - width / 2, y - height / 2), width, height, angle=turn, rotation_point="center", fill=False,
@@ -135,7 +135,7 @@ def _draw_frame(ax: Axes, design: Design, fields: FieldMap) -> None:
     radius = field_limit(design, 0.0).radius * design.d_1 / design.d_f
     shown = 0 < radius <= 1.35 * reach
     if shown:
-        centre = _on_mla(design, design.main_lens.decentre)
+        centre = on_mla(design, design.main_lens.decentre)
         ax.add_patch(
             Circle(centre, radius, fill=False, edgecolor=VERMILLION, linewidth=1.6,
                    label=f"Eq. 6: undistorted within {radius:.4g} mm", path_effects=halo)
@@ -155,7 +155,7 @@ def _draw_frame(ax: Axes, design: Design, fields: FieldMap) -> None:
     ax.tick_params(color=GREY)
 
 
-def _on_mla(design: Design, point: tuple[float, float]) -> tuple[float, float]:
+def on_mla(design: Design, point: tuple[float, float]) -> tuple[float, float]:
     """A point against the optical axis in the MLA's own axes [mm]."""
     (home, along, up) = axes_in_space(design, [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     offset = np.subtract(point, home)

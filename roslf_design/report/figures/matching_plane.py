@@ -40,14 +40,25 @@ class MatchingPlane(NamedTuple):
     """Image diameter less pitch [px], shape (M, N)."""
 
 
-def matching_plane(design: Design, points: int = 201) -> MatchingPlane:
-    """Curves and maps over ranges in which the design and the matched curve are both seen."""
+def matching_plane(design: Design, points: int = 201, limits: tuple[float, float] | None = None) -> MatchingPlane:
+    """Curves and maps over ranges in which the design and the matched curve are both seen.
+
+    Parameters
+    ----------
+    design : Design
+    points : int
+        Along each axis.
+    limits : (d_3, D_F), optional
+        Ends of the ranges [mm], instead of those chosen for the design; d_3 stops short of the focal plane.
+    """
     triple = design.f, design.d_f
-    d_3 = np.linspace(0.0, _right(design), points)
+    right = _right(design) if limits is None else min(limits[0], design.d_f * (1 - 1e-3))
+    d_3 = np.linspace(0.0, right, points)
     exact = matched_pupil_diameter(design.d, design.d_2, *triple, d_3, exact=True)
     approximate = matched_pupil_diameter(design.d, design.d_2, *triple, d_3, exact=False)
     here = matched_pupil_diameter(design.d, design.d_2, *triple, design.d_3).value
-    top = 1.35 * max(design.D_F, float(here) if math.isfinite(here) else 0.0, 0.75 * _largest(exact.value))
+    chosen = 1.35 * max(design.D_F, float(here) if math.isfinite(here) else 0.0, 0.75 * _largest(exact.value))
+    top = chosen if limits is None else limits[1]
     D_F = np.linspace(0.0, top, points)
     across, up = np.meshgrid(d_3, D_F)
     margin = _margin(design, across, up)
