@@ -1,18 +1,47 @@
-"""Which pictures the page has, in which of its views, and how each is made of a state."""
+"""Which pictures the page has, in which of its views, and how each is made of what is seen."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from ..design import Design
+from ..evaluation import Evaluation, evaluate
 from .link import Look
 from .pictures.axes import Picture
+from .pictures.depth import depth_precision
+from .pictures.effects import effects
+from .pictures.matching_plane import matching_plane
 from .pictures.meridional import meridional
+from .pictures.microlens import microlens_image
+from .pictures.mla_map import mla_map
 from .pictures.theme import ThemeName
-from .state import State
+from .places import place_on_mla
 
 Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A design, and what of it is looked at."""
+
+    design: Design
+    """With an ideal lens: the pictures are of the thin twin."""
+    look: Look
+    limits: tuple[float, float] | None = None
+    """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """All that closed forms say of the design."""
+        return evaluate(self.design)
+
+    @cached_property
+    def place(self) -> tuple[float, float]:
+        """Of the microlens that is shown [mm]."""
+        return place_on_mla(self.design, self.look.place)
 
 
 class Drawing(NamedTuple):
@@ -24,22 +53,44 @@ class Drawing(NamedTuple):
     """Its heading."""
     size: Size
     """[px], until the browser tells how much room there is."""
-    inputs: Callable[[State, Look], Any]
+    inputs: Callable[[Seen], Any]
     """What it is a function of, besides theme and size: equal inputs, equal picture."""
     make: Callable[[Any, ThemeName, Size], Picture]
     """The inputs, theme and size to a picture."""
 
 
-def _design(state: State, _: Look) -> Design:
-    return state.design.thin_twin
+def _image(inputs: tuple[Design, tuple[float, float], bool, bool], theme: ThemeName, size: Size) -> Picture:
+    design, place, diffraction, pixels = inputs
+    return microlens_image(design, place, theme, size, diffraction=diffraction, pixels=pixels)
+
+
+def _map(inputs: tuple[Design, tuple[float, float]], theme: ThemeName, size: Size) -> Picture:
+    return mla_map(*inputs, theme, size)
+
+
+def _plane(inputs: tuple[Design, tuple[float, float] | None], theme: ThemeName, size: Size) -> Picture:
+    design, limits = inputs
+    return matching_plane(design, theme, size, limits=limits)
 
 
 DRAWINGS: dict[str, Drawing] = {
     "meridional": Drawing(
-        "camera", "Rays in the meridional section", (1040, 280), _design,
-        meridional,
+        "camera", "Rays in the meridional section", (1040, 240), lambda seen: seen.design, meridional
     ),
-}  # fmt: skip
+    "microlens": Drawing(
+        "camera",
+        "Image of a microlens",
+        (340, 330),
+        lambda seen: (seen.design, seen.place, seen.look.diffraction, seen.look.pixels),
+        _image,
+    ),
+    "mla-map": Drawing("camera", "Microlens array", (340, 330), lambda seen: (seen.design, seen.place), _map),
+    "matching-plane": Drawing(
+        "camera", "Pupil diameter and distance", (340, 330), lambda seen: (seen.design, seen.limits), _plane
+    ),
+    "depth": Drawing("depth", "Depth precision", (520, 360), lambda seen: seen.design, depth_precision),
+    "effects": Drawing("depth", "Effects against their budgets", (520, 420), lambda s: s.evaluation.effects, effects),
+}
 """By the name that addresses and the page use."""
 
 LEAST, MOST = 160, 3000

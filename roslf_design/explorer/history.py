@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .state import State
 
@@ -59,6 +59,4 @@ def redo(history: History) -> History:
 
 def _clean(state: State) -> State:
     """Without what was wrong: it was never part of the design."""
-    from dataclasses import replace
-
     return replace(state, faults=(), message="")

@@ -11,7 +11,8 @@ from typing import Any, cast
 
 from ..design import Design, DesignError, dumps, loads
 from .fields import CONJUGATE
-from .state import Follower, Place, State, start
+from .places import Place, read_place
+from .state import Follower, State, start
 
 VERSION = "1"
 LIMIT = 200_000
@@ -104,19 +105,3 @@ def _look(data: Any) -> Look:
     if tab not in TABS:
         raise ValueError(f"no page {tab!r}")
     return Look(tab, read_place(place), bool(data["diffraction"]), bool(data["pixels"]))
-
-
-def read_place(place: Any) -> Place:
-    """A microlens by its name or its two coordinates [mm].
-
-    Raises
-    ------
-    ValueError
-        Neither.
-    """
-    if place in ("centre", "edge", "corner"):
-        return cast("Place", place)
-    x, y = (float(value) for value in place)
-    if not (abs(x) < 1e6 and abs(y) < 1e6):
-        raise ValueError("a place on the MLA is two finite numbers")
-    return x, y

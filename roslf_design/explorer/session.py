@@ -11,14 +11,15 @@ from typing import Any
 from ..design import Design, DesignError, load, loads, preset_names
 from ..errors import InputError
 from . import state as states
-from .drawing import DRAWINGS, Size, fitting
+from .drawing import DRAWINGS, Seen, Size, fitting
 from .fields import BY_SYMBOL, reach, value_at
 from .history import History, record, redo, undo
-from .link import TABS, LinkError, Look, decode, read_place
+from .link import TABS, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
+from .places import on_array, place_on_mla, read_place
 from .state import State
-from .view import controls, header, looked_at
+from .view import controls, header, looked_at, verdicts
 
 MOST_TEXT = 1_000_000
 """Largest design file that is taken [characters]."""
@@ -47,7 +48,7 @@ class Session:
             "load_path",
             "dismiss",
         ),
-        *("show_tab", "choose", "switch", "resize", "set_theme"),
+        *("show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme"),
     )
     """Methods that the page may call."""
 
@@ -56,6 +57,9 @@ class Session:
         self._look = Look()
         self._theme: ThemeName = "light"
         self._sizes: dict[str, Size] = {name: drawing.size for name, drawing in DRAWINGS.items()}
+        self._opened = False
+        self._limits: tuple[float, float] | None = None
+        self._last = Seen(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
         self.on_news: Callable[[], None] = lambda: None
@@ -72,17 +76,16 @@ class Session:
         return self.state.design
 
     def page(self) -> dict[str, Any]:
-        """Values of the whole page; pictures only of the tab that is shown."""
-        pictures = {
-            f"picture_{name.replace('-', '_')}": self._draw(name)
-            for name, drawing in DRAWINGS.items()
-            if drawing.tab == self._look.tab or name not in self._drawn
-        }
+        """Values of the whole page; pictures only of the view that is shown, once the page is there."""
+        shown = [name for name, drawing in DRAWINGS.items() if self._opened and drawing.tab == self._look.tab]
         return {
+            **({} if self._opened else {_key(name): "" for name in DRAWINGS}),
+            **{_key(name): self._draw(name) for name in shown},
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            **pictures,
+            "lights": verdicts(self._seen().evaluation),
+            "fixes": [],
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -93,7 +96,7 @@ class Session:
         drawing = DRAWINGS.get(name)
         if drawing is None:
             return None
-        return drawing.make(drawing.inputs(self.state, self._look), theme, self._sizes[name]).svg
+        return drawing.make(drawing.inputs(self._seen()), theme, self._sizes[name]).svg
 
     def close(self) -> None:
         """End all that runs for this tab."""
@@ -125,6 +128,7 @@ class Session:
 
     def opened(self, link: str, theme: str, sizes: dict[str, Sequence[float]]) -> None:
         """The page is there: take the state that its address brings, and its theme and room."""
+        self._opened = True
         self.set_theme(theme)
         self.resize(sizes)
         if link:
@@ -181,6 +185,35 @@ class Session:
         """Look at another microlens."""
         self._look = replace(self._look, place=read_place(place))
 
+    def point(self, picture: str, x: float, y: float, gesture: str) -> None:
+        """Click or drag in a picture, at a place in its own pixels."""
+        drawn = self._drawn.get(picture, (None, None))[1]
+        if drawn is None or drawn.mapping is None:
+            return
+        if picture == "mla-map":
+            self._look = replace(self._look, place=on_array(self.design, *drawn.mapping.to_value(float(x), float(y))))
+        elif picture == "matching-plane":
+            # Axes that follow the design would run away under the pointer.
+            self._limits = (drawn.mapping.x1, drawn.mapping.y1)
+            self._move_pupil(*drawn.mapping.to_value(float(x), float(y)), gesture)
+
+    def let_go(self) -> None:
+        """A drag in a picture has ended."""
+        self._limits = None
+
+    def nudge(self, picture: str, right: float, up: float) -> None:
+        """Arrow keys in a picture: by a microlens, or by a hundredth of what the axes show."""
+        drawn = self._drawn.get(picture, (None, None))[1]
+        if drawn is None or drawn.mapping is None:
+            return
+        if picture == "mla-map":
+            x, y = place_on_mla(self.design, self._look.place)
+            step = self.design.d
+            self._look = replace(self._look, place=on_array(self.design, x + step * right, y + step * up))
+        elif picture == "matching-plane":
+            across, high = (drawn.mapping.x1 / 100, drawn.mapping.y1 / 100)
+            self._move_pupil(self.design.d_3 + across * right, self.design.D_F + high * up, "")
+
     def switch(self, what: str, on: bool) -> None:
         """Diffraction or pixels, on or off."""
         if what == "diffraction":
@@ -199,6 +232,23 @@ class Session:
 
     # How they do it.
 
+    def _seen(self) -> Seen:
+        design = self.design.thin_twin
+        if (self._last.design, self._last.look, self._last.limits) != (design, self._look, self._limits):
+            fresh = Seen(design, self._look, self._limits)
+            if self._last.design == design and "evaluation" in vars(self._last):
+                vars(fresh)["evaluation"] = self._last.evaluation
+            self._last = fresh
+        return self._last
+
+    def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
+        ends = {symbol: reach(BY_SYMBOL[symbol], self.design, self.design) for symbol in ("d_3", "D_F")}
+        distance = min(max(distance, 0.0), ends["d_3"][1])
+        diameter = max(diameter, 1e-3)
+        with contextlib.suppress(DesignError):
+            moved = states.change(self.state, {"d_3": round(distance, 4), "D_F": round(diameter, 4)})
+            self._go(moved, gesture)
+
     def _go(self, state: State, gesture: str = "") -> None:
         self._history = record(self._history, state, gesture)
 
@@ -214,7 +264,7 @@ class Session:
     def _draw(self, name: str) -> str:
         """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
         drawing = DRAWINGS[name]
-        wanted = (drawing.inputs(self.state, self._look), self._theme, self._sizes[name])
+        wanted = (drawing.inputs(self._seen()), self._theme, self._sizes[name])
         before, picture = self._drawn.get(name, (None, None))
         if wanted != before:
             try:
@@ -223,3 +273,7 @@ class Session:
                 self._tell(f"{drawing.label} cannot be drawn: {error}")
             self._drawn[name] = (wanted, picture)
         return "" if picture is None else picture.svg
+
+
+def _key(picture: str) -> str:
+    return f"picture_{picture.replace('-', '_')}"

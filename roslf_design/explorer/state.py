@@ -10,9 +10,6 @@ from ..design import Design, DesignError
 from ..errors import Problem
 from .fields import BY_SYMBOL, CONJUGATE, read, symbol_of
 
-Place = Literal["centre", "edge", "corner"] | tuple[float, float]
-"""A microlens: by name, or where it stands on the MLA [mm]."""
-
 Follower = Literal["f", "d_1", "d_f"]
 
 

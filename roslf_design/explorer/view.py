@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..design import Design
-from ..evaluation import default_fields
+from ..evaluation import Evaluation
 from .fields import CONJUGATE, FIELDS, STEPS, Field, position, reach, show
 from .history import History
 from .link import Look, encode
-from .state import Place, State, changeable, followers
+from .places import place_on_mla
+from .state import State, changeable, followers
+from .verdicts import verdict_lights
 
 _MARKUP = {
     "wavelength": "<i>λ</i>",
@@ -69,12 +70,12 @@ def _control(field: Field, state: State) -> dict[str, Any]:
     }
 
 
-def place_on_mla(design: Design, place: Place) -> tuple[float, float]:
-    """Where a microlens stands [mm]."""
-    if not isinstance(place, str):
-        return place
-    places = dict(zip(("centre", "edge", "corner"), default_fields(design), strict=False))
-    return places.get(place, (0.0, 0.0))
+_WORDS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
+
+
+def verdicts(evaluation: Evaluation) -> list[dict[str, str]]:
+    """The verdict lights, with a word for those who do not see their colour."""
+    return [{**light._asdict(), "word": _WORDS[light.level]} for light in verdict_lights(evaluation)]
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:

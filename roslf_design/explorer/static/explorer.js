@@ -323,7 +323,11 @@
       }
       function move(event) { if (gesture && props.drag) point(event); }
       function point(event) { askAs(props.name, "point", props.name, ...where(event), gesture); event.preventDefault(); }
-      function up() { gesture = ""; }
+      function up() {
+        if (!gesture) return;
+        gesture = "";
+        if (props.drag) ask("let_go");
+      }
       function keys(event) {
         if (!(props.drag || props.click)) return;
         const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
