@@ -53,6 +53,8 @@ class Accuracy:
     """None where no accuracy was asked for."""
     seconds: float | None = None
     """That the result took, checks included."""
+    model: str = ""
+    """What no effort gets past, in words; empty where nothing is known of."""
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
 
@@ -74,6 +76,7 @@ class Accuracy:
             "measured_error": self.measured_error,
             "measured_by": self.measured_by or None,
             "kept": self.kept,
+            "model_error": self.model or None,
         }
         return found | ({"seconds": self.seconds} if times else {})
 
@@ -85,6 +88,8 @@ class Accuracy:
         if self.measured_error is not None:
             words += f", measured {self.measured_error:.2g} ({self.measured_by})"
         words += f"; {self.method}"
+        if self.model:
+            words += f"; {self.model}"
         if times and self.seconds is not None:
             words += f"; {self.seconds:.2g} s"
         return words + ("" if self.kept in (None, True) else ". Not kept: see the expected and the measured error")

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json as json_text
 import math
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from .progress import bar
+from .progress import StatusLine, bar
 
 if TYPE_CHECKING:
+    from ..accuracy.picture import Settled
+    from ..accuracy.statement import Accuracy
     from ..effects import Plan
     from ..imaging.render import RawImage
 
@@ -22,8 +26,9 @@ def render(
     *,
     scene: Annotated[list[Path] | None, Parameter(negative=())] = None,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    budget_px: str = "0.1",
-    budget_intensity: str = "1%",
+    budget_px: str | None = None,
+    budget_intensity: str | None = None,
+    accuracy: float | None = None,
     effects: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     region: str | None = None,
     depth: Literal["float", "16"] = "float",
@@ -47,9 +52,13 @@ def render(
         folder. Default: the scene's name, or white, with .tif.
     budget_px
         Effects that move light by less than this many pixels are left out; so are displacements on the microlens
-        array below the same number of pitches.
+        array below the same number of pitches. Default: 0.1.
     budget_intensity
         Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled pixels are.
+        Default: 1%.
+    accuracy
+        Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. As many rays
+        are traced as that takes, tried beforehand on small patches, and the picture is checked on others.
     effects
         Overrides: all, none, +name, -name; may be given several times or with commas. The names stand in the plan.
     region
@@ -65,20 +74,36 @@ def render(
     json
         Print JSON instead of tables.
     """
+    from ..accuracy.picture import settle, stated
     from ..design import load
     from ..effects import Budget, plan
+    from ..errors import InputError, Problem
     from ..imaging.files import check_target, write_image
     from ..scenes import WHITE_FIELD, load_scene
 
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
-    budget = Budget(
-        px=_number("--budget-px", budget_px),
-        intensity=_number("--budget-intensity", budget_intensity),
-        pitch=_number("--budget-px", budget_px),
-    )
+    if accuracy is not None and (budget_px is not None or budget_intensity is not None):
+        raise InputError((Problem("--accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it"),))
+    px, intensity = _number("--budget-px", budget_px or "0.1"), _number("--budget-intensity", budget_intensity or "1%")
+    budget = Budget(px=px, intensity=intensity, pitch=px)
     overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
-    plans = [plan(loaded, each, budget, overrides) for each in scenes]
+    piece = None if region is None else _region(region)
+    if seed < 0:
+        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0 on"),))
+    settled: list[Settled | None] = [None] * len(scenes)
+    began = time.perf_counter()
+    if accuracy is not None:
+        with StatusLine("render") as status:
+            settled = [
+                settle(loaded, each, accuracy, overrides, seed=seed, region=piece, progress=status.tell)
+                for each in scenes
+            ]
+    settling = (time.perf_counter() - began) / len(scenes)
+    plans = [
+        plan(loaded, each, budget, overrides) if way is None else way.plan
+        for each, way in zip(scenes, settled, strict=True)
+    ]
     if plan_only:
         _show_plans(plans, [each.name for each in scenes], json)
         return
@@ -86,18 +111,24 @@ def render(
     targets = _targets(output, names)
     for target in targets:
         check_target(target)
-    piece = None if region is None else _region(region)
 
     from ..imaging.render import render as compute
 
-    for each, effects_on, target in zip(scenes, plans, targets, strict=True):
+    for each, effects_on, way, target in zip(scenes, plans, settled, targets, strict=True):
+        began = time.perf_counter() - settling
+        used, sampling = (budget, None) if way is None else (way.budget, way.sampling)
         with bar(target.name) as tell:
-            image = compute(loaded, each, effects=effects_on, budget=budget, seed=seed, region=piece, progress=tell)
+            image = compute(
+                loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
+            )
+        worth = stated(image, way, accuracy, budget)
+        worth = replace(worth, seconds=time.perf_counter() - began)
+        image = replace(image, accuracy=worth.to_dict())
         beside = write_image(image, target, depth)
         written = [target, beside]
         if preview:
             written.append(_preview(image, target))
-        _show(image, written, json)
+        _show(image, worth, written, json)
 
 
 def _number(option: str, text: str) -> float:
@@ -162,15 +193,18 @@ def _show_plans(plans: list[Plan], names: list[str], json: bool) -> None:
         _print_plan(lines)
 
 
-def _show(image: RawImage, written: list[Path], json: bool) -> None:
+def _show(image: RawImage, worth: Accuracy, written: list[Path], json: bool) -> None:
     if json:
         values = {**image.metadata(), "files": [str(path) for path in written], "seconds": image.seconds}
+        values["accuracy"] = worth.to_dict(times=True)
         print(json_text.dumps(values, indent=1, allow_nan=False, ensure_ascii=False))
         return
     _print_plan(image.plan)
     rows, columns = image.pixels.shape
     traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
     print(f"\n{columns} x {rows} pixels by {image.method} in {image.seconds:.2f} s{traced}")
+    words = worth.sentence()
+    print(words[0].upper() + words[1:])
     for path in written:
         print(path)
 

@@ -11,6 +11,7 @@ traced lens makes the microlens images larger or smaller by what it costs in ete
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -94,7 +95,13 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
         )
     if problems:
         raise InputError(tuple(problems), design.name)
-    return RealLensTracer.of(seen, plan, scene)
+    return _tracer(seen, plan, scene)
+
+
+@functools.lru_cache(maxsize=2)
+def _tracer(design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
+    """Remembered, as finding where light falls takes longer than a small region's picture."""
+    return RealLensTracer.of(design, plan, scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +164,7 @@ class RealLensTracer:
 
     def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
         """Relative intensities of a region, float32 (rows * fine, columns * fine), and how many rays were traced."""
-        side = LENS_SAMPLES if self.finite else PINHOLE_SAMPLES
+        side = sampling.side or (LENS_SAMPLES if self.finite else PINHOLE_SAMPLES)
         per = math.ceil(side / fine)
         out = np.zeros((region.rows * fine, region.columns * fine), np.float32)
         rays = 0

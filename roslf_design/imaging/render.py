@@ -47,6 +47,8 @@ class RawImage:
     """Backward rays traced."""
     seconds: float
     """Wall time."""
+    accuracy: dict[str, Any] | None = None
+    """What its pixels are worth, as told where it was made; None where nobody asked."""
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, JSON-ready."""
@@ -59,6 +61,7 @@ class RawImage:
             "method": self.method,
             "rays": self.rays,
             "effects": self.plan.as_dicts(),
+            **({} if self.accuracy is None else {"accuracy": self.accuracy}),
         }
 
 

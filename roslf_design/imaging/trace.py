@@ -64,6 +64,8 @@ class Sampling:
     """Standard error of a pixel's value at which it is done."""
     seed: int = 0
     """Same seed, same bytes."""
+    side: int = 0
+    """Behind a real main lens: samples along a pixel's side, instead of rays; 0 is a few."""
 
 
 @dataclass(frozen=True, eq=False)

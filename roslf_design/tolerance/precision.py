@@ -123,7 +123,7 @@ def precision(
         by if measured is not None else "",
         asked,
         seconds,
-        scatter,
+        scatter=scatter,
     )
     return Precision(accuracy, of_yield, measured_yield, of_ranks, measured_rank)
 

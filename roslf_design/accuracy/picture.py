@@ -1,0 +1,293 @@
+"""Pictures to an accuracy: which effects may be left out, how many samples a pixel takes, and what came of it.
+
+An accuracy is what 99 of 100 pixels may be off by, 1 being a fully lit pixel. Half of it is for effects left out, half
+for the method. What samples miss is measured on the picture's own scene before it is made, on small patches, each
+number of samples against a finer one of another seed; and once more, on other patches, for the picture as it was made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design
+from ..effects import Budget, Plan, plan
+from ..errors import InputError, Problem
+from ..imaging.render import RawImage, render
+from ..imaging.trace import Sampling
+from ..scenes import Scene
+from .statement import Accuracy, check_accuracy
+
+Floats = NDArray[np.float64]
+Patch = tuple[int, int, int, int]
+
+OF = "99 of 100 pixels, 1 is a fully lit one"
+SHARE = 0.99
+
+ROUNDING = {"coverage": 3e-7, "harmonics": 3e-6}
+"""Of exact methods: pixels, and the series' sums, are single precision."""
+CONVOLVED = 2e-3
+"""What convolution may miss: frequencies folded back (1e-3), and far tails that come from the tile's other side."""
+FAINT = 2e-3
+"""Least share of a point's light in its far tails that is gone after."""
+
+RAYS = (16, 64, 256, 1024, 4096)
+"""Rays per pixel tried."""
+SIDES = (4, 6, 8, 12, 16, 24)
+"""Samples along a pixel's side tried, behind a real main lens."""
+FINER = 2
+"""Times as many samples for what they are held against."""
+PATCH, PATCHES = 20, 6
+"""Pixels across a patch, and how many there are."""
+WIDE, FEW = 48, 2
+"""The same where diffraction is in them: each patch then takes wide margins."""
+MARGINS = 192
+"""Pixels that they add."""
+SAFETY = 1.25
+"""Errors of other patches scatter."""
+CHEAP, CHEAPER = 1e8, 0.5
+"""Rays that measuring may take: so many, or that part of the picture's own."""
+
+INCOHERENT = "light within a microlens counts as incoherent, which misses 1 to 2 % rms of a full-contrast texture"
+"""What diffraction of a texture leaves out."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """How a picture is to be made."""
+
+    budget: Budget
+    plan: Plan
+    sampling: Sampling
+    expected_error: float
+    method: str
+
+
+def settle(
+    design: Design,
+    scene: Scene,
+    accuracy: float,
+    overrides: Iterable[str] = (),
+    *,
+    seed: int = 0,
+    region: Patch | None = None,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Settled:
+    """Choose effects and samples for an accuracy.
+
+    Parameters
+    ----------
+    design : Design
+    scene : Scene
+    accuracy : float
+        What 99 of 100 pixels may be off by.
+    overrides : iterable of str
+        Effects switched by hand; those left out by hand do not count as errors.
+    seed : int
+        Of the picture.
+    region : (column, row, columns, rows), optional
+        Of the sensor; None is all of it.
+    progress : callable
+        Told what is being tried.
+
+    Raises
+    ------
+    InputError
+        No accuracy, or one that is out of reach for this scene; a scene that the design cannot see.
+    """
+    check_accuracy(accuracy, 1e-6, "pixels are single precision")
+    wanted = tuple(overrides)
+    scene.check(design)
+    share, budget, chosen = accuracy / 2, Budget(accuracy / 2, accuracy / 2, accuracy / 2), None
+    while chosen is None or (left_out(chosen) > accuracy / 2 and share > 0):
+        budget = Budget(share, share, share)
+        chosen = plan(design, scene, budget, wanted)
+        share = share / 4 if share > 1e-12 else 0.0
+    missing = left_out(chosen)
+    job = _Job(design, scene, chosen, budget, seed, region)
+    if job.method in ROUNDING:
+        expected = missing + ROUNDING[job.method]
+        _reachable(accuracy, expected, job.method)
+        return Settled(budget, chosen, Sampling(seed=seed), expected, job.method)
+    floor = missing + (CONVOLVED if job.convolved else 0.0) + (FAINT if job.scene.points else 0.0)
+    if not job.ladder:
+        _reachable(accuracy, floor, job.method)
+        return Settled(budget, chosen, Sampling(seed=seed), floor, job.method)
+    _reachable(accuracy, 2 * floor, f"{job.method} with diffraction" if job.convolved else job.method)
+    best, least = None, math.inf
+    for rung in job.ladder:
+        for sampling in rung:
+            progress(f"trying {_effort(sampling)}")
+            # Diffraction smooths: left out, errors told are upper bounds, and cost no margins.
+            found, cost = job.error(sampling, job.patches(0, wide := job.rays(sampling) <= CHEAP), sharp=not wide)
+            least = min(least, SAFETY * found + floor)
+            if SAFETY * found + floor <= accuracy and (best is None or cost < best[0]):
+                best = (cost, sampling, SAFETY * found + floor)
+        if best is not None:
+            return Settled(budget, chosen, best[1], best[2], f"{job.method}, {_effort(best[1])}")
+    raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
+
+
+def stated(
+    image: RawImage, settled: Settled | None, accuracy: float | None, budget: Budget, seconds: float | None = None
+) -> Accuracy:
+    """What a picture is worth, measured on it where an accuracy was asked for.
+
+    Parameters
+    ----------
+    image : RawImage
+    settled : Settled, optional
+        How it was made; None where by budgets alone.
+    accuracy : float, optional
+        That was asked for.
+    budget : Budget
+        It was made by.
+    seconds : float, optional
+        That it took, everything included.
+    """
+    taken = image.seconds if seconds is None else seconds
+    if settled is None:
+        expected = left_out(image.plan) + ROUNDING.get(image.method, 0.0)
+        job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
+        expected += (CONVOLVED if job.convolved else 0.0) + (FAINT if image.scene.points else 0.0)
+        if job.ladder:
+            expected += 2 * max(budget.intensity, 1e-4)
+        return Accuracy(OF, image.method, expected, seconds=taken, model=job.model)
+    job = _Job(image.design, image.scene, image.plan, settled.budget, image.seed, image.region, image.method)
+    measured, by = None, ""
+    if job.ladder and job.rays(settled.sampling) <= max(CHEAP, CHEAPER * image.rays):
+        measured, _ = job.error(settled.sampling, job.patches(1, True))
+        by = "other patches again, with finer samples and another seed"
+    return Accuracy(OF, settled.method, settled.expected_error, measured, by, accuracy, taken, job.model)
+
+
+def left_out(chosen: Plan) -> float:
+    """Sum of the sizes of effects that a plan leaves out by itself.
+
+    A displacement by a part of a pixel (or pitch) moves that part of a pixel's light at most.
+    """
+    return sum(abs(line.estimate) for line in chosen if not line.on and "by hand" not in line.reason)
+
+
+def _effort(sampling: Sampling) -> str:
+    if sampling.side:
+        return f"{sampling.side} x {sampling.side} samples a pixel"
+    if sampling.least == sampling.most:
+        return f"{sampling.most} rays a pixel"
+    return f"{sampling.least} to {sampling.most} rays a pixel"
+
+
+class _Job:
+    """A picture whose patches can be rendered in any way."""
+
+    def __init__(
+        self, design: Design, scene: Scene, chosen: Plan, budget: Budget, seed: int, region: Sequence[int] | None,
+        method: str = "",
+    ) -> None:  # fmt: skip
+        self.design, self.scene, self.plan, self.budget, self.seed = design, scene, chosen, budget, seed
+        width, height = design.pixels
+        self.region = tuple(region) if region is not None else (0, 0, width, height)
+        if not method:
+            method = self._method()
+        self.method = method
+        spread = chosen.on("microlens_diffraction") or chosen.on("microlens_defocus")
+        self.convolved = spread and method in ("rays", "convolution")
+        self.real = self.method == "rays" and design.lens is not None and chosen_lens(chosen)
+
+    def _method(self) -> str:
+        """Told by the smallest of pictures."""
+        column, row, columns, rows = self.region
+        few = Sampling(least=16, most=16, side=2, seed=self.seed)
+        tiny = (column, row, min(2, columns), min(2, rows))
+        return render(self.design, self.scene, effects=self.plan, budget=self.budget, region=tiny, sampling=few).method
+
+    @property
+    def ladder(self) -> tuple[tuple[Sampling, ...], ...]:
+        """Ways to sample, cheapest first; those of one rung are tried together."""
+        if self.method != "rays":
+            return ()
+        if self.real:
+            return tuple((Sampling(side=side, seed=self.seed),) for side in SIDES)
+        found = []
+        for rays in RAYS:
+            fixed = Sampling(rays, rays, 0.0, self.seed)
+            spread = Sampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
+            found.append((spread, fixed) if rays >= 256 else (fixed,))
+        return tuple(found)
+
+    @property
+    def model(self) -> str:
+        """What no number of samples gets past."""
+        return INCOHERENT if self.convolved and self.scene.white is None else ""
+
+    def rays(self, sampling: Sampling) -> float:
+        """How many measuring takes."""
+        per = sampling.side**2 or sampling.most
+        across, count = (WIDE + MARGINS, FEW) if self.convolved else (PATCH, PATCHES)
+        return float(count * across**2 * per * (1 + FINER * (2 if sampling.side else 1)))
+
+    def patches(self, which: int, whole: bool) -> list[Patch]:
+        """Small regions: the centre, and others anywhere; not the same for another `which`.
+
+        `whole`: as they are in the picture, diffraction and all.
+        """
+        column, row, columns, rows = self.region
+        side, count = (WIDE, FEW) if whole and self.convolved else (PATCH, PATCHES)
+        size = min(side, columns), min(side, rows)
+        rng = np.random.default_rng([self.seed, which, 77])
+        shares = np.concatenate([[[0.5, 0.5]] if which == 0 else rng.random((1, 2)), rng.random((count - 1, 2))])
+        return [
+            (column + int(x * (columns - size[0])), row + int(y * (rows - size[1])), *size) for x, y in shares.tolist()
+        ]
+
+    def error(self, sampling: Sampling, patches: Sequence[Patch], *, sharp: bool = False) -> tuple[float, float]:
+        """What most pixels differ by from finer samples of another seed, and their cost, in rays a pixel.
+
+        `sharp` leaves diffraction out, which would only smooth what sampling leaves, at the cost of wide margins.
+        """
+        finer = replace(
+            sampling, least=FINER * sampling.least, most=FINER * sampling.most, seed=sampling.seed + 1,
+            tolerance=sampling.tolerance / math.sqrt(FINER), side=2 * sampling.side,
+        )  # fmt: skip
+        off = ["-noise"] + (["-microlens_diffraction", "-microlens_defocus"] if sharp and self.convolved else [])
+        forced = [f"{'+' if line.on else '-'}{line.name}" for line in self.plan if _free(line.name, self.design)]
+        chosen = plan(self.design, self.scene, self.budget, [*forced, *off])
+        differences, rays = [], 0.0
+        for patch in patches:
+            pair = [
+                render(self.design, self.scene, effects=chosen, budget=self.budget, region=patch, sampling=way,
+                       seed=self.seed)
+                for way in (sampling, finer)
+            ]  # fmt: skip
+            differences.append(np.abs(pair[0].pixels.astype(float) - pair[1].pixels).ravel())
+            rays += pair[0].rays / pair[0].pixels.size
+        return float(np.quantile(np.concatenate(differences), SHARE)), rays / len(patches)
+
+
+def chosen_lens(chosen: Plan) -> bool:
+    """Whether any fault of a real main lens is rendered."""
+    from ..imaging.lens_rays import LENS_EFFECTS
+
+    return any(chosen.on(name) for name in LENS_EFFECTS)
+
+
+def _free(name: str, design: Design) -> bool:
+    from ..effects.plan import EFFECTS
+
+    effect = next(effect for effect in EFFECTS if effect.name == name)
+    return not effect.always and effect.available(design)
+
+
+def _reachable(accuracy: float, expected: float, method: str) -> None:
+    if expected > accuracy:
+        raise _out_of_reach(accuracy, expected, method)
+
+
+def _out_of_reach(accuracy: float, expected: float, method: str) -> InputError:
+    best = float(f"{1.05 * expected:.1e}")
+    message = f"{accuracy:g} is out of reach for this scene: {method} comes to about {expected:.2g}; ask for {best:g}"
+    return InputError((Problem("--accuracy", message),))
