@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json as json_text
 import math
+import time
+from dataclasses import replace
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -32,25 +34,38 @@ def evaluate(
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
+    from ..accuracy.evaluated import evaluation_accuracy
+    from ..accuracy.statement import check_accuracy
     from ..design import load
     from ..design.errors import InputError, Problem
     from ..evaluation import evaluate as compute
 
+    if accuracy is not None:
+        check_accuracy(accuracy)
     fields = None if field is None else [parse_field(text) for text in field]
+    began = time.perf_counter()
+    loaded = load(design)
     try:
-        result = compute(load(design), fields, accuracy)
+        result = compute(loaded, fields, accuracy)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
         raise InputError((Problem("--accuracy", str(error)),)) from None
+    worth = evaluation_accuracy(loaded, result, accuracy)
+    worth = replace(worth, seconds=time.perf_counter() - began)
     if json:
-        print(json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False))
+        # Without an accuracy asked for, nothing that differs from run to run.
+        values = result.to_dict() | {"accuracy": worth.to_dict(times=accuracy is not None)}
+        print(json_text.dumps(values, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
 
     from ..evaluation.show import print_evaluation
 
-    print_evaluation(result, Console())
+    console = Console()
+    print_evaluation(result, console)
+    if accuracy is not None:
+        console.print(f"\n{worth.sentence()}", highlight=False, soft_wrap=True)
 
 
 def parse_field(text: str) -> tuple[float, float]:

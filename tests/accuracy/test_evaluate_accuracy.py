@@ -55,3 +55,30 @@ def test_result_tells_how_many_rays_and_how_far_off(tmp_path, capsys):
     assert {field.rays for field in result.fields} == {rays_for(5e-3)}
     assert main(["evaluate", str(path), "--accuracy", "1e-9"]) == 2
     assert "--accuracy" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])
+def test_no_accuracy_is_one_line(value, capsys):
+    assert main(["evaluate", "paper", "--accuracy", value]) == 2
+    told = capsys.readouterr()
+    assert "--accuracy" in told.err
+    assert len(told.err.strip().splitlines()) == 1
+    assert told.out == ""
+
+
+def test_every_evaluation_carries_what_it_is_worth(tmp_path, capsys):
+    import json
+
+    assert main(["evaluate", "paper", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["accuracy"]
+    assert told["expected_error"] <= 1e-12
+    assert "seconds" not in told  # the same bytes every time
+    path = tmp_path / "tilted.toml"
+    roslf.save(PAPER.replace({"aperture.tilt": (0.02, 0.0), "main_lens.diameter": 9.0}), path)
+    assert main(["evaluate", str(path), "--accuracy", "5e-3", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["accuracy"]
+    assert told["kept"]
+    assert 0 <= told["measured_error"] <= 5e-3
+    assert told["seconds"] > 0
+    assert main(["evaluate", "paper", "--accuracy", "5e-3"]) == 0
+    assert "expected within 1e-12" in capsys.readouterr().out
