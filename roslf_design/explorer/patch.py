@@ -68,3 +68,11 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch:
     wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
     pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))
     return Patch(columns, rows, np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
+
+
+def warm_up() -> None:
+    """Load the compiled kernels that pictures use (half a second, or several where they were never compiled)."""
+    from ..microlens import _pixels, _shapes
+
+    for kernel in (_shapes.shapes, _pixels.coverage, _pixels.coverage_bands):
+        _ = kernel.compiled
