@@ -15,7 +15,7 @@ from .pictures.depth import depth_precision
 from .pictures.effects import effects
 from .pictures.matching_plane import matching_plane
 from .pictures.meridional import meridional
-from .pictures.microlens import microlens_image
+from .pictures.microlens import microlens_image, nearest_microlens
 from .pictures.mla_map import mla_map
 from .pictures.theme import ThemeName
 from .places import place_on_mla
@@ -41,7 +41,8 @@ class Seen:
     @cached_property
     def place(self) -> tuple[float, float]:
         """Of the microlens that is shown [mm]."""
-        return place_on_mla(self.design, self.look.place)
+        place = place_on_mla(self.design, self.look.place)
+        return nearest_microlens(self.design, place, inward=isinstance(self.look.place, str))
 
 
 class Drawing(NamedTuple):

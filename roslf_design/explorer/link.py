@@ -20,7 +20,7 @@ LIMIT = 200_000
 
 TABS = {
     "camera": "Camera",
-    "depth": "Depth and effects",
+    "depth": "Depth",
     "tolerance": "Tolerance",
     "optimise": "Optimise",
     "space": "3D",

@@ -10,16 +10,33 @@ from typing import Any
 
 from ..design import Design, DesignError, load, loads, preset_names
 from ..errors import InputError
+from ..evaluation import Evaluation, evaluate
 from . import state as states
 from .drawing import DRAWINGS, Seen, Size, fitting
 from .fields import BY_SYMBOL, reach, value_at
+from .fixes import Fix, proposals
 from .history import History, record, redo, undo
 from .link import TABS, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
 from .places import on_array, place_on_mla, read_place
 from .state import State
-from .view import controls, header, looked_at, verdicts
+from .view import controls, header, looked_at, proposed, verdicts
+
+PAUSE = 0.3
+"""How long a design must stand still before what takes about as long is done for it [s]."""
+
+TRACING = {
+    "name": "tracing",
+    "level": "wait",
+    "word": "not yet known",
+    "title": "real lens",
+    "margin": "tracing ...",
+    "text": "The verdicts are those of the thin twin; rays are being traced through the real lens.",
+    "plain": "tracing rays through the real lens",
+    "remedy": "",
+}
+"""Stands among the lights until the lens has been traced."""
 
 MOST_TEXT = 1_000_000
 """Largest design file that is taken [characters]."""
@@ -59,6 +76,9 @@ class Session:
         self._sizes: dict[str, Size] = {name: drawing.size for name, drawing in DRAWINGS.items()}
         self._opened = False
         self._limits: tuple[float, float] | None = None
+        self._traced: tuple[Design, Evaluation] | None = None
+        self._proposed: tuple[Design, tuple[Fix, ...]] | None = None
+        self._timers: dict[str, asyncio.TimerHandle] = {}
         self._last = Seen(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
@@ -84,8 +104,8 @@ class Session:
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            "lights": verdicts(self._seen().evaluation),
-            "fixes": [],
+            "lights": self._lights() if self._opened else [],
+            "fixes": self._fixes() if self._opened else [],
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -100,6 +120,8 @@ class Session:
 
     def close(self) -> None:
         """End all that runs for this tab."""
+        for timer in self._timers.values():
+            timer.cancel()
         for process in self._children:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
@@ -172,6 +194,16 @@ class Session:
         """Load a design file of the machine that the explorer runs on."""
         self._load(lambda: load(path.strip()))
 
+    def fix(self, key: str) -> None:
+        """Change what a proposal says."""
+        chosen = next((fix for fix in self._propose() if fix.key == key), None)
+        if chosen is None or chosen.why_not:
+            return
+        try:
+            self._go(states.change(self.state, chosen.changes))
+        except DesignError as error:
+            self._tell(f"{chosen.label}: {error}")
+
     def dismiss(self) -> None:
         """Take note of the message."""
         self._tell("")
@@ -231,6 +263,46 @@ class Session:
         self._theme = "dark" if theme == "dark" else "light"
 
     # How they do it.
+
+    def _lights(self) -> list[dict[str, str]]:
+        """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
+        if self.design.main_lens.prescription is None:
+            return verdicts(self._seen().evaluation)
+        if self._traced is not None and self._traced[0] == self.design:
+            return verdicts(self._traced[1])
+        self._soon("trace", self._trace)
+        return [*verdicts(self._seen().evaluation), TRACING]
+
+    def _trace(self) -> None:
+        # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
+        self._traced = (self.design, evaluate(self.design))
+
+    def _fixes(self) -> list[dict[str, str]]:
+        """What would mend the design; with nothing promised while it is still being changed."""
+        if self._proposed is not None and self._proposed[0] == self.design:
+            return proposed(self._proposed[1])
+        self._soon("fixes", self._propose)
+        return [
+            {**fix, "outcome": "", "why_not": ""}
+            for fix in proposed(() if self._proposed is None else self._proposed[1])
+        ]
+
+    def _propose(self) -> tuple[Fix, ...]:
+        fixes = proposals(self.design)
+        self._proposed = (self.design, fixes)
+        return fixes
+
+    def _soon(self, name: str, work: Callable[[], object]) -> None:
+        """Do what takes longer than a slider may wait, and show it, once nothing has changed for a while."""
+
+        def run() -> None:
+            del self._timers[name]
+            work()
+            self.on_news()
+
+        if name in self._timers:
+            self._timers[name].cancel()
+        self._timers[name] = asyncio.get_running_loop().call_later(PAUSE, run)
 
     def _seen(self) -> Seen:
         design = self.design.thin_twin

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from ..evaluation import Evaluation
+from ..report.symbols import to_html
 from .fields import CONJUGATE, FIELDS, STEPS, Field, position, reach, show
+from .fixes import Fix
 from .history import History
 from .link import Look, encode
 from .places import place_on_mla
@@ -59,7 +62,7 @@ def _control(field: Field, state: State) -> dict[str, Any]:
         "name": field.name,
         "spoken": f"{field.name}, {_SPOKEN.get(field.symbol, field.symbol.replace('_', ' '))}",
         "text": show(field, value) if fault is None else fault.text,
-        "fault": "" if fault is None else fault.message,
+        "fault": "" if fault is None else to_html(fault.message),
         "position": position(field, value, ends),
         "steps": STEPS,
         "shown": show(field, value),
@@ -75,7 +78,24 @@ _WORDS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
 
 def verdicts(evaluation: Evaluation) -> list[dict[str, str]]:
     """The verdict lights, with a word for those who do not see their colour."""
-    return [{**light._asdict(), "word": _WORDS[light.level]} for light in verdict_lights(evaluation)]
+    return [
+        {
+            **light._asdict(),
+            "word": _WORDS[light.level],
+            "text": to_html(light.text),
+            "remedy": to_html(light.remedy),
+            "plain": light.text,
+        }
+        for light in verdict_lights(evaluation)
+    ]
+
+
+def proposed(fixes: Iterable[Fix]) -> list[dict[str, str]]:
+    """What would mend the design, in words; its numbers stay on the server."""
+    return [
+        {"key": fix.key, "label": to_html(fix.label), "outcome": to_html(fix.outcome), "why_not": to_html(fix.why_not)}
+        for fix in fixes
+    ]
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:
