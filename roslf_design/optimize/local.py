@@ -42,7 +42,13 @@ class Search:
 
 
 def search(
-    problem: Smooth, start: Array, deadline: float = float("inf"), evaluations: int = 300, *, polish: bool = True
+    problem: Smooth,
+    start: Array,
+    deadline: float = float("inf"),
+    evaluations: int = 300,
+    *,
+    polish: bool = True,
+    tolerance: float = QUICK,
 ) -> Search:
     """SLSQP from a start, by way of the least violation where it does not reach a feasible point, then polished.
 
@@ -57,10 +63,12 @@ def search(
         Of each run.
     polish : bool
         Whether the run is repeated from its own end until nothing is gained; if not, it also ends earlier.
+    tolerance : float
+        Change of the merit, absolute and relative, at which an unpolished search ends.
     """
     guard = Guard(problem, deadline)
     begin = np.clip(np.nan_to_num(np.asarray(start, float), nan=0.5), 0.0, 1.0)
-    ftol = FTOL if polish else QUICK
+    ftol = FTOL if polish else tolerance
     stop = slsqp(guard, begin, evaluations, ftol)
     if not guard.feasible and guard.seconds_left > 0:
         starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]

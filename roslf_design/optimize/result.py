@@ -6,6 +6,7 @@ from typing import Any
 
 from ..json_data import null_unless_finite
 from .conflicts import Conflict
+from .precision import optimum_accuracy
 from .problem import Constraint, Goal
 from .robust import Spread, names_of
 from .run import Result
@@ -25,6 +26,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         Whether seconds are told; without, the same study gives the same bytes.
     """
     answer = result.answer
+    worth = optimum_accuracy(answer, result.study.settings, result.seconds)
     data: dict[str, Any] = {
         "schema": SCHEMA,
         "study": answer.asked.name,
@@ -35,6 +37,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
         "constraints": [_part(answer, c) | {"min": c.low, "max": c.high} for c in answer.asked.constraints],
         "violation": answer.violation,
+        "accuracy": None if worth is None else worth.to_dict(timings),
         "active": None,
         "trust": _trust(answer),
         "stages": [{"goal": s.goal, "value": s.value, "held": s.held} for s in answer.stages],

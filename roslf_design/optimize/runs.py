@@ -16,6 +16,7 @@ Stop = Literal["converged", "evaluations", "time", "round-off", "failed"]
 Global = Literal["crs2", "isres"]
 
 XTOL, FTOL = 1e-11, 1e-14
+GLOBAL_FTOL = 1e-9
 ROW_TOLERANCE = 1e-11
 """Passed to nlopt; the guard's own `FEASIBLE` decides."""
 
@@ -52,10 +53,14 @@ def slsqp(guard: Guard, start: Array, evaluations: int = 300, ftol: float = FTOL
             part(1 + inequalities, len(values)), np.full(problem.equalities, ROW_TOLERANCE)
         )
     optimiser.set_ftol_rel(ftol)
+    if ftol > FTOL:
+        optimiser.set_ftol_abs(ftol)
     return _run(optimiser, guard, start, evaluations)
 
 
-def globally(guard: Guard, algorithm: Global, weight: float, evaluations: int, seed: int) -> tuple[Stop, Array]:
+def globally(
+    guard: Guard, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
+) -> tuple[Stop, Array]:
     """A global search: CRS2_LM on the merit plus `weight` times the violation, or ISRES with the rows themselves.
 
     Returns
@@ -85,7 +90,7 @@ def globally(guard: Guard, algorithm: Global, weight: float, evaluations: int, s
         for number in range(1, len(rows)):
             add = optimiser.add_inequality_constraint if number <= inequalities else optimiser.add_equality_constraint
             add(lambda x, _, k=number: float(guard.rows(x, False)[0][k]), FEASIBLE)
-    optimiser.set_ftol_rel(1e-9)
+    optimiser.set_ftol_rel(ftol)
     return _run(optimiser, guard, np.full(problem.n, 0.5), evaluations), best[0][1]
 
 

@@ -15,7 +15,7 @@ from .guard import Guard
 from .local import Search, search
 from .multipliers import Conditions, conditions
 from .problem import Constraint, Goal, Problem
-from .runs import Global, Stop, globally
+from .runs import FTOL, GLOBAL_FTOL, Global, Stop, globally
 from .sampling import sobol_units
 
 Array = NDArray[np.float64]
@@ -44,6 +44,21 @@ class Settings:
     """Whether CRS2_LM looks again."""
     isres: bool = False
     """Whether ISRES does too."""
+    accuracy: float | None = None
+    """What the merit may be off by (0.01: 1 % of a goal); None polishes every search to rounding."""
+
+    @property
+    def agree(self) -> float:
+        """Difference of merit within which two searches found the same."""
+        return AGREE if self.accuracy is None else max(AGREE, self.accuracy)
+
+    @property
+    def tolerance(self) -> float:
+        """Change of the merit at which a search that is not polished ends.
+
+        A hundredth: along a curved valley (Rosenbrock's) the last of many small steps leaves up to fifty of them.
+        """
+        return FTOL if self.accuracy is None else max(FTOL, self.accuracy / 100)
 
 
 @dataclass(frozen=True)
@@ -57,10 +72,12 @@ class Check:
     """Of its own best feasible point; None where it met none."""
     polished: Search
     """A local search from its best point."""
+    within: float = AGREE
+    """Difference of merit that does not count."""
 
     def agrees(self, merit: float) -> bool:
         """Whether its polished point is the answer, or no better."""
-        return not self.polished.feasible or self.polished.merit >= merit - AGREE
+        return not self.polished.feasible or self.polished.merit >= merit - self.within
 
 
 @dataclass(frozen=True)
@@ -97,11 +114,15 @@ class Answer:
     evaluations: int
     seconds: float
     notes: tuple[str, ...]
+    agree: float = AGREE
+    """Difference of merit within which two searches found the same."""
+    gained: float = 0.0
+    """By how much the merit fell when the best was polished once more: what the searches had left."""
 
     @property
     def same(self) -> int:
         """How many starts ended at the answer."""
-        return sum(s.feasible and abs(s.merit - self.merit) <= AGREE for s in self.searches)
+        return sum(s.feasible and abs(s.merit - self.merit) <= self.agree for s in self.searches)
 
     @property
     def reached(self) -> int:
@@ -110,7 +131,7 @@ class Answer:
 
     def loose(self) -> dict[str, tuple[float, float]]:
         """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
-        equal = [s.unit for s in self.searches if s.feasible and abs(s.merit - self.merit) <= AGREE]
+        equal = [s.unit for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.agree]
         if len(equal) < 2:
             return {}
         values = self.problem.values(np.stack(equal))
@@ -196,7 +217,7 @@ def _solve(problem: Problem, settings: Settings, deadline: float, tell: Tell, st
         if found and time.monotonic() > deadline:
             break
         tell(f"start {number} of {len(starts)}")
-        found.append(search(problem, start, deadline, settings.evaluations))
+        found.append(_search(problem, start, deadline, settings))
     best = min(found, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     conditions_found = conditions(problem, best.unit) if best.feasible else None
@@ -208,9 +229,15 @@ def _solve(problem: Problem, settings: Settings, deadline: float, tell: Tell, st
         checks.append(check)
         if (check.polished.feasible, -check.polished.merit) > (best.feasible, -best.merit) and check.polished.feasible:
             better_by = best.merit - check.polished.merit if best.feasible else np.inf
-            if better_by > AGREE:
+            if better_by > settings.agree:
                 best = check.polished
                 conditions_found = conditions(problem, best.unit)
+    gained = 0.0
+    if best.feasible:
+        polished = search(problem, best.unit, deadline, settings.evaluations)
+        if polished.feasible and polished.merit < best.merit:
+            gained, best = best.merit - polished.merit, polished
+            conditions_found = conditions(problem, best.unit)
     conflict = None
     if not best.feasible:
         tell("finding what stands in the way")
@@ -238,6 +265,20 @@ def _solve(problem: Problem, settings: Settings, deadline: float, tell: Tell, st
         evaluations=sum(s.evaluations for s in found) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
         notes=tuple(_notes(found, len(starts))),
+        agree=settings.agree,
+        gained=gained,
+    )
+
+
+def _search(problem: Problem, start: Array, deadline: float, settings: Settings) -> Search:
+    """A local search, as thorough as the accuracy asks for."""
+    return search(
+        problem,
+        start,
+        deadline,
+        settings.evaluations,
+        polish=settings.accuracy is None,
+        tolerance=settings.tolerance,
     )
 
 
@@ -249,16 +290,18 @@ def _checkers(settings: Settings) -> list[Global]:
 def _check(problem: Problem, name: Global, settings: Settings, deadline: float, known: Conditions | None) -> Check:
     steepest = max((a.multiplier for a in known.active), default=0.0) if known is not None else 10.0
     guard = Guard(problem, deadline)
-    stop, unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed)
+    ftol = max(GLOBAL_FTOL, settings.tolerance)
+    stop, unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
     if name == "isres" and guard.unit is not None:
         unit = guard.unit  # it minimises no penalty: its best point is the best feasible one
-    polished = search(problem, unit, deadline, settings.evaluations)
+    polished = _search(problem, unit, deadline, settings)
     return Check(
         {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name],
         guard.evaluations,
         stop,
         guard.merit if guard.feasible else None,
         polished,
+        settings.agree,
     )
 
 

@@ -38,8 +38,8 @@ class Study:
     """Where files that the study names are looked for."""
 
 
-def load_study(path: str | os.PathLike[str], seed: int | None = None) -> Study:
-    """Read a study.
+def load_study(path: str | os.PathLike[str], seed: int | None = None, accuracy: float | None = None) -> Study:
+    """Read a study; `seed` overrides the file's, `accuracy` is `Settings.accuracy`.
 
     Raises
     ------
@@ -47,7 +47,8 @@ def load_study(path: str | os.PathLike[str], seed: int | None = None) -> Study:
         Names the file and every fault in it.
     """
     place = Path(path)
-    return read_study(read_toml(place, str(path)), place.parent, str(path), seed)
+    study = read_study(read_toml(place, str(path)), place.parent, str(path), seed)
+    return replace(study, settings=replace(study.settings, accuracy=accuracy))
 
 
 def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "", seed: int | None = None) -> Study:
