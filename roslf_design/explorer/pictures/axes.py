@@ -15,6 +15,10 @@ from .theme import Theme
 Floats = NDArray[np.float64]
 
 
+LEGEND_ROW = 17.0
+"""Height of a legend's row [px]."""
+
+
 class Mapping(NamedTuple):
     """How a picture's pixels and its values belong together; both axes linear."""
 
@@ -179,13 +183,11 @@ def _room(plot: Plot, length: float, each: float) -> int:
     return max(2, int(length / each))
 
 
-def legend(at: Point, entries: Iterable[tuple[str, str]], theme: Theme, width: float = math.inf) -> tuple[str, float]:
-    """Marks with their names in rows from `at` on, broken at `width` px.
+def legend(entries: Iterable[tuple[str, str]], theme: Theme, width: float) -> tuple[str, float]:
+    """Marks with their names in rows, broken at a width.
 
     Parameters
     ----------
-    at : (x, y)
-        Left end of the first row's baseline [px].
     entries : iterable of (mark, name)
         A mark is drawn about (0, 0), 22 px wide.
     theme : Theme
@@ -195,14 +197,19 @@ def legend(at: Point, entries: Iterable[tuple[str, str]], theme: Theme, width: f
     Returns
     -------
     (elements, height)
-        Height of all rows [px].
+        Elements from (0, 0) to the right and downwards; height of all rows [px].
     """
-    x, y, row, parts = at[0], at[1], 17.0, []
+    x, y, parts = 0.0, 0.0, []
     for mark, name in entries:
-        wide = 28 + text_width(name, SMALL) + 14
-        if x > at[0] and x + wide - 14 > at[0] + width:
-            x, y = at[0], y + row
-        parts.append(tag("g", mark, transform=f"translate({x + 11:.1f} {y - 4:.1f})"))
-        parts.append(text((x + 27, y), name, theme.ink, SMALL))
-        x += wide
-    return "".join(parts), y - at[1] + row
+        wide = 27 + text_width(name, SMALL)
+        if x > 0 and x + wide > width:
+            x, y = 0.0, y + LEGEND_ROW
+        parts.append(tag("g", mark, transform=f"translate({x + 11:.1f} {y + 8:.1f})"))
+        parts.append(text((x + 27, y + 12), name, theme.ink, SMALL))
+        x += wide + 14
+    return "".join(parts), y + LEGEND_ROW
+
+
+def moved(content: str, x: float, y: float) -> str:
+    """Elements elsewhere [px]."""
+    return tag("g", content, transform=f"translate({x:.1f} {y:.1f})")

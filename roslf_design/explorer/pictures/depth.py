@@ -8,16 +8,15 @@ import numpy as np
 
 from ...report.figures.depth_precision import SIGMA_DISPARITY, focal_plane_sigma
 from ...report.figures.depth_precision import depth_precision as curve_of
-from .axes import Picture, Plot, Scale, frame, legend
+from .axes import Picture, Plot, Scale, frame, legend, moved
 from .svg import PLAIN, SMALL, clipped, document, line, path, path_of, short, tag, text, text_width
-from .theme import ThemeName, theme_named
+from .theme import Theme, ThemeName, theme_named
 
 if TYPE_CHECKING:
     from ...design import Design
 
 LEFT, TOP, RIGHT, BELOW = 58.0, 14.0, 56.0, 42.0
 """Margins [px]; the right one holds a second axis."""
-LEGEND = 22.0
 POINTS = 121
 
 
@@ -38,12 +37,13 @@ def depth_precision(design: Design, theme: ThemeName = "light", size: tuple[floa
     """
     colours = theme_named(theme)
     curve, focus = curve_of(design, POINTS), focal_plane_sigma(design)
-    width, height = max(size[0] - LEFT - RIGHT, 80.0), max(size[1] - TOP - BELOW - LEGEND, 80.0)
+    key, tall = legend(_entries(colours), colours, size[0] - 24)
+    width, height = max(size[0] - LEFT - RIGHT, 80.0), max(size[1] - TOP - BELOW - tall, 80.0)
     across = Scale(float(curve.distance[0]), float(curve.distance[-1]))
     plot = Plot(LEFT, TOP, width, height, across, Scale(0.0, 1.08 * float(np.max(curve.sigma))))
     other = plot._replace(y=Scale(0.0, 1.08 * max(float(np.max(curve.blur)), 1e-9)))
     x, y = plot.at(design.d_f, focus)
-    told = f"in focus, Z = d_f = {short(design.d_f)} mm: {short(focus, 3)} mm"
+    told = f"at d_f = {short(design.d_f)} mm: {short(focus, 3)} mm"
     leftwards = x + text_width(told, SMALL) + 16 > plot.right
     inside = [
         line((x, plot.top), (x, plot.bottom), colours.grey, 1.2, dash="6 3"),
@@ -56,11 +56,6 @@ def depth_precision(design: Design, theme: ThemeName = "light", size: tuple[floa
         tag("circle", cx=x, cy=y, r=6, fill=colours.vermillion, stroke=colours.ground, stroke_width=2),
         text(at, told, colours.ink, SMALL, "end" if leftwards else "start", halo=colours.ground),
     ]
-    entries = [
-        (line((-11, 0), (11, 0), colours.blue, 2.2), f"σ_Z for {SIGMA_DISPARITY:g} pitch of disparity error"),
-        (line((-11, 0), (11, 0), colours.orange, 1.8, dash="7 4"), "spread of a point on the MLA"),
-    ]
-    key, _ = legend((14, plot.bottom + BELOW + 8), entries, colours, size[0] - 24)
     body = [
         frame(
             plot,
@@ -72,10 +67,17 @@ def depth_precision(design: Design, theme: ThemeName = "light", size: tuple[floa
         _right_axis(other, colours.orange),
         clipped("depth-window", plot.box, "".join(inside)),
         *marks,
-        key,
+        moved(key, 14, plot.bottom + BELOW - 2),
     ]
     title = f"Depth precision of {design.name}: {focus:.3g} mm at the focal plane, {design.d_f:.4g} mm from the lens"
     return Picture(document("depth", title, size, colours, body), plot.mapping)
+
+
+def _entries(theme: Theme) -> list[tuple[str, str]]:
+    return [
+        (line((-11, 0), (11, 0), theme.blue, 2.2), f"σ_Z for {SIGMA_DISPARITY:g} pitch of disparity error"),
+        (line((-11, 0), (11, 0), theme.orange, 1.8, dash="7 4"), "spread of a point on the MLA"),
+    ]
 
 
 def _right_axis(plot: Plot, colour: str) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...report.figures.matching_plane import MatchingPlane
 from ...report.figures.matching_plane import matching_plane as plane_of
-from .axes import Picture, Plot, Scale, frame, legend
+from .axes import Picture, Plot, Scale, frame, legend, moved
 from .svg import SMALL, clipped, document, line, path, path_of, short, tag, text, text_width
 from .theme import Theme, ThemeName, theme_named
 
@@ -20,8 +20,6 @@ Floats = NDArray[np.float64]
 
 LEFT, TOP, RIGHT, BELOW = 56.0, 12.0, 16.0, 42.0
 """Margins [px]."""
-LEGEND = 40.0
-"""Height of the legend [px]."""
 POINTS = 121
 
 
@@ -50,8 +48,9 @@ def matching_plane(
     colours, seen = theme_named(theme), design.thin_twin
     plane = plane_of(seen, POINTS, limits)
     right = float(plane.d_3[-1]) if limits is None else limits[0]
+    key, tall = legend(_entries(bool((plane.margin >= 0).any()), colours), colours, size[0] - 24)
     plot = Plot(
-        LEFT, TOP, max(size[0] - LEFT - RIGHT, 80.0), max(size[1] - TOP - BELOW - LEGEND, 80.0),
+        LEFT, TOP, max(size[0] - LEFT - RIGHT, 80.0), max(size[1] - TOP - BELOW - tall, 80.0),
         Scale(0.0, right), Scale(0.0, float(plane.D_F[-1])),
     )  # fmt: skip
     free = _highest_undistorted(plane)
@@ -59,7 +58,7 @@ def matching_plane(
         frame(plot, colours, "FAP distance d_3 [mm]", "FAP diameter D_F [mm]"),
         clipped("matching-plane-window", plot.box, _curves(seen, plane, free, plot, colours)),
         _point(seen, plot, colours),
-        _legend(bool(np.isfinite(free).any()), colours, size, plot.bottom + BELOW + 8),
+        moved(key, 14, plot.bottom + BELOW - 2),
     ]
     title = (
         f"Plane of FAP diameter and distance for {design.name}, which is at d_3 = {design.d_3:.4g} mm, "
@@ -136,15 +135,13 @@ def _point(design: Design, plot: Plot, theme: Theme) -> str:
     return text(at, told, theme.ink, SMALL, "end" if leftwards else "start", halo=theme.ground) + dot
 
 
-def _legend(somewhere: bool, theme: Theme, size: tuple[float, float], top: float) -> str:
+def _entries(somewhere: bool, theme: Theme) -> list[tuple[str, str]]:
     area = tag("rect", x=-10, y=-5, width=20, height=10, fill=theme.green, fill_opacity=0.16, stroke=theme.green)
     band = tag("rect", x=-10, y=-5, width=20, height=10, fill=theme.blue, fill_opacity=0.2)
-    entries = [
+    return [
         (line((-11, 0), (11, 0), theme.blue, 2.4), "matched, Eq. 7"),
-        (band, "within ±1 px of it"),
-        (line((-11, 0), (11, 0), theme.orange, 1.6, dash="7 4"), "approximation, Eq. 8"),
-        (area, f"sensor undistorted, Eq. 6{'' if somewhere else ': nowhere'}"),
-        (tag("circle", r=5, fill=theme.vermillion), "this design: drag it"),
+        (band, "within ±1 px"),
+        (line((-11, 0), (11, 0), theme.orange, 1.6, dash="7 4"), "nearly, Eq. 8"),
+        (area, f"undistorted, Eq. 6{'' if somewhere else ': nowhere'}"),
+        (tag("circle", r=5, fill=theme.vermillion), "this design"),
     ]
-    marks, _ = legend((14, top), entries, theme, size[0] - 24)
-    return marks

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ...report.figures.ray_diagram import LabelledFan, element_names, frame_of, is_centred, labelled_fans, name_rows
-from .axes import Picture, Plot, Scale, legend
+from .axes import Picture, Plot, Scale, legend, moved
 from .svg import GLYPH, SMALL, Point, clipped, document, line, path, path_of, plated, short, tag, text, text_width
 from .theme import Theme, ThemeName, theme_named
 
@@ -35,8 +35,6 @@ class Section(NamedTuple):
     """Pixels per millimetre of height over those of length."""
     rows: tuple[int, ...]
     """Of the elements' names."""
-    ahead: str
-    """What lies further to the left; "" where all is shown."""
 
 
 def meridional(
@@ -63,7 +61,12 @@ def meridional(
     colours, seen = theme_named(theme), design.thin_twin
     whole = math.isfinite(design.d_f) and (_instrument_is_seen(design) if whole is None else whole)
     drawn = labelled_fans(seen)
-    section = _section(seen, drawn, size, whole)
+    # How many rows the legend takes must be known before the scale is, which it tells.
+    entries = _entries(drawn, colours)
+    _, foot = legend([*entries, ("", _scale_told(design, 100.0, whole))], colours, size[0] - 28)
+    section = _section(seen, drawn, (size[0], size[1] - foot), whole)
+    ruler = path("M-11,0h22M-11,-4v8M11,-4v8", colours.grey, 1.2)
+    key, _ = legend([*entries, (ruler, _scale_told(design, section.exaggeration, whole))], colours, size[0] - 28)
     plot = section.plot
     rays = "".join(_fan(plot, fan, hue, colours) for fan, hue in zip(drawn, colours.fields, strict=True))
     body = [
@@ -73,7 +76,7 @@ def meridional(
         _names(seen, section, colours, whole),
         _openings(seen, section, colours),
         _lengths(seen, section, colours, whole),
-        _foot(drawn, section, colours, size),
+        moved(key, 16, size[1] - foot - 3),
     ]
     blocked = sum(int((~fan.kept).sum()) for fan in drawn)
     title = (
@@ -93,7 +96,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: tuple[float, float]
     side = 16.0, 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     length = frame.right - frame.left
     across = max(size[0] - sum(side), 50.0)
-    below = DIMENSION_ROW * (2 if whole else 1) + 34
+    below = DIMENSION_ROW * (2 if whole else 1) + 14
     rows, along = [0], across / length
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         top = 8 + NAME_ROW * (1 + max(rows))
@@ -109,8 +112,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: tuple[float, float]
         side[0] + (across - width) / 2, top + (height - tall) / 2, width, tall,
         Scale(frame.left, frame.right), Scale(-frame.half, frame.half),
     )  # fmt: skip
-    ahead = "" if whole else f"object plane {short(design.d_f)} mm before the lens"
-    return Section(plot, frame.half, exaggeration, tuple(rows), ahead)
+    return Section(plot, frame.half, exaggeration, tuple(rows))
 
 
 def _rounded_down(ratio: float) -> float:
@@ -203,9 +205,11 @@ def _names(design: Design, section: Section, theme: Theme, whole: bool) -> str:
 def _openings(design: Design, section: Section, theme: Theme) -> str:
     """Diameters of the FAP and the main lens as dimensions across."""
     plot, parts = section.plot, []
+    room = plot.at(design.d_1, 0.0)[0] - plot.at(0.0, 0.0)[0]
+    lens_side = 1 if room > text_width(f"D = {short(design.D)} mm", SMALL) + 34 else -1
     marks = (
         ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, -1),
-        ("D", 0.0, design.main_lens.decentre[0], design.D, 1),
+        ("D", 0.0, design.main_lens.decentre[0], design.D, lens_side),
     )
     for symbol, z, middle, diameter, side in marks:
         (x, top), (_, low) = plot.at(z, middle + diameter / 2), plot.at(z, middle - diameter / 2)
@@ -213,7 +217,8 @@ def _openings(design: Design, section: Section, theme: Theme) -> str:
         told = f"{symbol} = {short(diameter)} mm"
         parts.append(_arrow((x, top), (x, low), theme))
         # Fields are drawn on the upper side of the lens, so on the lower side of what lies before the FAP.
-        at = (x - 2, top - 6) if side < 0 else (x + 5, low - 0.12 * (low - top) if low - top > 40 else low + 15)
+        beside = low - 0.12 * (low - top) if low - top > 40 else low + 15
+        at = (x - 2, top - 6) if symbol == "D_F" else (x + 5 * side, beside)
         parts.append(plated(at, told, theme.ink, theme.ground, anchor="start" if side > 0 else "end"))
     return "".join(parts)
 
@@ -254,7 +259,7 @@ def _arrow(start: Point, end: Point, theme: Theme) -> str:
     return line(start, end, theme.grey, 1.0) + ticks
 
 
-def _foot(drawn: list[LabelledFan], section: Section, theme: Theme, size: tuple[float, float]) -> str:
+def _entries(drawn: list[LabelledFan], theme: Theme) -> list[tuple[str, str]]:
     entries = [
         (line((-11, 0), (11, 0), hue, 1.9), fan.label if fan.kept.any() else f"{fan.label} (dark)")
         for fan, hue in zip(drawn, theme.fields, strict=True)
@@ -262,9 +267,9 @@ def _foot(drawn: list[LabelledFan], section: Section, theme: Theme, size: tuple[
     if not all(fan.kept.all() for fan in drawn):
         cross = path("M-3.5,-3.5l7,7m0,-7l-7,7", theme.vermillion, 1.5)
         entries.append((line((-11, 0), (11, 0), theme.vermillion, 0.8, dash="4 3") + cross, "blocked, and where"))
-    factor = section.exaggeration
-    told = "to scale" if factor == 1 else f"lengths to scale, heights ×{short(factor)}"
-    if section.ahead:
-        told = f"{section.ahead}; {told}"
-    marks, _ = legend((16, size[1] - 8), entries, theme)
-    return marks + text((size[0] - 10, size[1] - 8), told, theme.grey, SMALL, "end")
+    return entries
+
+
+def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
+    told = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+    return told if whole else f"{told}; object plane {short(design.d_f)} mm before the lens"

@@ -9,7 +9,7 @@ from ...evaluation.rims import axes_in_space, rims
 from ...microlens.lattice import Lattice, lens_centres, nearest_lens
 from ...report.figures.microlens_images import GRID_UP_TO, ImageView, image_view
 from ..patch import white_patch
-from .axes import Picture, Plot, Scale, frame, legend
+from .axes import Picture, Plot, Scale, frame, legend, moved
 from .raster import image, ramp, shaded
 from .svg import SMALL, clipped, document, line, path, path_of, short, tag, text
 from .theme import Theme, ThemeName, theme_named
@@ -22,8 +22,6 @@ LEFT, TOP, RIGHT, BELOW = 52.0, 42.0, 12.0, 42.0
 """Margins [px]."""
 ON_PICTURE = "#f0b429"
 """Outline on a picture that has both black and white."""
-LEGEND = 54.0
-"""Height of the legend [px]."""
 
 
 def microlens_image(
@@ -60,7 +58,8 @@ def microlens_image(
     """
     colours, place = theme_named(theme), nearest_microlens(design, place)
     view = image_view(design.thin_twin, place)
-    plot = _plot(view, size, LEGEND if key else 0.0)
+    names, tall = legend(_entries(design, colours), colours, size[0] - 24) if key else ("", 0.0)
+    plot = _plot(view, size, tall)
     drawn, told = _light(design, place, view, plot, colours, diffraction) if pixels else ("", "")
     inside = drawn + _grid(view, plot, colours, pixels) + _lines(design, view, plot, colours, diffraction and pixels)
     body = [
@@ -69,8 +68,7 @@ def microlens_image(
         frame(plot, colours, "x from the axis [µm]", "y from the axis [µm]", grid=False),
         _title(place, view, label, told, plot, colours),
     ]
-    if key:
-        body.append(_legend(design, colours, size, plot.bottom + BELOW + 8))
+    body.append(moved(names, 14, plot.bottom + BELOW - 2))
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
     title = f"Image of the microlens at {place[0]:.4g}, {place[1]:.4g} mm on the MLA: {kept}"
     return Picture(document(name, title, size, colours, body), plot.mapping)
@@ -184,7 +182,7 @@ def _title(place: tuple[float, float], view: ImageView, label: str, told: str, p
     return first + second
 
 
-def _legend(design: Design, theme: Theme, size: tuple[float, float], top: float) -> str:
+def _entries(design: Design, theme: Theme) -> list[tuple[str, str]]:
     entries = [(line((-11, 0), (11, 0), theme.ink, 1.8), "image")]
     for rim, hue in zip(rims(design), _hues(design, theme), strict=True):
         entries.append((line((-11, 0), (11, 0), hue, 1.2, dash="5 3"), f"disc of {rim.name}"))
@@ -192,5 +190,4 @@ def _legend(design: Design, theme: Theme, size: tuple[float, float], top: float)
         (tag("rect", x=-8, y=-5, width=16, height=10, fill="none", stroke=theme.green, stroke_width=1.8), "own cell")
     )
     entries.append((path("M-6,0h12M0,-6v12", theme.vermillion, 2), "chief ray"))
-    marks, _ = legend((14, top), entries, theme, size[0] - 24)
-    return marks
+    return entries

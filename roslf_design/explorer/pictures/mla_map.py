@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...evaluation import default_fields
 from ...evaluation.rims import field_limit
 from ...report.figures.field_maps import FieldMap, field_map, on_mla
-from .axes import Picture, Plot, Scale, frame, legend
+from .axes import Picture, Plot, Scale, frame, legend, moved
 from .raster import image
 from .svg import SMALL, clipped, document, line, path, short, tag, text
 from .theme import Theme, ThemeName, theme_named
@@ -23,8 +23,6 @@ POINTS = 160
 """Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
-LEGEND = 38.0
-"""Height of the legend [px]."""
 
 
 def mla_map(
@@ -50,16 +48,17 @@ def mla_map(
     """
     colours, seen = theme_named(theme), design.thin_twin
     fields = field_map(seen, POINTS)
-    plot = _plot(seen, size)
+    key, tall = legend(_entries(seen, colours), colours, size[0] - 24)
+    plot = _plot(seen, (size[0], size[1] - tall))
     inside = _shades(fields, plot, colours) + _frames(seen, plot, colours) + _places(seen, plot, colours)
     if selected is not None:
         inside += _mark(selected, plot, colours)
     told = shares(seen, fields)
     body = [
-        text((plot.left, 16), f"microlens images on the sensor: {told}", colours.ink, SMALL, data_testid="mla-shares"),
+        text((plot.left, 16), f"images on the sensor: {told}", colours.ink, SMALL, data_testid="mla-shares"),
         clipped("mla-map-window", plot.box, inside),
         frame(plot, colours, "x on the MLA [mm]", "y on the MLA [mm]", grid=False),
-        _legend(seen, colours, size, plot.bottom + BELOW + 8),
+        moved(key, 14, size[1] - tall - 2),
     ]
     title = f"Map of the microlens array of {design.name}: {told} of the images on the sensor"
     return Picture(document("mla-map", title, size, colours, body), plot.mapping)
@@ -90,7 +89,7 @@ def _plot(design: Design, size: tuple[float, float]) -> Plot:
         x, y = on_mla(design, design.main_lens.decentre)
         half_x, half_y = max(half_x, radius + abs(x)), max(half_y, radius + abs(y))
     half_x, half_y = 1.05 * half_x, 1.05 * half_y
-    room = max(size[0] - LEFT - RIGHT, 60.0), max(size[1] - TOP - BELOW - LEGEND, 60.0)
+    room = max(size[0] - LEFT - RIGHT, 60.0), max(size[1] - TOP - BELOW, 60.0)
     scale = min(room[0] / (2 * half_x), room[1] / (2 * half_y))
     # The rest of the room shows more of the plane rather than nothing.
     half_x, half_y = min(room[0] / scale / 2, 1.6 * half_x), min(room[1] / scale / 2, 1.6 * half_y)
@@ -181,7 +180,7 @@ def _mark(selected: tuple[float, float], plot: Plot, theme: Theme) -> str:
     return tag("g", halo + path(cross, theme.ground, 5) + ring + path(cross, theme.ink, 2), data_testid="mla-selected")
 
 
-def _legend(design: Design, theme: Theme, size: tuple[float, float], top: float) -> str:
+def _entries(design: Design, theme: Theme) -> list[tuple[str, str]]:
     whole, _, much, dark = _key(theme)
 
     def box(fill: str, stroke: str) -> str:
@@ -189,16 +188,12 @@ def _legend(design: Design, theme: Theme, size: tuple[float, float], top: float)
 
     radius = field_limit(design, 0.0).radius * design.d_1 / design.d_f
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
-    entries = [
+    dots = "".join(tag("circle", cx=x, r=3.6, fill=hue) for x, hue in zip((-7, 0, 7), theme.fields, strict=True))
+    return [
         (box(whole, theme.grey), "whole"),
         (box(much, theme.grey), "cut"),
         (box(dark, theme.grey), "dark"),
         (line((-11, 0), (11, 0), theme.blue, 2), "sensor"),
         (line((-11, 0), (11, 0), theme.vermillion, 2), f"Eq. 6: whole {bound}"),
+        (dots, "centre, edge, corner"),
     ]
-    entries += [
-        (tag("circle", r=4.5, fill=hue), name)
-        for name, hue in zip(("centre", "edge", "corner"), theme.fields, strict=True)
-    ]
-    marks, _ = legend((14, top), entries, theme, size[0] - 24)
-    return marks
