@@ -12,6 +12,7 @@ from cyclopts import App, Parameter
 from .evaluate import parse_field
 from .progress import StatusLine
 from .report import PAGE, check_folder
+from .tables import print_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -119,7 +120,9 @@ def diagrams(
     if json:
         print(text, end="")
         return
-    print_table(answers_table(groups))
+    from rich.console import Console
+
+    print_table(answers_table(groups), Console())
     if scene_text:
         print(scene_text)
     if trials:
@@ -289,9 +292,11 @@ def hard_cases(
     if json:
         print(text, end="")
     else:
+        from rich.console import Console
+
         from ..accuracy.hard_cases_page import case_table
 
-        print_table(case_table(found))
+        print_table(case_table(found), Console())
         for one in found.near:
             if one.near:
                 print(f"\nNear {one.case} (at {one.distance:.2g}): {one.says}")
@@ -307,16 +312,3 @@ def short(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [short(item) for item in value]
     return float(f"{value:.4g}") if isinstance(value, float) else value
-
-
-def print_table(block: Table) -> None:
-    """A table for a terminal."""
-    from rich.console import Console
-    from rich.table import Table as Printed
-
-    table = Printed(title=block.title, title_justify="left", box=None, header_style="bold", pad_edge=False)
-    for heading, align in zip(block.headings, block.align, strict=True):
-        table.add_column(heading, justify="left" if align == "l" else "right", overflow="fold")
-    for row in block.rows:
-        table.add_row(*row)
-    Console().print(table)

@@ -1,8 +1,10 @@
-"""What `roslf calibrate` and its plan share: options read, refusals, tables on a terminal, a status line."""
+"""What `roslf calibrate` and its plan share: options read, refusals, tables on a terminal."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,22 +58,12 @@ def read_quantity(option: str, text: str, dimension: str) -> float:
 
 def print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
     """Tables and bullets of a report, on a terminal."""
-    from rich.table import Table
-    from rich.text import Text
-
-    from ..report.blocks import Bullets
-    from ..report.blocks import Table as Rows
+    from ..report.blocks import Bullets, Table
 
     for block in blocks:
-        console.print()
-        if isinstance(block, Bullets):
+        if isinstance(block, Table):
+            print_table(block, console)
+        elif isinstance(block, Bullets):
+            console.print()
             for item in block.items:
                 console.print(item, highlight=False, soft_wrap=True)
-        elif isinstance(block, Rows):
-            console.print(Text(block.title, style="italic"))
-            table = Table(box=None, header_style="bold", pad_edge=False)
-            for heading, align in zip(block.headings, block.align, strict=True):
-                table.add_column(Text(heading), justify="left" if align == "l" else "right")
-            for row in block.rows:
-                table.add_row(*(Text(cell) for cell in row))
-            console.print(table)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from .progress import StatusLine
+from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,6 +25,7 @@ def optimize(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     json: Annotated[bool, Parameter(negative=())] = False,
     seed: int | None = None,
+    accuracy: float | None = None,
 ) -> None:
     """Find the design: from what the bore allows and what must be seen, or say what stands in the way.
 
@@ -39,9 +41,13 @@ def optimize(
         Print the JSON object instead of tables.
     seed
         Instead of the study's; the same seed gives the same bytes.
+    accuracy
+        What the merit of the optimum may be off by, as 1e-4 (0.01 is 1 % of a goal): searches stop at a hundredth of
+        it, and the best is polished. Default: every search is polished, to 1e-6 or better.
     """
     from ..errors import InputError, Problem
     from ..optimize.files import write_result
+    from ..optimize.precision import check_optimum_accuracy
     from ..optimize.result import to_dict
     from ..optimize.run import run
     from ..optimize.study import load_study
@@ -51,14 +57,17 @@ def optimize(
     blocked = next((place for place in (output, *output.parents) if place.exists() and not place.is_dir()), None)
     if blocked is not None:
         raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
-    posed = load_study(study, seed)
+    if accuracy is not None:
+        check_optimum_accuracy(accuracy)
+    posed = load_study(study, seed, accuracy)
     with StatusLine("optimize") as status:
         try:
             result = run(posed, status.tell)
         except InputError as error:
             raise error if error.origin else InputError(error.problems, str(study)) from None
     words = ["roslf", "optimize", str(study), "-o", str(output)]
-    command = shlex.join(words if seed is None else [*words, "--seed", str(seed)])
+    words += [] if seed is None else ["--seed", str(seed)]
+    command = shlex.join(words if accuracy is None else [*words, "--accuracy", f"{accuracy:g}"])
     written = write_result(result, output, command)
     if json:
         print(json_text.dumps(to_dict(result), indent=1, allow_nan=False, ensure_ascii=False))
@@ -70,7 +79,6 @@ def optimize(
 
 def print_result(result: Result, written: list[Path], console: Console) -> None:
     """Sentences and tables for a terminal."""
-    from rich.table import Table
     from rich.text import Text
 
     from ..optimize.section import statements, tables
@@ -83,13 +91,7 @@ def print_result(result: Result, written: list[Path], console: Console) -> None:
             Text(f"{mark} ", style=colour) + Text(f"{statement.text} {statement.remedy}".strip()), soft_wrap=True
         )
     for block in tables(result):
-        table = Table(title=block.title, title_justify="left", box=None, header_style="bold", pad_edge=False)
-        for heading, align in zip(block.headings, block.align, strict=True):
-            table.add_column(Text(heading), justify="left" if align == "l" else "right")
-        for row in block.rows:
-            table.add_row(*(Text(cell) for cell in row))
-        console.print()
-        console.print(table)
+        print_table(block, console)
     console.print()
     for note in result.answer.notes:
         console.print(f"Note: {note}", highlight=False, soft_wrap=True)

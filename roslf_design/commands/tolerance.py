@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from .progress import bar
+from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -116,9 +117,7 @@ def page(result: StudyResult, study: str) -> str:
 
 def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
     """Tables for a terminal; `times`: with how long it took, which differs from run to run."""
-    from rich.table import Table
-
-    from ..report.blocks import Table as Block
+    from ..report.blocks import Table
     from ..tolerance.section import (
         headline,
         limits_table,
@@ -138,20 +137,12 @@ def print_result(result: StudyResult, console: Console, times: bool = False) -> 
         console.print(f"All tolerances times {scale:.3g} give a yield of {100 * found.value:.2f} %", highlight=False)
     for grade in result.grades:
         console.print(f"Grade {grade.grade}: yield {100 * grade.result.value:.2f} %", highlight=False)
-    blocks: list[Block] = [limits_table(result, brief=True), quantiles_table(result, brief=True)]
+    blocks: list[Table] = [limits_table(result, brief=True), quantiles_table(result, brief=True)]
     blocks += [tolerances_table(result), rss_table(result, brief=True)]
     if result.sobol is not None:
         blocks.append(sobol_table(result))
     for block in blocks:
-        table = Table(title=block.title, title_justify="left", box=None, header_style="bold", pad_edge=False)
-        for heading, align in zip(block.headings, block.align, strict=True):
-            table.add_column(heading, justify="left" if align == "l" else "right", no_wrap="@" in heading)
-        for row in block.rows:
-            table.add_row(*row)
-        if block.title == "Tolerances":
-            table.columns.pop()  # where each figure comes from is in results.json
-        console.print()
-        console.print(table)
+        print_table(block, console, leave_out=("source",))  # where each figure comes from is in results.json
     console.print("\nOf each metric the weakest field; all fields in results.json.", highlight=False)
     for warning in result.warnings:
         console.print(f"\nNote: {warning}", highlight=False, soft_wrap=True)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..report.figures.style import BLUE, GREY, ORANGE, VERMILLION, drawing, new_axes
+from ..report.words import in_words
 from .pareto import Front
 from .problem import Goal
 from .robust import Robust
 from .run import Bore, Result
-from .words import in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
 from ..report.figures.style import to_svg
+from ..report.words import in_words
 from .conflicts import Conflict
 from .figures import drawn
 from .pareto import Front
+from .precision import optimum_accuracy
 from .problem import Constraint, Goal
 from .run import Result
 from .solve import Answer
-from .words import in_words
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -60,6 +61,10 @@ def _statements(result: Result) -> Iterator[Statement]:
         reached = ", ".join(f"{goal.label} = {_value(answer, goal)}" for goal in answer.asked.goals)
         yield Statement("good", f"A design holds every limit; best found: {reached}.")
         yield _agreement(answer)
+        worth = optimum_accuracy(answer, result.study.settings)
+        if worth is not None and worth.asked is not None:
+            words = worth.sentence()
+            yield Statement("plain" if worth.kept else "caution", f"{words[0].upper()}{words[1:]}.")
         loose = answer.loose()
         if loose:
             ranges = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in loose.items())

@@ -22,6 +22,7 @@ from ..report.figures.style import (
     to_png,
     to_svg,
 )
+from ..report.words import in_words
 from .metrics import METRICS
 from .places import short_name
 from .result import StudyResult
@@ -217,9 +218,8 @@ def _nominal(result: StudyResult, row: int) -> float:
 def _axis(result: StudyResult, row: int, unit: bool = True) -> str:
     column = result.plan.columns[row]
     metric = METRICS[column.metric]
-    name = metric.name.removesuffix(f"_{metric.unit.replace('^', '')}").replace("_", " ")
     place = ""
     if column.field is not None:
         x, y = result.plan.question.fields[column.field]
         place = f" at ({x:.3g}, {y:.3g}) mm"
-    return f"{name}{place}" + (f" [{metric.unit}]" if unit and metric.unit else "")
+    return f"{in_words(metric.name)}{place}" + (f" [{metric.unit}]" if unit and metric.unit else "")

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
 from ..report.figures.style import to_svg
+from ..report.words import in_words
 from .figures import PLOTS, drawn
+from .metrics import METRICS
 from .places import display, perturbable, short_name
 from .result import StudyResult
+from .summary import LimitYield
 
 TOP = 12
 """Rows of a ranking."""
+QUANTILES = 5
+"""Columns of quantiles that fit on a page; the rest is in the results' file."""
 
 
 def tolerance_section(result: StudyResult, command: str = "") -> Section:
@@ -34,11 +40,12 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     figures = {name: to_svg(figure, f"tolerance-{name}") for name, figure in drawn(result).items()}
     captions = _captions(result)
     blocks += [Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg) for name, svg in figures.items()]
-    blocks += [limits_table(result), quantiles_table(result), tolerances_table(result), rss_table(result)]
+    tables = [limits_table(result), quantiles_table(result), tolerances_table(result), rss_table(result)]
     if result.sobol is not None:
-        blocks.append(sobol_table(result))
+        tables.append(sobol_table(result))
+    blocks += [_worded(table) for table in tables]
     if result.warnings:
-        blocks.append(Bullets(result.warnings))
+        blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
@@ -78,7 +85,8 @@ def _statements(result: StudyResult) -> Iterator[Statement]:
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
-        "plain" if share == 100 else "caution", f"The weakest limit is that on {weakest.label}: {share:.2f} % hold it."
+        "plain" if share == 100 else "caution",
+        f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % hold it.",
     )
     ranked = ranking(result)
     if ranked and ranked[0][1] > 0.05:
@@ -106,33 +114,40 @@ def limits_table(result: StudyResult, brief: bool = False) -> Table:
         if limit.label not in shown:
             continue
         held = [f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants]
-        rows.append((limit.label, _number(limit.low), _number(limit.high), *held))
+        rows.append((limit.label, *_edges(limit), *held))
     whole = [f"{100 * variant.result.value:.2f}" for variant in result.variants]
     rows.append(("all together", "", "", *whole))
-    return Table(
-        tuple(rows), "ldd" + "d" * len(names), ("metric@field", "min", "max", *(f"{n} [%]" for n in names)), "Limits"
-    )
+    heads = ("metric@field", "min", "max", *(f"{n} [%]" for n in names))
+    return Table(tuple(rows), "ldd" + "d" * len(names), heads, "Limits", _where(result))
 
 
 def quantiles_table(result: StudyResult, brief: bool = False) -> Table:
     """Nominal value, mean, spread and quantiles of every metric, finally; `brief` as for `limits_table`."""
     final = result.final.distributions
-    heads = tuple(f"{100 * p:.4g} %" for p in final[0].probabilities)
+    shown = _spread_out(len(final[0].probabilities))
+    heads = tuple(f"{100 * final[0].probabilities[index]:.4g} %" for index in shown)
+    undefined = any(column.undefined for column in final)
     rows = [
         (
             column.label,
             _number(column.nominal),
             _number(column.mean),
             _number(column.deviation),
-            *(_number(q) for q in column.quantiles),
-            str(column.undefined),
+            *(_number(column.quantiles[index]) for index in shown),
+            *((str(column.undefined),) if undefined else ()),
         )
         for column in final
         if not brief or column.label in _worst_fields(result)
     ]
     caption = "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
-    titles = ("metric@field", "nominal", "mean", "std. dev.", *heads, "undefined")
-    return Table(tuple(rows), "l" + "d" * (len(titles) - 1), titles, f"Distributions, {result.final.name}", caption)
+    caption = caption if undefined else ""
+    titles = ("metric@field", "nominal", "mean", "std. dev.", *heads, *(("undefined",) if undefined else ()))
+    return Table(tuple(rows), "l" + "r" * (len(titles) - 1), titles, f"Distributions, {result.final.name}", caption)
+
+
+def _spread_out(count: int) -> tuple[int, ...]:
+    """Of so many quantiles in order, those that a page shows: the outer ones, the middle, and evenly between."""
+    return tuple(sorted({round(i * (count - 1) / (QUANTILES - 1)) for i in range(QUANTILES)})) if count else ()
 
 
 def tolerances_table(result: StudyResult) -> Table:
@@ -216,11 +231,11 @@ def _worst_fields(result: StudyResult) -> set[str]:
 
 
 def _captions(result: StudyResult) -> dict[str, str]:
-    weakest = result.final.weakest.label
+    weakest = in_words(result.final.weakest.label)
     return {
         "yield": "Share of builds that hold all limits, over a common factor on all tolerances; same draws.",
         "grades": "The same study with every graded tolerance at each grade; bars show 95 % intervals.",
-        "spread": f"{weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
+        "spread": f"The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
         "sensitivity": f"One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
         "correlation": f"Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
     }
@@ -235,6 +250,29 @@ def _factor(name: str) -> str:
 
 def _linear(yes: bool) -> str:
     return "yes" if yes else "no: use Monte Carlo"
+
+
+def _worded(table: Table) -> Table:
+    """For a page, where there is room: metrics in words, with their units."""
+    rows = tuple((_label(first), *(in_words(cell) for cell in rest)) for first, *rest in table.rows)
+    heads = tuple(heading.replace("metric@field", "metric") for heading in table.headings)
+    return replace(table, rows=rows, headings=heads, title=in_words(table.title))
+
+
+def _label(cell: str) -> str:
+    metric = METRICS.get(cell.partition("@")[0])
+    return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
+
+
+def _edges(limit: LimitYield) -> tuple[str, str]:
+    low, high = ("" if math.isinf(edge) else _number(edge) for edge in (limit.low, limit.high))
+    return low, high
+
+
+def _where(result: StudyResult) -> str:
+    """Where the fields are."""
+    places = [f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(result.plan.question.fields)]
+    return f"Fields, by the position of their microlens [mm]: {', '.join(places)}." if places else ""
 
 
 def _number(value: float) -> str:

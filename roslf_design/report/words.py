@@ -1,4 +1,4 @@
-"""Quantities in words, for pages and figures; study files and JSON keep their names."""
+"""Quantities and metrics in words, for pages and figures; study files and JSON keep their names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 WORDS = {
     "fill_factor": "fill factor",
     "mismatch_px": "f-number mismatch",
-    "non_distortion_room_mm": "room to the undistorted field's bound",
+    "non_distortion_room_mm": "undistorted-field margin",
     "undistorted_field_mm": "undistorted field radius",
     "field_half_width_mm": "field half width",
     "field_half_diagonal_mm": "field half diagonal",
@@ -34,11 +34,29 @@ WORDS = {
     "total_length_mm": "length from tip to sensor",
     "camera_length_mm": "length from lens to sensor",
     "largest_diameter_mm": "largest diameter",
+    "image_diameter_mm": "microlens-image diameter",
+    "image_diameter_px": "microlens-image diameter",
+    "image_pitch_mm": "microlens-image pitch",
+    "image_area_mm2": "microlens-image area",
+    "centre_shift_px": "image-centre shift",
+    "centre_shift_px_per_microlens": "image-centre shift per microlens",
+    "kept_fraction": "kept fraction",
+    "axis_ratio": "axis ratio",
+    "centre_error_px": "image-centre error",
+    "centre_error_x_px": "image-centre error along x",
+    "centre_error_y_px": "image-centre error along y",
+    "depth_error_mm": "depth error",
+    "disparity_pitches_per_mm": "disparity per depth",
+    "inverse_aperture_constant": "1/H",
 }
-"""Name of a quantity, or of a variable that is no symbol of the paper, to words."""
-_NAME = re.compile(rf"(?<![\w.])({'|'.join(sorted(WORDS, key=len, reverse=True))})(?!\w)")
+"""Name of a quantity, of a metric, or of a variable that is no symbol of the paper, to words; the unit goes beside."""
+_NAME = re.compile(rf"(?<![\w.])({'|'.join(sorted(WORDS, key=len, reverse=True))})(?:@(\d+))?(?![\w@])")
 
 
 def in_words(text: str) -> str:
-    """A sentence or a label with names of quantities put into words: ``sigma_z_mm at 40 mm`` is "depth spread ..."."""
-    return _NAME.sub(lambda match: WORDS[match[1]], text).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")
+    """A sentence or a label with names put into words: ``sigma_z_mm at 40 mm``, ``fill_factor@2``."""
+    return (
+        _NAME.sub(lambda match: WORDS[match[1]] + (f" at field {match[2]}" if match[2] else ""), text)
+        .replace(" >= ", " ≥ ")
+        .replace(" <= ", " ≤ ")
+    )
