@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -24,20 +25,25 @@ def report(
     *others: str,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     pdf: Annotated[bool, Parameter(negative=())] = False,
-    paper: Literal["a4", "us-letter"] = "a4",
+    paper: Literal["a4", "letter"] = "a4",
     compare: Annotated[bool, Parameter(negative=())] = False,
     figure: Annotated[list[str] | None, Parameter(negative=())] = None,
+    seed: int | None = None,
     stamp: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """A design report: one self-contained HTML page with verdicts, tables and figures.
+    """A report on a design, a study, or a story of several studies: one self-contained HTML page, and a PDF.
 
     Example: roslf report designs/paper.toml -o reports/paper --pdf
+
+    Example: roslf report studies/story-borescope/story.toml -o reports/story-borescope --pdf
+
     Example: roslf report --compare paper paper-mismatched
 
     Parameters
     ----------
     design
-        A design file, or the name of a preset (see `roslf presets`).
+        A design file, the name of a preset (see `roslf presets`), a study of roslf optimize or roslf tolerance, or a
+        story that runs several studies, each part passing its design on.
     others
         With --compare: one or two more designs.
     output
@@ -50,33 +56,27 @@ def report(
         Size of the PDF's pages.
     figure
         Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one.
+    seed
+        Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
-    from ..design import load
     from ..design.write import write_atomically
     from ..report.html import render_html
 
     check_count(len(others), compare)
     names = (design, *others)
-    loaded = [load(name) for name in names]
+    make = maker(names, compare, seed)
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
     if pdf:
         check_typst()
     options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
     options += [part for name in figure or () for part in ("--figure", name)]
+    options += [] if seed is None else ["--seed", str(seed)]
     command = shlex.join(["roslf", "report", *names, *options])
-    lines = stamp_lines() if stamp else ()
     with StatusLine("report") as progress:
-        if compare:
-            from ..report.compare import comparison_report
-
-            content = comparison_report(loaded, command=command, stamp=lines, progress=progress.tell)
-        else:
-            from ..report.content import design_report
-
-            content = design_report(loaded[0], command=command, stamp=lines, progress=progress.tell)
+        content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
         files = figure_files(content, figure or ()) | {PAGE: render_html(content).encode()}
         if pdf:
             from ..report.pdf import render_pdf
@@ -87,6 +87,36 @@ def report(
     for name, data in files.items():
         write_atomically(folder / name, data)
         print(folder / name)
+
+
+def maker(names: Sequence[str], compare: bool, seed: int | None) -> Callable[..., Report]:
+    """What makes the report of these inputs, each read and found good.
+
+    Raises
+    ------
+    InputError
+        A file that is not there, is none of the kinds, or has faults; a seed below 0.
+    """
+    from ..design import load, preset_names
+    from ..errors import InputError, Problem
+
+    if seed is not None and seed < 0:
+        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
+    if compare:
+        from ..report.compare import comparison_report
+
+        return partial(comparison_report, [load(name) for name in names])
+    from ..report.story import full_report, load_story_or_study, story_report, study_report
+
+    (name,) = names
+    if name in preset_names() and not Path(name).exists():
+        return partial(full_report, load(name), seed=seed or 0)
+    kind, story = load_story_or_study(Path(name))
+    if story is not None:
+        return partial(story_report, story, seed=seed)
+    if kind == "design":
+        return partial(full_report, load(name), seed=seed or 0)
+    return partial(study_report, kind, Path(name), seed=seed)
 
 
 def check_count(others: int, compare: bool) -> None:
@@ -173,7 +203,9 @@ def stamp_lines() -> tuple[str, ...]:
     from datetime import datetime
     from importlib.metadata import version
 
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "matplotlib", "pyvista", "vtk"))
+    libraries = ", ".join(
+        f"{name} {version(name)}" for name in ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
+    )
     return (
         datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
         f"Python {platform.python_version()}",

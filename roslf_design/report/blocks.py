@@ -80,6 +80,8 @@ class Figure:
     """SVG text, or the bytes of a PNG."""
     description: str = ""
     """For those who cannot see it."""
+    scene: str = ""
+    """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
 
 
 @dataclass(frozen=True)

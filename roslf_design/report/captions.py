@@ -16,6 +16,16 @@ if TYPE_CHECKING:
     from ..imaging.encircled import Encircled
     from .figures.field_maps import FieldMap
 
+DIMENSIONS = (
+    "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
+    "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the microlens "
+    "array."
+)
+HISTORY = (
+    "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
+    "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver that "
+    "found none better."
+)
 PICTURE = (
     "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is the "
     "FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for orientation and "

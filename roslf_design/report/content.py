@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from .. import __version__
 from ..design import dumps
 from ..design.units import format_quantity
 from ..evaluation import evaluate
@@ -17,13 +17,15 @@ from ..evaluation.show import (
     effect_rows,
     field_row,
     lens_field_row,
+    number,
     table_groups,
 )
 from . import sheets
+from .accuracy_statement import accuracy_section
 from .assumptions import assumptions
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
-from .offscreen import NoPictureError, Rendering
-from .scene3d import Name, instrument_scene
+from .evidence import Evidence
+from .parts_list import parts_section
 
 if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
@@ -31,21 +33,38 @@ if TYPE_CHECKING:
 
 FACTS = (18, 15, 0)
 """Widths of the columns of the evaluation's tables."""
-NO_PICTURE = "The 3D view is left out: {reason}."
+NONE = Evidence()
+FOOTER = "roslf_design"
+"""No version: the same design gives the same bytes."""
 
 
 def design_report(
-    design: Design, *, command: str = "", stamp: tuple[str, ...] = (), progress: Callable[[str], None] | None = None
+    design: Design,
+    *,
+    evidence: Evidence = NONE,
+    opening: tuple[Block, ...] = (),
+    title: str = "",
+    command: str = "",
+    seeds: tuple[str, ...] = (),
+    stamp: tuple[str, ...] = (),
+    progress: Callable[[str], None] | None = None,
 ) -> Report:
-    """Everything that closed forms and traced rays say of a design, as sections of text, tables and figures.
+    """Everything that closed forms, traced rays and studies say of a design, as sections of text, tables and figures.
 
     Parameters
     ----------
     design : Design
+    evidence : Evidence
+        What studies found of it.
+    opening : tuple of Block
+        Stands before the verdicts: what was asked.
+    title : str
+        Instead of the design's name.
     command : str
         What reproduces the report; empty leaves it out.
-    stamp : tuple of str
-        Lines on when and where it was made; none by default, so that the same design gives the same bytes.
+    seeds, stamp : tuple of str
+        Lines on chance, and on when and with what it was made; no stamp by default, so that the same design gives the
+        same bytes.
     progress : callable, optional
         Told what is being made.
 
@@ -61,32 +80,25 @@ def design_report(
     tell = progress or (lambda _: None)
     tell("evaluating")
     result = evaluate(design)
-    scene = instrument_scene(design)
-    try:
-        rendering: Rendering | NoPictureError = Rendering(scene.data)
-    except NoPictureError as reason:
-        rendering = reason
-    try:
-        figures = _figures(design, result, tell)
-        tell("3D view")
-        picture = _picture(rendering, scene.names)
-    except BaseException:
-        if isinstance(rendering, Rendering):
-            rendering.cancel()
-        raise
+    figures = _figures(design, result, tell)
+    answers = Statements((*verdicts(result).items, *evidence.statements()))
+    tell("sections")
     sections = (
-        Section("Verdicts", (verdicts(result),)),
-        Section("The design", (_parameters(design), *_stops(design))),
+        Section("Summary", (*opening, answers, key_figures(design, result))),
+        Section("The design", (figures["dimensions"], _parameters(design), *_stops(design))),
+        parts_section(design),
         Section("Evaluation", _tables(result)),
-        Section("Rays", (figures["rays"], figures["cells"], picture)),
+        Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{_of_twin(result)}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, tell),
         Section(f"Design space{_of_twin(result)}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
+        *evidence.sections(design),
+        accuracy_section(design, result),
         Section("Assumptions and what was left out", assumptions(design, result)),
-        _making(design, command, stamp),
+        making(command, (*seeds, *evidence.seeds), stamp, design),
     )
-    return Report(design.name, design.source, sections, f"roslf_design {__version__}")
+    return Report(title or design.name, design.source, sections, FOOTER)
 
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
@@ -189,8 +201,10 @@ def _tables(result: Evaluation) -> tuple[Block, ...]:
 
 def _figures(design: Design, result: Evaluation, tell: Callable[[str], None]) -> dict[str, Figure]:
     makers: dict[str, tuple[str, Callable[[], Figure]]] = {
+        "dimensions": ("drawing", lambda: sheets.dimensions_sheet(design)),
         "rays": ("ray diagram", lambda: sheets.ray_sheet(design, result)),
         "cells": ("zoom on the microlens array", lambda: sheets.cells_sheet(design, result)),
+        "view": ("3D view", lambda: sheets.picture_sheet(design)),
         "images": ("microlens images", lambda: sheets.image_sheet(design, result)),
         "waves": ("microlens image by waves", lambda: sheets.wave_sheet(design)),
         "maps": ("maps over the array", lambda: sheets.map_sheet(design, result)),
@@ -219,15 +233,6 @@ def _real_lens(design: Design, result: Evaluation, tell: Callable[[str], None]) 
     return (Section("Real main lens", (*sheets.lens_sheets(design, result), fields)),)
 
 
-def _picture(rendering: Rendering | NoPictureError, names: tuple[Name, ...]) -> Block:
-    if isinstance(rendering, NoPictureError):
-        return Statements((Statement("plain", NO_PICTURE.format(reason=rendering)),))
-    try:
-        return sheets.picture_sheet(rendering.result(), names)
-    except NoPictureError as reason:
-        return Statements((Statement("plain", NO_PICTURE.format(reason=reason)),))
-
-
 def _effects(result: Evaluation) -> tuple[Block, ...]:
     rows = tuple(effect_rows(result))
     faint = tuple(index for index, row in enumerate(rows) if row[3] == "off")
@@ -235,9 +240,37 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
     return Table(rows, "lddll", EFFECT_HEADINGS, faint=faint), *([Paragraph(absent)] if absent else [])
 
 
-def _making(design: Design, command: str, stamp: tuple[str, ...]) -> Section:
-    blocks: list[Block] = [Bullets((f"roslf_design {__version__}", *stamp))]
+def key_figures(design: Design, result: Evaluation) -> Table:
+    """What the camera is and does, in a handful of numbers."""
+    field, sampled, depth = result.non_distortion, result.sampling, result.depth
+    front = max(0.0, *(stop.distance for stop in design.all_stops))
+    widest = max(design.D, *(stop.diameter for stop in design.all_stops), math.hypot(*design.microlens_array.size))
+    rows = (
+        ("working distance", _length(design.d_f - front), "from the foremost part to the focal plane"),
+        ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
+        ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
+        ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
+        (
+            "depth spread σ_Z",
+            f"{number(depth.sigma_z_mm)} mm",
+            f"at the focal plane, for {depth.sigma_disparity_pitches:g} pitches of disparity error",
+        ),
+        (
+            "views across",
+            number(sampled.views_independent, 3),
+            f"independent, of {number(sampled.views_geometric, 3)} pixels",
+        ),
+        ("length", _length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
+        ("widest part", _length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
+    )
+    return Table(rows, "ldl", title="Key figures", widths=FACTS)
+
+
+def making(command: str, seeds: tuple[str, ...], stamp: tuple[str, ...], design: Design | None = None) -> Section:
+    """How a report was made, and how it is made again."""
+    blocks: list[Block] = [Bullets((*seeds, *stamp))] if seeds or stamp else []
     if command:
         blocks.append(Code(command, "The command that makes this report again"))
-    blocks.append(Code(dumps(design), "The design, as a file"))
+    if design is not None:
+        blocks.append(Code(dumps(design), "The design, as a file"))
     return Section("How this report was made", tuple(blocks))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from .blocks import Bullets, Code, Figure, Paragraph, Report, Statements, Table
 from .symbols import to_html
 from .tables import column_cells
+from .viewer import library
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -19,8 +20,15 @@ MARKS = {"good": ("✓", "yes"), "bad": ("✗", "no"), "caution": ("!", "mind"),
 
 
 def render_html(report: Report) -> str:
-    """The page as text; the same report gives the same text."""
-    return _environment().get_template(TEMPLATE).render(report=report)
+    """The page as text; the same report gives the same text.
+
+    Raises
+    ------
+    NoViewerError
+        A figure has a scene to be turned, and the library for it is not installed.
+    """
+    turned = any(figure.scene for figure in report.figures)
+    return _environment().get_template(TEMPLATE).render(report=report, viewer=library() if turned else "")
 
 
 @cache

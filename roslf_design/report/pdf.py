@@ -6,16 +6,20 @@ Content passes into the document as JSON and files, never as markup, so that no 
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
+from .figures.style import WIDTH
 from .html import MARKS
 from .symbols import LETTERS, SYMBOL, typographic
 from .tables import column_cells
 
-Paper = Literal["a4", "us-letter"]
+Paper = Literal["a4", "letter"]
+PAGES = {"a4": "a4", "letter": "us-letter"}
+"""What typst calls them."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 
@@ -25,7 +29,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     Parameters
     ----------
     report : Report
-    paper : {"a4", "us-letter"}
+    paper : {"a4", "letter"}
 
     Raises
     ------
@@ -41,7 +45,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             "title": report.title,
             "subtitle": spans(report.subtitle),
             "footer": report.footer,
-            "paper": paper,
+            "paper": PAGES[paper],
             "sections": [
                 {"title": section.title, "blocks": [_block(block, root) for block in section.blocks]}
                 for section in report.sections
@@ -95,12 +99,19 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
                 "title": spans(block.title),
                 "caption": spans(block.caption),
                 "file": file.name,
+                "width": _share_of_page(block.content),
                 "alt": block.description or block.title,
             }
         case Bullets():
             return {"kind": "bullets", "items": [spans(item) for item in block.items]}
         case Code():
             return {"kind": "code", "title": spans(block.title), "text": block.text}
+
+
+def _share_of_page(content: str | bytes) -> float:
+    """Of the text's width: drawings narrower than the page stay so, and letters as large as in all others."""
+    width = re.search(r'width="([\d.]+)pt"', content[:400]) if isinstance(content, str) else None
+    return 1.0 if width is None else min(1.0, float(width[1]) / (72 * WIDTH))
 
 
 def _table(table: Table) -> dict[str, Any]:

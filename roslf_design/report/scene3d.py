@@ -39,13 +39,17 @@ class Name(NamedTuple):
     """From the bottom, as a share of the height."""
     above: bool
     """Whether it names what is seen there; else it is a remark at the picture's foot."""
+    at: Point = (0.0, 0.0, 0.0)
+    """In the scene [mm]."""
 
 
 class Scene(NamedTuple):
     """A scene, and where its names go."""
 
     data: dict[str, Any]
-    """As `render3d` takes it."""
+    """``window`` [width, height] in pixels; ``camera`` with ``position``, ``focus``, ``up`` and ``scale`` (half the
+    height of the view); ``parts``, each a ``kind`` of `meshes.MAKERS` with its numbers, a ``colour`` and an
+    ``opacity``. Lengths in mm."""
     names: tuple[Name, ...]
     """From the left to the right, as the elements stand."""
 
@@ -169,9 +173,8 @@ def _names(
     for text, z, y in sorted(tops, key=lambda top: top[1]):
         right, up, _ = axes @ (np.array([0.0, y, z]) - np.asarray(camera["focus"]))
         reach = camera["scale"]
-        found.append(
-            Name(text, float(0.5 + 0.5 * right / reach * height / WIDTH), float(0.5 + 0.5 * up / reach), y > 0)
-        )
+        across, over = float(0.5 + 0.5 * right / reach * height / WIDTH), float(0.5 + 0.5 * up / reach)
+        found.append(Name(text, across, over, y > 0, (0.0, y, z)))
     return tuple(found)
 
 

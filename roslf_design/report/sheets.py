@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from . import captions
 from .blocks import Figure
 from .figures.cells import plot_cells
 from .figures.depth_precision import plot_depth_precision
+from .figures.dimensions import plot_dimensions
 from .figures.effects_budget import plot_effects_budget
 from .figures.field_maps import field_map, plot_image_offset, plot_kept_fraction
 from .figures.matching_plane import plot_matching_plane
 from .figures.microlens_images import image_view, plot_microlens_image
-from .figures.picture import plot_picture
 from .figures.ray_diagram import TALLEST, frame_of, instrument_is_small, plot_ray_diagram
+from .figures.scene_outlines import plot_outlines
+from .figures.search_history import plot_search_history
 from .figures.style import WIDTH, drawing, to_svg
+from .scene3d import instrument_scene
+from .viewer import NoViewerError, library, scene_data
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +29,7 @@ if TYPE_CHECKING:
 
     from ..design import Design
     from ..evaluation.result import Evaluation
-    from .scene3d import Name
+    from ..optimize.solve import Answer
 
 
 def ray_sheet(design: Design, result: Evaluation) -> Figure:
@@ -162,11 +167,35 @@ def effects_sheet(result: Evaluation) -> Figure:
         return compose("effects-budget", "Effects against their budgets", captions.effects(result), figure)
 
 
-def picture_sheet(png: bytes, names: tuple[Name, ...]) -> Figure:
-    """The 3D view."""
+def picture_sheet(design: Design) -> Figure:
+    """The 3D view, with the scene to turn where the library for that is installed."""
+    scene = instrument_scene(design)
     with drawing():
-        figure = plot_picture(png, names).figure
-        return compose("view", "The instrument in three dimensions", captions.PICTURE, figure)  # type: ignore[arg-type]
+        sheet = compose(
+            "view",
+            "The instrument in three dimensions",
+            captions.PICTURE,
+            plot_outlines(scene).figure,  # type: ignore[arg-type]
+        )
+    try:
+        library()
+    except NoViewerError as reason:
+        return replace(sheet, caption=f"{sheet.caption} It cannot be turned in this page: {reason}.")
+    return replace(sheet, scene=scene_data(scene))
+
+
+def dimensions_sheet(design: Design) -> Figure:
+    """The drawing with dimensions."""
+    with drawing():
+        figure = plot_dimensions(design).figure
+        return compose("dimensions", "Dimensions", captions.DIMENSIONS, figure)  # type: ignore[arg-type]
+
+
+def history_sheet(answer: Answer) -> Figure:
+    """How an optimisation went."""
+    with drawing():
+        figure = plot_search_history(answer).figure
+        return compose("history", "What every start came to", captions.HISTORY, figure)  # type: ignore[arg-type]
 
 
 def new_drawing(height: float) -> Drawing:

@@ -39,7 +39,7 @@ def test_text_is_never_code():
 
 
 def test_paper_sizes():
-    boxes = {"a4": b"841.8", "us-letter": b"792"}
+    boxes = {"a4": b"841.8", "letter": b"792"}
     for paper, height in boxes.items():
         pdf = render_pdf(report(), paper)
         streams = [part.split(b"endstream")[0].strip(b"\r\n") for part in pdf.split(b"stream\n")[1:]]

@@ -10,23 +10,27 @@ from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.report import content, offscreen
+from roslf_design.report import content, viewer
 from roslf_design.report.blocks import Figure, Report, Section, Table
 from roslf_design.report.html import render_html
+from roslf_design.report.sheets import picture_sheet
+from roslf_design.report.story import full_report
 from roslf_design.report.symbols import to_html
 from roslf_design.report.tables import column_cells
 from tests.report.test_figures import DESIGNS
 
-BACKEND = offscreen.backend
-
 SECTIONS = (
-    "verdicts",
+    "summary",
     "the-design",
+    "parts-list",
     "evaluation",
     "rays",
     "microlens-images",
     "design-space",
     "effects",
+    "tolerances",
+    "calibration-plan",
+    "accuracy",
     "assumptions-and-what-was-left-out",
     "how-this-report-was-made",
 )
@@ -60,16 +64,8 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def no_gl():
-    """A machine without OpenGL: quick, and the same everywhere."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(offscreen, "backend", lambda environment: None)
-        yield
-
-
-@pytest.fixture(scope="module")
-def text(no_gl):
-    return render_html(content.design_report(load("paper"), command="roslf report paper -o report-paper"))
+def text():
+    return render_html(full_report(load("paper"), command="roslf report paper -o report-paper"))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +76,8 @@ def page(text):
 def test_page_is_well_formed_and_self_contained(page, text):
     assert page.open == []
     assert [link for link in page.links if not link.startswith(("#", "data:image/png;base64,"))] == []
-    assert not page.tags & {"script", "link", "iframe", "object", "embed"}
+    assert not page.tags & {"link", "iframe", "object", "embed"}
+    assert not re.search(r"<script[^>]* src=", text)
     assert not re.search(r"url\((?!#)|@import", text)
 
 
@@ -97,16 +94,17 @@ def test_page_tells_command_and_design_and_no_date(text):
 
 
 def test_text_in_drawings_is_text(text):
-    drawing = text[text.index("<svg") : text.index("</svg>")]
+    start = text.index('id="figure-rays"')
+    drawing = text[text.index("<svg", start) : text.index("</svg>", start)]
     assert ">main lens</text>" in drawing
     assert "font-family" not in drawing
 
 
 @pytest.mark.parametrize("name", ["mismatched-borescope", "vignetted", "strange"])
-def test_difficult_designs_have_whole_reports(no_gl, name):
+def test_difficult_designs_have_whole_reports(name):
     report = content.design_report(DESIGNS[name])
     figures = [block for section in report.sections for block in section.blocks if isinstance(block, Figure)]
-    assert len({figure.name for figure in figures}) == len(figures) == 8
+    assert len({figure.name for figure in figures}) == len(figures) == 10
     assert all("nan" not in figure.content.lower().split("base64")[0] for figure in figures)
     waves = next(figure for figure in figures if figure.name == "waves")
     assert "% in the geometric disc" in waves.caption
@@ -122,8 +120,10 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
     assert capsys.readouterr().err == ""
 
 
-def test_figures_as_files(no_gl, tmp_path, capsys):
-    with pytest.raises(InputError, match="'ray' is not here; there are all, rays, cells"):
+def test_figures_as_files(tmp_path, capsys, monkeypatch):
+    found = content.design_report(load("rigid-scope"), command="--figure rays --figure plane")
+    monkeypatch.setattr(command, "maker", lambda *_: lambda **_: found)
+    with pytest.raises(InputError, match="'ray' is not here; there are all, dimensions, rays, cells"):
         command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
     assert not (tmp_path / "out").exists()
     command.report("rigid-scope", output=tmp_path / "out", figure=["rays", "plane"])
@@ -131,47 +131,19 @@ def test_figures_as_files(no_gl, tmp_path, capsys):
     root = ElementTree.parse(tmp_path / "out" / "rays.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert "main lens" in "".join(root.itertext())
-    page = (tmp_path / "out" / "index.html").read_text()
-    assert "--figure rays --figure plane" in page
 
 
-def test_missing_gl_leaves_a_note_that_names_the_packages(text):
-    assert "The 3D view is left out" in text
-    assert "libegl1 libgl1-mesa-dri" in text
-
-
-@pytest.mark.parametrize(
-    ("child", "reason"),
-    [
-        ("import os; os.close(1); os._exit(0)", "no picture came"),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "apt-get install libegl1 libgl1-mesa-dri"),
-        ("import sys; sys.exit('no such driver')", "no such driver"),
-        ("import time; time.sleep(60)", "took more than"),
-        ("print('not a picture')", "no picture came"),
-    ],
-)
-def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, child, reason):
-    monkeypatch.setattr(offscreen, "backend", lambda environment: "egl")
-    monkeypatch.setattr(offscreen, "CHILD", ("-c", child))
-    rendering = offscreen.Rendering({"parts": ["far more than a pipe holds" * 10_000]})
-    with pytest.raises(offscreen.NoPictureError, match=reason):
-        rendering.result(timeout=3)
-
-
-@pytest.mark.parametrize(
-    ("libraries", "display", "way"),
-    [
-        (("libEGL.so.1", "libX11.so.6", "libGL.so.1"), ":0", "egl"),
-        (("libX11.so.6", "libGL.so.1"), ":0", "x"),
-        (("libX11.so.6", "libGL.so.1"), "", None),
-        (("libOSMesa.so",), "", "osmesa"),
-        ((), ":0", None),
-    ],
-)
-def test_way_to_draw(monkeypatch, libraries, display, way):
-    monkeypatch.setattr(offscreen.sys, "platform", "linux")
-    monkeypatch.setattr(offscreen, "_loads", lambda name: name in libraries)
-    assert BACKEND({"DISPLAY": display}) == way
+def test_a_missing_library_leaves_the_picture_and_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(viewer, "find_spec", lambda name: None)
+    viewer.library.cache_clear()
+    try:
+        sheet = picture_sheet(load("paper"))
+        page = render_html(Report("a", "", (Section("Rays", (sheet,)),)))
+    finally:
+        viewer.library.cache_clear()
+    assert "pip install trame-vtk" in sheet.caption
+    assert "<script" not in page
+    assert sheet.content.startswith("<svg")
 
 
 def test_bad_input_writes_nothing(tmp_path, capsys):
