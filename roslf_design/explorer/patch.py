@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 NEIGHBOURS = 1.5
 """Microlens pitches around the patch that lend their light."""
-MOST = 400
+MOST = 256
 """Subpixels across the patch and its surroundings."""
 KEPT = ("+microlens_diffraction", "+overlap")
 """What is on whatever its size."""
@@ -50,7 +50,8 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch:
     -------
     Patch
         As `imaging.render.render` with a white scene has it, but for light of microlenses more than `NEIGHBOURS`
-        pitches away, for which those on the other side stand in: within about 1e-2 of full scale.
+        pitches away, for which those on the other side stand in, and for what coarser subpixels fold back: within about
+        1e-2 of full scale or of the brightest pixel.
     """
     seen = design.thin_twin
     effects = plan(seen, overrides=KEPT)

@@ -48,8 +48,8 @@ class Scene(NamedTuple):
 
     data: dict[str, Any]
     """``window`` [width, height] in pixels; ``camera`` with ``position``, ``focus``, ``up`` and ``scale`` (half the
-    height of the view); ``parts``, each a ``kind`` of `meshes.MAKERS` with its numbers, a ``colour`` and an
-    ``opacity``. Lengths in mm."""
+    height of the view); ``parts``, each with a ``name``, a ``kind`` of `meshes.MAKERS` with its numbers, a ``colour``
+    and an ``opacity``. Lengths in mm."""
     names: tuple[Name, ...]
     """From the left to the right, as the elements stand."""
 
@@ -82,32 +82,35 @@ def _elements(design: Design, wall: float, front: float) -> list[dict[str, Any]]
     for index, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
         colour = "#4d4d4d" if index == 0 else STOP_COLOURS[(index - 1) % len(STOP_COLOURS)]
         ring = {"inner": stop.diameter / 2, "outer": wall, "centre": _vertex(pose), "normal": _normal(pose)}
-        parts.append({"kind": "ring", **ring, "colour": colour, "opacity": 0.38})
-        parts.append({"kind": "lines", "lines": [_circle(pose, stop.diameter / 2)], "colour": colour, "width": 4.0})
+        name = f"stop {index}" if index else "FAP"
+        parts.append({"name": f"{name} plate", "kind": "ring", **ring, "colour": colour, "opacity": 0.38})
+        rim = [_circle(pose, stop.diameter / 2)]
+        parts.append({"name": f"{name} rim", "kind": "lines", "lines": rim, "colour": colour, "width": 4.0})
     thickness = 0.09 * design.D
     parts.append(
-        {"kind": "ellipsoid", "centre": _vertex(lens), "radius": design.D / 2, "thickness": thickness,
+        {"name": "lens", "kind": "ellipsoid", "centre": _vertex(lens), "radius": design.D / 2, "thickness": thickness,
          "colour": SKY, "opacity": 0.35}
     )  # fmt: skip
-    parts.append({"kind": "lines", "lines": [_circle(lens, design.D / 2)], "colour": LENS_COLOUR, "width": 3.0})
+    rim = [_circle(lens, design.D / 2)]
+    parts.append({"name": "lens rim", "kind": "lines", "lines": rim, "colour": LENS_COLOUR, "width": 3.0})
     mount = {"inner": design.D / 2, "outer": wall, "centre": _vertex(lens), "normal": _normal(lens)}
-    parts.append({"kind": "ring", **mount, "colour": LENS_COLOUR, "opacity": 0.16})
+    parts.append({"name": "lens mount", "kind": "ring", **mount, "colour": LENS_COLOUR, "opacity": 0.16})
     width, height = design.sensor_size
-    for pose, size, colour, opacity in (
-        (array, design.microlens_array.size, SKY, 0.55),
-        (sensor, (width, height), INK, 0.9),
+    for name, pose, size, colour, opacity in (
+        ("MLA", array, design.microlens_array.size, SKY, 0.55),
+        ("sensor", sensor, (width, height), INK, 0.9),
     ):
         parts.append(
-            {"kind": "plate", "centre": _vertex(pose), "normal": _normal(pose), "size": list(size),
+            {"name": name, "kind": "plate", "centre": _vertex(pose), "normal": _normal(pose), "size": list(size),
              "colour": colour, "opacity": opacity}
         )  # fmt: skip
     parts.append(
-        {"kind": "tube", "centre": [0.0, 0.0, 0.0], "from": -front, "to": design.d_1 + design.d_2, "radius": wall,
+        {"name": "tube", "kind": "tube", "centre": [0.0, 0.0, 0.0], "from": -front, "to": design.d_1 + design.d_2, "radius": wall,
          "colour": "#9a9a9a", "opacity": 0.10}
     )  # fmt: skip
     rims = [[[wall * math.cos(t), wall * math.sin(t), z] for t in np.linspace(0, 2 * math.pi, 97)]
             for z in (-front, design.d_1 + design.d_2)]  # fmt: skip
-    parts.append({"kind": "lines", "lines": rims, "colour": "#8a8a8a", "width": 1.5})
+    parts.append({"name": "tube ends", "kind": "lines", "lines": rims, "colour": "#8a8a8a", "width": 1.5})
     return parts
 
 
@@ -123,7 +126,8 @@ def _rays(design: Design, start: float) -> list[dict[str, Any]]:
     end = design.d_1 + design.d_2
     parts: list[dict[str, Any]] = []
     blocked: list[list[list[float]]] = []
-    for place, colour in zip((centre, edge, far_corner), FIELD_COLOURS, strict=True):
+    places = {"centre": centre, "edge": edge, "corner": far_corner}
+    for (name, place), colour in zip(places.items(), FIELD_COLOURS, strict=True):
         # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
         rays = trace_pupil(system, (0.999 * pupil[0], 0.999 * pupil[1]), place)
         (mla,) = axes_in_space(design, [place])
@@ -137,9 +141,9 @@ def _rays(design: Design, start: float) -> list[dict[str, Any]]:
                 line += [[float(mla[0]), float(mla[1]), design.d_1], [float(landing[i, 0]), float(landing[i, 1]), end]]
             (kept if status in PASSED else blocked).append(line)
         if kept:
-            parts.append({"kind": "lines", "lines": kept, "colour": colour, "width": 2.2})
+            parts.append({"name": f"rays {name}", "kind": "lines", "lines": kept, "colour": colour, "width": 2.2})
     if blocked:
-        parts.append({"kind": "lines", "lines": blocked, "colour": BLOCKED, "width": 2.2})
+        parts.append({"name": "rays blocked", "kind": "lines", "lines": blocked, "colour": BLOCKED, "width": 2.2})
     return parts
 
 

@@ -19,7 +19,7 @@ from .theme import Theme, ThemeName, theme_named
 if TYPE_CHECKING:
     from ...design import Design
 
-POINTS = 160
+POINTS = 120
 """Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
