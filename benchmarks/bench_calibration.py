@@ -17,7 +17,7 @@ from roslf_design.calibration.centres import MicrolensCentres, find_centres
 from roslf_design.calibration.corner_statistics import corner_statistics
 from roslf_design.calibration.datasheet import DataSheet
 from roslf_design.calibration.decode import decode
-from roslf_design.calibration.lattice import Lattice, Layout
+from roslf_design.calibration.lattice import CentreLattice, Layout
 from roslf_design.calibration.model import Camera
 from roslf_design.calibration.posterior import sample_posterior
 from roslf_design.calibration.statistics_fit import fit_statistics
@@ -54,13 +54,13 @@ def _centres() -> None:
                 )
 
 
-def _white(shape: tuple[int, int], layout: Layout, cut: bool) -> tuple[NDArray[np.float32], Lattice]:
+def _white(shape: tuple[int, int], layout: Layout, cut: bool) -> tuple[NDArray[np.float32], CentreLattice]:
     """White image by exact pixel coverage; lattice in pixels, the first pixel's centre at 0."""
     rows, columns = shape
     turn = ROTATION + (math.pi / 2 if layout == "square" else math.pi / 3)
     first = PITCH * math.cos(ROTATION), PITCH * math.sin(ROTATION)
     second = PITCH * math.cos(turn), PITCH * math.sin(turn)
-    truth = Lattice((columns / 2 + 0.83, rows / 2 - 0.41), first, second, layout)
+    truth = CentreLattice((columns / 2 + 0.83, rows / 2 - 0.41), first, second, layout)
     index = truth.inside(shape, margin=-PITCH)
     centres = truth.nodes(index[:, 0], index[:, 1])
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
@@ -73,7 +73,7 @@ def _white(shape: tuple[int, int], layout: Layout, cut: bool) -> tuple[NDArray[n
     return np.asarray(image + noise, np.float32), truth
 
 
-def _error(found: MicrolensCentres, truth: Lattice) -> float:
+def _error(found: MicrolensCentres, truth: CentreLattice) -> float:
     index = np.round(truth.indices(found.centres))
     return float(np.sqrt(np.mean((found.centres - truth.nodes(index[:, 0], index[:, 1])) ** 2)))
 

@@ -16,8 +16,10 @@ from .corners import find_corners, observe, observe_pictures
 from .coverage import Coverage, coverage
 from .datasheet import DataSheet, derived
 from .decode import decode
+from .diffraction import Corrected, Diffraction, calibrate_corrected
+from .draws import Draws, laplace_draws
 from .errors import CalibrationError, MissingExtraError
-from .lattice import Lattice
+from .lattice import CentreLattice
 from .lightfield import LightField
 from .model import Camera, Poses
 from .planning import Plan, camera_of, expected_errors, plan, sheet_of
@@ -25,6 +27,7 @@ from .posterior import Posterior, sample_posterior
 from .storage import load_light_field, save_light_field
 from .synthetic import Captures, observe_synthetic, random_poses
 from .trust import Reason
+from .undistorted import undistorted_radius
 
 __all__ = [
     "Board",
@@ -32,9 +35,12 @@ __all__ = [
     "CalibrationError",
     "Camera",
     "Captures",
+    "CentreLattice",
+    "Corrected",
     "Coverage",
     "DataSheet",
-    "Lattice",
+    "Diffraction",
+    "Draws",
     "LightField",
     "MicrolensCentres",
     "MissingExtraError",
@@ -44,6 +50,7 @@ __all__ = [
     "Posterior",
     "Reason",
     "calibrate",
+    "calibrate_corrected",
     "camera_of",
     "coverage",
     "decode",
@@ -52,6 +59,7 @@ __all__ = [
     "expected_errors",
     "find_centres",
     "find_corners",
+    "laplace_draws",
     "load_light_field",
     "observe",
     "observe_pictures",
@@ -61,5 +69,6 @@ __all__ = [
     "sample_posterior",
     "save_light_field",
     "sheet_of",
+    "undistorted_radius",
     "variance_shares",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from .lattice import Array, Lattice
+from .lattice import Array, CentreLattice
 
 
 class CellMoments(NamedTuple):
@@ -67,7 +67,7 @@ def _moments(
 
 
 def cell_moments(
-    image: NDArray[np.float32], lattice: Lattice, centres: Array, saturation: float = math.inf, scale: float = 1.0
+    image: NDArray[np.float32], lattice: CentreLattice, centres: Array, saturation: float = math.inf, scale: float = 1.0
 ) -> CellMoments:
     """Moments of `image` in the Voronoi cells of `lattice` placed at `centres`.
 
@@ -77,7 +77,7 @@ def cell_moments(
     ----------
     image : ndarray of float32
         Shape (rows, columns).
-    lattice : Lattice
+    lattice : CentreLattice
         Gives the shape of the cells.
     centres : ndarray
         Middles of the cells [px], shape (n, 2).
@@ -105,7 +105,7 @@ def cell_moments(
     return CellMoments(light, offset, mean[:, 2:] - squares, out[:, 6].astype(np.int64))
 
 
-def window_pull(image: NDArray[np.float32], lattice: Lattice, centres: Array, scale: float = 1.0) -> float:
+def window_pull(image: NDArray[np.float32], lattice: CentreLattice, centres: Array, scale: float = 1.0) -> float:
     """Share of a cell's displacement that its centroid follows: 0 where images stand apart, towards 1 without contrast.
 
     Light at the sides of a cell drags the centroid along with the cell. For a periodic image the drag is the mean

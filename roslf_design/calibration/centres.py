@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .cells import CellMoments, cell_moments
 from .errors import CalibrationError
 from .frames import Frame, grey_frame, saturation_level
-from .lattice import Array, Lattice, LatticeFit, Layout, fit_lattice
+from .lattice import Array, CentreLattice, LatticeFit, Layout, fit_lattice
 from .shading import centred
 from .spectrum import estimate_lattice
 from .trust import Reason, judge_shapes
@@ -23,7 +23,7 @@ _SAMPLE = 3000
 class MicrolensCentres:
     """The lattice of microlens images and the evidence for it."""
 
-    lattice: Lattice
+    lattice: CentreLattice
     indices: NDArray[np.int64]
     """Lattice indices (i, j) of every lens inside the image, shape (n, 2)."""
     measured: Array
@@ -87,7 +87,8 @@ def find_centres(
     saturation : float, optional
         Grey level of a saturated pixel in `white`; found from the image where not given.
     undistorted_radius : float, optional
-        Radius [px] about `axis` inside which Eq. 6 promises whole images; given, it replaces the judgement by shape.
+        Radius [px] about `axis` inside which Eq. 6 promises whole images: lenses beyond are left out, and those inside
+        still judged by their shape.
     axis : (float, float), optional
         Where the optical axis meets the sensor [px]; the middle of the image where not given.
 
@@ -116,7 +117,7 @@ class _Fit:
     radius: float | None
     axis: tuple[float, float] | None
 
-    def __call__(self, lattice: Lattice) -> MicrolensCentres:
+    def __call__(self, lattice: CentreLattice) -> MicrolensCentres:
         shape = self.frame.shape
         indices = lattice.inside((shape[0], shape[1]))
         nodes = lattice.nodes(indices[:, 0], indices[:, 1])
@@ -125,13 +126,17 @@ class _Fit:
         good = reasons == Reason.USED
         if good.sum() < 12:
             raise CalibrationError(f"only {int(good.sum())} whole microlens images in the white image: 12 are needed")
-        limit = 0.0
         if self.radius is not None:
-            cut = distance > self.radius
-        else:
-            shapes = judge_shapes(indices, moments.spread, good, distance)
-            cut, limit = shapes.cut, shapes.threshold
-        reasons[good & cut] = Reason.CUT
+            reasons[good & (distance > self.radius)] = Reason.BEYOND
+            good = reasons == Reason.USED
+            if good.sum() < 12:
+                raise CalibrationError(
+                    f"only {int(good.sum())} microlens images lie within the {self.radius:.4g} px of the axis that"
+                    " Eq. 6 leaves undistorted: 12 are needed; does the design describe this camera?"
+                )
+        shapes = judge_shapes(indices, moments.spread, good, distance)
+        reasons[good & shapes.cut] = Reason.CUT
+        limit = shapes.threshold
         good = reasons == Reason.USED
         if good.sum() < 12:
             raise CalibrationError(
@@ -162,7 +167,7 @@ class _Fit:
         )
 
     def _first_reasons(
-        self, lattice: Lattice, indices: NDArray[np.int64], nodes: Array, moments: CellMoments
+        self, lattice: CentreLattice, indices: NDArray[np.int64], nodes: Array, moments: CellMoments
     ) -> tuple[NDArray[np.int8], Array]:
         rows, columns = self.frame.shape
         reasons = np.zeros(len(indices), np.int8)
@@ -186,7 +191,7 @@ class _Fit:
         return reasons, np.hypot(*(nodes - middle).T)
 
 
-def _grown(frame: Frame, lattice: Lattice) -> Lattice:
+def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
     """Follow the lattice from the middle of the image to its corners, doubling the radius with every fit."""
     rows, columns = frame.shape
     _, halves = lattice.cell()

@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from .datasheet import QUANTITIES, DataSheet, derived
+from .draws import Draws
 from .errors import CalibrationError
 from .lattice import Array
-from .posterior import Posterior
 from .statistics_fit import StatisticsFit
 
 
-def depth_errors(posterior: Posterior, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
+def depth_errors(draws: Draws, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
     """What the calibration's uncertainty does to depths measured with it.
 
     Parameters
     ----------
-    posterior : Posterior
+    draws : Draws
+        Of a posterior, or of the normal law in its place.
     fit : StatisticsFit
         Whose camera makes the slope of a point at each distance.
     sheet : DataSheet
@@ -42,7 +43,7 @@ def depth_errors(posterior: Posterior, fit: StatisticsFit, sheet: DataSheet, dis
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
     # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
     measured = (best["m"] - best["A"] / depth) * best["A"] / best["d_2"]
-    p = posterior.quantities
+    p = draws.quantities
     m, A, d_2, d_3 = (p[name][:, None] for name in ("m", "A", "d_2", "d_3"))
     with np.errstate(divide="ignore"):
         z_f = A / (m - measured * d_2 / A)
@@ -63,8 +64,8 @@ def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str,
     Returns
     -------
     dict
-        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d`` and ``board`` that add up to 1, and
-        ``sigma``, the standard deviation of all.
+        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board`` and ``systematic`` (what
+        scatter does not show) that add up to 1, and ``sigma``, the standard deviation of all.
     """
     camera = fit.camera.vector()[:3]
     names = [n for n in ("A", "m", "inverse_d_2") if n in fit.covariance.names]
@@ -73,6 +74,7 @@ def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str,
     sigmas = (sheet.f_sigma, sheet.q_sigma, sheet.d_sigma, sheet.cell_sigma)
     for k, name in enumerate(("f", "q", "d", "board")):
         steps[name] = [(np.zeros(3), np.eye(4)[k] * sigmas[k])]
+    steps["systematic"] = [(shift, np.zeros(4)) for shift in fit.systematic]
     variances: dict[str, dict[str, float]] = {name: {} for name in QUANTITIES}
     for source, moves in steps.items():
         spread = dict.fromkeys(QUANTITIES, 0.0)

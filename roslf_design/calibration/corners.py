@@ -158,7 +158,26 @@ def _placed(pixels: Array, known: NDArray[np.bool_], start: Array, shape: Array,
     grid = shape.reshape(down, across, 2)
     steps = [np.asarray(np.gradient(grid, axis=k)).reshape(-1, 2) for k in (1, 0)]
     edges = np.column_stack([np.arctan2(step[:, 1], step[:, 0]) for step in steps])
-    return fit_saddles(pixels, known, start, edges, int(np.clip(round(0.45 * _cell(shape, board)), 3, 8)))
+    return fit_saddles(pixels, known, start, edges, _window(shape, board))
+
+
+def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
+    """Mean directions [rad] of a board's edges across and down, and how far the windows of its corners reach [px].
+
+    Parameters
+    ----------
+    corners : ndarray
+        Columns and rows, shape (n, 2); NaN where not placed.
+    board : Board
+    """
+    grid = _completed(corners, board).reshape(board.inner[1], board.inner[0], 2)
+    steps = [np.diff(grid, axis=k).reshape(-1, 2).mean(axis=0) for k in (1, 0)]
+    across, down = (float(np.arctan2(step[1], step[0])) for step in steps)
+    return (across, down), _window(grid.reshape(-1, 2), board)
+
+
+def _window(corners: Array, board: Board) -> int:
+    return int(np.clip(round(0.45 * _cell(corners, board)), 3, 8))
 
 
 def _believed(saddles: Saddles, expected: Array, board: Board, contrast: Array) -> NDArray[np.bool_]:

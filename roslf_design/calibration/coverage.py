@@ -10,12 +10,12 @@ import numpy as np
 from ..theory.aperture import effective_image_distance
 from ..theory.conjugates import focal_plane_distance
 from .calibrate import calibrate
-from .datasheet import DataSheet, derived
+from .datasheet import DataSheet
+from .draws import laplace_draws
 from .errors import CalibrationError
 from .lattice import Array
 from .model import Camera
 from .posterior import sample_posterior
-from .statistics_fit import StatisticsFit
 from .synthetic import Captures, observe_synthetic, random_poses
 
 _DRAWS = 4000
@@ -98,7 +98,7 @@ def coverage(
             failed += 1
             continue
         if method == "fisher":
-            draws = fisher_draws(fit, sheet, _DRAWS, rng)
+            draws = dict(laplace_draws(fit, sheet, _DRAWS, rng).quantities)
         else:
             draws = dict(sample_posterior(fit, sheet, seed=seed * 1_000_003 + k, chunk=300).quantities)
         for name in names:
@@ -109,11 +109,3 @@ def coverage(
     bounds = np.asarray(binom.ppf([0.005, 0.995], max(done, 1), level)) / max(done, 1)
     arrays = {name: np.array(values) for name, values in pulls.items()}
     return Coverage(level, done, held, (float(bounds[0]), float(bounds[1])), failed, arrays)
-
-
-def fisher_draws(fit: StatisticsFit, sheet: DataSheet, count: int, rng: np.random.Generator) -> dict[str, Array]:
-    """Draws of the derived quantities from the normal law of the Fisher matrix and the data sheet."""
-    root = np.linalg.cholesky(fit.covariance.matrix)
-    cameras = fit.camera.vector(fit.covariance.names) + rng.normal(size=(count, len(root))) @ root.T
-    f, q, d, board = sheet.draws(count, rng)
-    return derived(cameras, sheet, f, np.stack([q, d, board]))

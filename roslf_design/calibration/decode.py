@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
 from .frames import Frame, grey_frame, refuse_saturated, same_size
-from .lattice import Array, Lattice
+from .lattice import Array, CentreLattice
 from .lightfield import LightField, Samples
 
 _DARKEST = 0.05
@@ -18,7 +18,7 @@ _DARKEST = 0.05
 
 def decode(
     raw: ArrayLike,
-    lattice: Lattice,
+    lattice: CentreLattice,
     *,
     white: ArrayLike | None = None,
     dark: ArrayLike | None = None,
@@ -34,7 +34,7 @@ def decode(
     ----------
     raw : array_like
         Raw image, shape (rows, columns), or with channels, which are averaged.
-    lattice : Lattice
+    lattice : CentreLattice
         Of the microlens images, from `find_centres`.
     white, dark : array_like, optional
         White image and frame without light, same size.
@@ -121,7 +121,12 @@ def _cubic(x: float) -> float:
 
 
 def _sampled(
-    frame: Frame, lattice: Lattice, offsets: Array, rows: NDArray[np.int64], starts: NDArray[np.int64], columns: int
+    frame: Frame,
+    lattice: CentreLattice,
+    offsets: Array,
+    rows: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    columns: int,
 ) -> tuple[Samples, Samples]:
     """Samples and whether they were inside the image, shape (t, s, v, u)."""
     i = starts[:, None] + np.arange(columns)[None, :]

@@ -99,12 +99,14 @@ def plot_lines(result: Outcome) -> Figure:
 
 
 def plot_posterior(result: Outcome) -> Figure:
-    """Draw the posterior of H, d_3, d_2, A, m and f: each alone and every pair, with 68 and 95 % regions."""
+    """Draw the posterior of H, d_3, d_2, A, m and f: each alone and every pair, with 68 and 95 % regions.
+
+    Without a posterior, Laplace's approximation in its place, and says so.
+    """
     from matplotlib.figure import Figure
 
-    assert result.posterior is not None
     names = ["H", "d_3", "d_2", "A", "m"] + (["f"] if result.sheet.f_sigma > 0 else [])
-    draws = {name: result.posterior.draws(name) for name in names}
+    draws = {name: result.draws.draws(name) for name in names}
     ends = {name: np.quantile(values, (0.002, 0.998)) for name, values in draws.items()}
     count = len(names)
     figure = Figure(figsize=(8.0, 7.8), layout="constrained")
@@ -129,12 +131,13 @@ def plot_posterior(result: Outcome) -> Figure:
             if column == 0 and row > 0:
                 ax.set_ylabel(_label(below))
     figure.align_labels()
+    if result.posterior is None:
+        figure.suptitle("Laplace's approximation: the normal law of the Fisher matrix, not sampled", x=0.98, ha="right")
     return figure
 
 
 def plot_depth(result: Outcome, ax: Axes | None = None) -> Figure:
     """Draw the standard deviation of measured depths over the boards' range, from the lens and from the pupil."""
-    assert result.depths is not None
     d = result.depths
     ax = new_axes(ax, width=5.6, height=3.4)
     half = 0.5 * (d["high_95"] - d["low_95"])
@@ -163,13 +166,9 @@ PLOTS: dict[str, tuple[str, Callable[[Outcome], Figure]]] = {
 
 
 def drawn(result: Outcome) -> dict[str, Figure]:
-    """Every figure that the calibration has; those of a posterior only where there is one."""
+    """Every figure that the calibration has."""
     with drawing():
-        return {
-            name: plot(result)
-            for name, (_, plot) in PLOTS.items()
-            if result.posterior is not None or name not in ("posterior", "depth")
-        }
+        return {name: plot(result) for name, (_, plot) in PLOTS.items()}
 
 
 def _histogram(ax: Axes, values: Array, ends: Array) -> None:

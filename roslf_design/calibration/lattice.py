@@ -16,7 +16,7 @@ Layout = Literal["square", "hexagonal"]
 
 
 @dataclass(frozen=True)
-class Lattice:
+class CentreLattice:
     """Centres of the microlens images, in pixels; the centre of the sensor's first pixel is (0, 0), x right, y down.
 
     The node (i, j) is at ``origin + i first + j second``. `second` stands about 90 degrees (square) or 60 degrees
@@ -87,16 +87,16 @@ class Lattice:
         )
         return np.stack([i[kept], j[kept]], axis=-1).astype(np.int64)
 
-    def recentred(self, i: int, j: int) -> Lattice:
+    def recentred(self, i: int, j: int) -> CentreLattice:
         """The same lattice with node (i, j) called (0, 0)."""
         x, y = self.nodes(i, j)
-        return Lattice((float(x), float(y)), self.first, self.second, self.layout)
+        return CentreLattice((float(x), float(y)), self.first, self.second, self.layout)
 
 
 class LatticeFit(NamedTuple):
     """A lattice, what it left over, and how well it is known."""
 
-    lattice: Lattice
+    lattice: CentreLattice
     residuals: Array
     """Measured minus fitted centre of every lens given [px], shape (n, 2)."""
     inliers: NDArray[np.bool_]
@@ -153,7 +153,7 @@ def fit_lattice(
     freedom = max(2 * int(used.sum()) - 6, 1)
     variance = float(np.sum(residuals[used] ** 2)) / freedom
     covariance = shift @ np.linalg.inv(design[used].T @ design[used]) @ shift.T * variance
-    lattice = Lattice(_pair(origin), _pair(first), _pair(second), layout)
+    lattice = CentreLattice(_pair(origin), _pair(first), _pair(second), layout)
     return LatticeFit(lattice, residuals, used, covariance)
 
 

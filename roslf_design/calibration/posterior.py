@@ -9,6 +9,7 @@ import numpy as np
 
 from .datasheet import QUANTITIES, DataSheet, derived
 from .diagnostics import bulk_ess, r_hat, tail_ess
+from .draws import Draws
 from .errors import CalibrationError, optional_module
 from .lattice import Array
 from .likelihood import ProfileLikelihood
@@ -22,15 +23,9 @@ RHAT, ESS = 1.01, 400.0
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(Draws):
     """Draws from the posterior, and whether they may be trusted."""
 
-    names: tuple[str, ...]
-    """Parameters sampled: those of the fit, then f."""
-    parameters: Array
-    """Draws of them, shape (n, p)."""
-    quantities: Mapping[str, Array]
-    """Draws of `QUANTITIES`, data-sheet values drawn along, each of shape (n,)."""
     r_hat: Mapping[str, float]
     """Between ensembles, for each parameter and derived quantity."""
     bulk_ess: Mapping[str, float]
@@ -43,32 +38,6 @@ class Posterior:
     """Of each ensemble, after the first that were dropped."""
     walkers: int
     """In all ensembles."""
-
-    def interval(self, name: str, level: float = 0.68) -> tuple[float, float]:
-        """Central interval of a quantity (or parameter) that holds `level` of its posterior."""
-        draws = self.draws(name)
-        low, high = np.quantile(draws, [(1 - level) / 2, (1 + level) / 2])
-        return float(low), float(high)
-
-    def draws(self, name: str) -> Array:
-        """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
-        if name in self.quantities:
-            return self.quantities[name]
-        if name not in self.names:
-            known = ", ".join([*self.quantities, *self.names])
-            raise ValueError(f"no quantity {name!r} in the posterior: it holds {known}")
-        column: Array = self.parameters[:, self.names.index(name)]
-        return column
-
-    def summary(self) -> dict[str, dict[str, float]]:
-        """Mean, standard deviation, median, 68 % and 95 % intervals of every quantity."""
-        table = {}
-        for name, draws in self.quantities.items():
-            low, lower, median, upper, high = np.quantile(draws, [0.025, 0.16, 0.5, 0.84, 0.975])
-            row = {"mean": draws.mean(), "sigma": draws.std(ddof=1), "median": median}
-            row |= {"low_68": lower, "high_68": upper, "low_95": low, "high_95": high}
-            table[name] = {key: float(value) for key, value in row.items()}
-        return table
 
 
 def sample_posterior(
@@ -88,8 +57,8 @@ def sample_posterior(
     Ensembles start apart, spread 1.5 times as wide as the Fisher matrix says, and walk in coordinates whitened by it.
     They stop when R-hat between ensembles is below 1.01 and bulk and tail effective sample sizes are above 400 for
     every parameter and for d_1, d_f, H and d_3, or after `most_steps`. Priors are flat in A, m, 1/d_2 (all positive),
-    x_0, y_0 and distortion, and normal in f, q, d and the board's scale as the data sheet says; q, d and scale, which
-    no image informs, are drawn afterwards.
+    x_0, y_0 and distortion, and normal in f, q, d and the board's scale as the data sheet says; q, d, scale and the
+    fit's systematic errors, which no image informs, are drawn afterwards.
 
     Parameters
     ----------
@@ -157,7 +126,9 @@ def sample_posterior(
     said = f"R-hat {worst:.4f} (below {RHAT} wanted), effective sample size {least:.0f} (above {ESS:.0f} wanted)"
     flat = target.parameters(chain.swapaxes(0, 1).reshape(-1, dimension))
     flat = flat[:: max(1, len(flat) // _KEPT)]
-    q, d, board = sheet.draws(len(flat), np.random.default_rng(seeds[-1]))[1:]
+    rng = np.random.default_rng(seeds[-1])
+    q, d, board = sheet.draws(len(flat), rng)[1:]
+    flat[:, :3] += rng.normal(size=(len(flat), len(fit.systematic))) @ fit.systematic
     return Posterior(
         names=target.names,
         parameters=flat,

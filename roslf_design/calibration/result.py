@@ -13,6 +13,8 @@ from .calibrate import Calibration
 from .centres import MicrolensCentres
 from .consequences import depth_errors, variance_shares
 from .datasheet import QUANTITIES, DataSheet, derived
+from .diffraction import Diffraction
+from .draws import Draws, laplace_draws
 from .lattice import Array
 from .posterior import Posterior
 
@@ -20,6 +22,8 @@ SCHEMA = "roslf.calibration/1"
 UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_3": "mm"}
 SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Quantities in the order in which they are told."""
+LAPLACE = "Fisher matrix (Laplace)"
+_DRAWS = 20_000
 _GAUSS = {"68": 0.994458, "95": 1.959964}
 
 
@@ -50,9 +54,15 @@ class Outcome:
     sheet: DataSheet
     centres: MicrolensCentres
     calibration: Calibration
+    diffraction: Diffraction | None
+    """None where nobody looked for it."""
+    undistorted_radius: float | None
+    """Of the design, Eq. 6 on the sensor [px]; None where it was not used."""
     posterior: Posterior | None
     """None where it was not asked for: intervals are then the Fisher matrix's."""
-    depths: Mapping[str, Array] | None
+    draws: Draws
+    """The posterior's; without one, of Laplace's approximation."""
+    depths: Mapping[str, Array]
     """`depth_errors` over the boards' range."""
     shares: Mapping[str, Mapping[str, float]]
     """`variance_shares`."""
@@ -65,6 +75,11 @@ class Outcome:
     def converged(self) -> bool | None:
         """None where nothing was sampled."""
         return None if self.posterior is None else self.posterior.converged
+
+    @property
+    def intervals_from(self) -> str:
+        """What intervals, depth errors and the corner plot come from."""
+        return LAPLACE if self.posterior is None else "posterior"
 
     @property
     def calibrated(self) -> Design:
@@ -120,12 +135,13 @@ class Outcome:
                 "tail_ess": dict(p.tail_ess),
             }
         lattice, used = self.centres.lattice, self.centres.used
-        depths = None if self.depths is None else {name: values.tolist() for name, values in self.depths.items()}
+        systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
+        radius = self.undistorted_radius
         return {
             "schema": SCHEMA,
             "design": self.design.name,
             "board": {"columns": self.board.columns, "rows": self.board.rows, "cell_mm": self.board.cell},
-            "intervals_from": "Fisher matrix" if p is None else "posterior",
+            "intervals_from": self.intervals_from,
             "quantities": rows,
             "converged": self.converged,
             "posterior": sampling,
@@ -135,6 +151,8 @@ class Outcome:
             "condition_number": fit.covariance.condition,
             "correlations": {"names": names, "matrix": fit.covariance.correlation.tolist()},
             "other_ways": steps,
+            "diffraction": None if self.diffraction is None else _told(self.diffraction, self.sheet),
+            "systematic_sigma": dict(zip(("A", "m", "inverse_d_2"), map(float, systematic), strict=True)),
             "data_sheet": {
                 "f_mm": self.sheet.f,
                 "f_sigma_mm": self.sheet.f_sigma,
@@ -157,8 +175,9 @@ class Outcome:
                 "rms_px": self.centres.rms,
                 "microlenses": self.centres.counts(),
                 "used": int(used.sum()),
+                "undistorted_radius_px": radius if radius is not None and np.isfinite(radius) else None,
             },
-            "depth_errors_mm": depths,
+            "depth_errors_mm": {name: values.tolist() for name, values in self.depths.items()},
             "distortion_coefficients": self.distortion,
             "seed": self.seed,
             "warnings": list(self.warnings),
@@ -176,24 +195,46 @@ def outcome_of(
     seed: int,
     distortion: int = 0,
     warnings: tuple[str, ...] = (),
+    diffraction: Diffraction | None = None,
+    undistorted_radius: float | None = None,
 ) -> Outcome:
     """Bring together what was found; `warnings` come before those that follow from it."""
     shares = variance_shares(calibration.fit, sheet)
     best = derived(calibration.fit.camera.vector(), sheet, np.asarray(sheet.f))
     values = {name: float(best[name]) for name in QUANTITIES}
     estimates = {name: _estimate(name, values[name], shares[name]["sigma"], posterior) for name in QUANTITIES}
-    depths = None
-    if posterior is not None:
-        distances = working_range(calibration, values["d_3"])
-        depths = depth_errors(posterior, calibration.fit, sheet, distances)
+    draws = posterior or laplace_draws(calibration.fit, sheet, _DRAWS, np.random.default_rng(seed))
+    depths = depth_errors(draws, calibration.fit, sheet, working_range(calibration, values["d_3"]))
     notes = [*warnings]
+    if diffraction is not None and diffraction.warning:
+        notes.append(diffraction.warning)
     if calibration.missing:
         notes.append(f"no board found in {', '.join(calibration.missing)}: calibrated from the others")
     if posterior is not None and not posterior.converged:
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
-        design, board, sheet, centres, calibration, posterior, depths, shares, estimates, tuple(notes), seed, distortion
-    )
+        design, board, sheet, centres, calibration, diffraction, undistorted_radius, posterior, draws, depths, shares,
+        estimates, tuple(notes), seed, distortion,
+    )  # fmt: skip
+
+
+def _told(found: Diffraction, sheet: DataSheet) -> dict[str, object]:
+    """The correction as JSON's types, with what would have come out without it."""
+    without = None
+    if found.before is not None:
+        best = derived(found.before.vector(), sheet, np.asarray(sheet.f))
+        without = {name: float(best[name]) for name in SHOWN}
+    return {
+        "corrected": found.corrected,
+        "reason": found.reason,
+        "expected_blur_px": found.expected_blur,
+        "seen_blur_px": None if found.image is None else found.image.blur,
+        "seen_radius_px": None if found.image is None else found.image.radius,
+        "white_image_misfit": found.misfit,
+        "largest_shift_pitches": found.largest,
+        "baseline": found.baseline,
+        "without": without,
+    }
 
 
 def working_range(calibration: Calibration, d_3: float, count: int = 61) -> Array:

@@ -5,18 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .datasheet import derived
 from .planning import Plan
-from .result import SHOWN, UNITS, Outcome
+from .result import LAPLACE, SHOWN, UNITS, Outcome
+from .trust import Reason
 
 PLAN_SCHEMA = "roslf.calibration-plan/1"
-_SOURCES = {"images": "images", "f": "f", "q": "pixel pitch", "d": "microlens pitch", "board": "board's scale"}
+_SOURCES = {
+    "images": "images",
+    "f": "f",
+    "q": "pixel pitch",
+    "d": "microlens pitch",
+    "board": "board's scale",
+    "systematic": "systematic",
+}
 _ADVICE = {
     "images": "show more boards, tilted further and over more distances",
     "f": "have the focal length measured",
     "q": "have the pixel pitch measured",
     "d": "have the microlens pitch measured",
     "board": "have the board's cells measured",
+    "systematic": "show the boards nearer the focal plane, where corners hardly move from view to view",
 }
 _TITLES = {
     "residuals": "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
@@ -49,30 +61,39 @@ def quantities_table(result: Outcome) -> Table:
         rows.append(tuple(row))
     headings = ("", "estimate", "", "sigma", "68 % interval", "95 % interval")
     if not sampled:
-        return Table(tuple(rows), "lrlrrr", headings, "Calibrated, with intervals of the Fisher matrix")
+        title = "Calibrated, with intervals of the Fisher matrix (Laplace's approximation)"
+        return Table(tuple(rows), "lrlrrr", headings, title)
     return Table(tuple(rows), "lrlrrrrr", (*headings, "R-hat", "ESS"), "Calibrated, with intervals of the posterior")
 
 
 def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
-    """Where each quantity's variance comes from."""
-    rows = tuple((name, *(f"{100 * shares[name][s]:.1f} %" for s in _SOURCES)) for name in SHOWN)
-    return Table(rows, "lrrrrr", ("", *_SOURCES.values()), "Where the variance comes from")
+    """Where each quantity's variance comes from; sources that add nothing to any are left out."""
+    sources = [s for s in _SOURCES if any(shares[name][s] > 0 for name in SHOWN)]
+    rows = tuple((name, *(f"{100 * shares[name][s]:.1f} %" for s in sources)) for name in SHOWN)
+    note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
+    return Table(
+        rows, "l" + "r" * len(sources), ("", *(_SOURCES[s] for s in sources)), "Where the variance comes from",
+        note if "systematic" in sources else "",
+    )  # fmt: skip
 
 
 def ways_table(result: Outcome) -> Table:
-    """The two steps beside the joint fit."""
-    found = result.calibration
-    rows = [
-        ("A", f"{found.second.camera.A:.5g}", f"{found.joint.camera.A:.5g}", "mm"),
-        ("m", f"{found.second.camera.m:.5g}", f"{found.joint.camera.m:.5g}", ""),
-        ("d_2", f"{1 / found.second.camera.inverse_d_2:.5g}", f"{1 / found.joint.camera.inverse_d_2:.5g}", "mm"),
-    ]
-    pairs = zip(("d_1", "d_f", "H", "d_3"), found.stepwise, found.refined, strict=False)
-    rows += [(name, f"{float(a):.5g}", f"{float(b):.5g}", UNITS[name]) for name, a, b in pairs]
-    rows.append(("reprojection RMS", f"{found.first.rms:.3g}", f"{found.joint.rms:.3g}", "pitches"))
+    """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
+    found, sheet = result.calibration, result.sheet
+    cameras = [found.second.camera, found.joint.camera]
+    errors = [f"{found.first.rms:.3g}", f"{found.joint.rms:.3g}"]
+    headings = ["steps one and two", "joint fit"]
+    if result.diffraction is not None and result.diffraction.before is not None:
+        cameras.append(result.diffraction.before)
+        errors.append(f"{result.diffraction.rms_before:.3g}")
+        headings.append("diffraction left in")
+    lengths = [derived(camera.vector(), sheet, np.asarray(sheet.f)) for camera in cameras]
+    names = ("A", "m", "d_2", "d_1", "d_f", "H", "d_3")
+    rows = [(name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name]) for name in names]
+    rows.append(("reprojection RMS", *errors, "pitches"))
     return Table(
-        tuple(rows), "lrrl", ("", "steps one and two", "joint fit", ""), "By both ways",
-        "Step one's error is that of the central view, the joint fit's that of all views.",
+        tuple(rows), "l" + "r" * len(cameras) + "l", ("", *headings, ""), "By different ways",
+        "Step one's error is that of the central view, the others' that of all views.",
     )  # fmt: skip
 
 
@@ -90,6 +111,8 @@ def statements(result: Outcome) -> Iterator[Statement]:
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
         f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
     )
+    if result.diffraction is not None:
+        yield _diffraction(result)
     parts = {source: result.shares["d_3"][source] for source in _SOURCES}
     worst = max(parts, key=lambda source: parts[source])
     yield Statement(
@@ -102,6 +125,36 @@ def statements(result: Outcome) -> Iterator[Statement]:
         yield Statement("good" if p.converged else "bad", f"Posterior {p.message}.")
     for warning in result.warnings:
         yield Statement("caution", _sentence(warning))
+
+
+def _diffraction(result: Outcome) -> Statement:
+    found = result.diffraction
+    assert found is not None
+    if found.before is None:
+        return Statement("plain", f"{found.reason}.")
+    best = derived(found.before.vector(), result.sheet, np.asarray(result.sheet.f))
+    changes = ", ".join(
+        f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
+        for name in ("d_2", "m", "H", "d_3")
+    )
+    return Statement(
+        "plain",
+        f"{found.reason}: up to {found.largest:.2g} pitches from a corner.",
+        f"Left in, it would change the results by {changes}.",
+    )
+
+
+def lenses_used(result: Outcome) -> str:
+    """Which microlenses spoke for the lattice, and why others did not."""
+    centres, radius = result.centres, result.undistorted_radius
+    counts = [f"{number} {text}" for text, number in centres.counts().items() if text != Reason.USED.text]
+    said = f"{int(centres.used.sum())} of {len(centres.indices)} microlenses used"
+    said += f" (left out: {', '.join(counts)})" if counts else ""
+    if radius is None:
+        return said
+    if math.isinf(radius):
+        return f"{said}; by Eq. 6 the design distorts none of them"
+    return f"{said}; Eq. 6 leaves the design's undistorted to {radius:.0f} px from the axis"
 
 
 def calibration_report(result: Outcome, pictures: Mapping[str, str], command: str, version: str) -> Report:
@@ -125,12 +178,12 @@ def _method(result: Outcome) -> str:
     lattice, sheet = result.centres.lattice, result.sheet
     return (
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
-        f" {int(result.centres.used.sum())} microlenses, {result.centres.rms:.3g} px RMS about the lattice); decoded;"
+        f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
         " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
         f" corners. From data sheets: f = {sheet.f:.6g} +- {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
         f" d = {sheet.d * 1e3:.6g} +- {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
         f" {100 * sheet.cell_sigma:.2g} %. Radial distortion coefficients fitted: {result.distortion}."
-        + ("" if result.posterior is None else f" Posterior sampled with seed {result.seed}.")
+        + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
     )
 
 
@@ -198,7 +251,7 @@ def _places(sigma: float) -> int:
 
 
 def _from(source: str) -> str:
-    names = {"images": "the images", "board": "the board's scale"}
+    names = {"images": "the images", "board": "the board's scale", "systematic": "systematic errors of the corners"}
     return names.get(source, f"the data sheet's {_SOURCES[source]}")
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .cells import CellMoments, cell_moments, window_pull
 from .frames import Frame
-from .lattice import Array, Lattice, LatticeFit, fit_lattice
+from .lattice import Array, CentreLattice, LatticeFit, fit_lattice
 from .ripple import without_ripple
 
 _CORE = 0.45
@@ -32,7 +32,7 @@ class Centred(NamedTuple):
 
 
 def centred(
-    frame: Frame, lattice: Lattice, indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_]
+    frame: Frame, lattice: CentreLattice, indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_]
 ) -> Centred:
     """Free centroids of the drag of their cell's sides and of shading across the images.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import CalibrationError
-from .lattice import Array, Lattice, Layout
+from .lattice import Array, CentreLattice, Layout
 
 _PERIODS = (4.5, 110.0)
 """Shortest and longest lattice period searched [px]."""
@@ -18,7 +18,9 @@ _SIGNIFICANT = 0.1
 _BINS = 24
 
 
-def estimate_lattice(image: NDArray[np.floating], pitch: float | None = None, layout: Layout | None = None) -> Lattice:
+def estimate_lattice(
+    image: NDArray[np.floating], pitch: float | None = None, layout: Layout | None = None
+) -> CentreLattice:
     """Find the lattice in the middle of an image to a fraction of a pixel.
 
     The shortest significant peaks of the power spectrum span the reciprocal lattice; its inverse, reduced to the
@@ -35,7 +37,7 @@ def estimate_lattice(image: NDArray[np.floating], pitch: float | None = None, la
 
     Returns
     -------
-    Lattice
+    CentreLattice
         Good near the middle of the image; its (0, 0) is the node nearest to the middle.
 
     Raises
@@ -51,14 +53,14 @@ def estimate_lattice(image: NDArray[np.floating], pitch: float | None = None, la
     if layout is not None and found != layout:
         raise CalibrationError(f"the white image shows a {found} lattice, not a {layout} one")
     oriented = _oriented(basis, found)
-    lattice = Lattice((0.0, 0.0), (oriented[0, 0], oriented[1, 0]), (oriented[0, 1], oriented[1, 1]), found)
+    lattice = CentreLattice((0.0, 0.0), (oriented[0, 0], oriented[1, 0]), (oriented[0, 1], oriented[1, 1]), found)
     if pitch is not None and not 0.75 < lattice.pitch / pitch < 1.25:
         raise CalibrationError(
             f"the white image's pitch is {lattice.pitch:.2f} px, not near the expected {pitch:.2f} px"
         )
     phase = _phase(crop, lattice)
     x, y = lattice.nodes(*phase) + np.array([left, top])
-    lattice = Lattice((float(x), float(y)), lattice.first, lattice.second, found)
+    lattice = CentreLattice((float(x), float(y)), lattice.first, lattice.second, found)
     middle = lattice.indices([(image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2])
     return lattice.recentred(round(middle[0]), round(middle[1]))
 
@@ -163,7 +165,7 @@ def _oriented(basis: Array, layout: Layout) -> Array:
     return np.array([first, second]).T
 
 
-def _phase(crop: Array, lattice: Lattice) -> Array:
+def _phase(crop: Array, lattice: CentreLattice) -> Array:
     """Indices (fractional) of the bright spot of the cell, from the crop's middle folded into one cell."""
     rows, columns = crop.shape
     half = int(min(max(12 * lattice.pitch, 48), rows / 2, columns / 2))

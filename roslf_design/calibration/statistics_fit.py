@@ -30,6 +30,8 @@ class StatisticsFit(NamedTuple):
     """The same of the slopes."""
     pose_by_shared: Array
     """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
+    systematic: Array = np.zeros((0, 3))
+    """Standard deviations of what corners' scatter does not show, as independent shifts of (A, m, 1/d_2), (k, 3)."""
 
 
 class _Linear(NamedTuple):

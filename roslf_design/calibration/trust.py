@@ -28,6 +28,7 @@ class Reason(IntEnum):
     SATURATED = 3
     CUT = 4
     OUTLIER = 5
+    BEYOND = 6
 
     @property
     def text(self) -> str:
@@ -39,6 +40,7 @@ class Reason(IntEnum):
             Reason.SATURATED: "saturated pixels",
             Reason.CUT: "image cut by a stop (cat's eye)",
             Reason.OUTLIER: "off the lattice by over 5 sigma",
+            Reason.BEYOND: "beyond the undistorted field",
         }[self]
 
 

@@ -34,6 +34,7 @@ def calibrate(
     f_sigma: str = "1%",
     distortion: Literal[0, 1, 2] = 0,
     no_posterior: Annotated[bool, Parameter(negative=())] = False,
+    diffraction: Literal["auto", "on", "off"] = "auto",
     plan: str | None = None,
     boards: int | None = None,
     tilt: str | None = None,
@@ -66,7 +67,10 @@ def calibrate(
     distortion
         Radial coefficients to find: 0, 1 or 2.
     no_posterior
-        Leave the sampling out; intervals are then those of the Fisher matrix.
+        Leave the sampling out; intervals are then those of the Fisher matrix (Laplace's approximation).
+    diffraction
+        Take microlens diffraction off the corners: always, never, or (auto) where the design's is above 0.1 px and the
+        white image shows it.
     plan
         Instead of a folder: a design whose calibration is to be planned, before anyone captures an image.
     boards
@@ -94,12 +98,12 @@ def calibrate(
         assert design is not None
         assert board is not None
         assert output is not None
-        result = _calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior)
+        result = _calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction)
     except CalibrationError as error:
         raise refusal("" if plan is None else "--plan", str(error), "" if folder is None else str(folder)) from None
     except MissingExtraError as error:
         raise refusal("", str(error)) from None
-    command = _command(folder, design, board, output, seed, f_sigma, distortion, no_posterior)
+    command = _command(folder, design, board, output, seed, f_sigma, distortion, no_posterior, diffraction)
     written = _write(result, output, command)
     if json:
         print(json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False))
@@ -142,10 +146,16 @@ def _check_options(
 
 
 def _calibrated(
-    folder: Path, design: str, board: str, f_sigma: str, distortion: int, seed: int, no_posterior: bool
+    folder: Path,
+    design: str,
+    board: str,
+    f_sigma: str,
+    distortion: int,
+    seed: int,
+    no_posterior: bool,
+    diffraction: Literal["auto", "on", "off"],
 ) -> Outcome:
-    from ..calibration import calibrate as calibrate_corners
-    from ..calibration import camera_of, find_centres, sample_posterior
+    from ..calibration import calibrate_corrected, camera_of, find_centres, sample_posterior, undistorted_radius
     from ..calibration.errors import optional_module
     from ..calibration.folder import read_capture
     from ..calibration.result import outcome_of
@@ -161,10 +171,16 @@ def _calibrated(
         status.tell("reading the white image")
         capture = read_capture(folder)
         status.tell("finding microlens centres")
-        centres = find_centres(capture.white, capture.dark, layout=loaded.microlens_array.layout)
+        radius = undistorted_radius(loaded) or None
+        centres = find_centres(
+            capture.white, capture.dark, layout=loaded.microlens_array.layout, undistorted_radius=radius
+        )
         observations = _observed(capture, centres, checkerboard, status)
         status.tell("fitting")
-        found = calibrate_corners(observations, sheet, distortion=distortion, guess=camera_of(loaded).A)
+        found, waves = calibrate_corrected(
+            observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
+            dark=capture.dark, distortion=distortion, guess=camera_of(loaded).A, wish=diffraction,
+        )  # fmt: skip
         posterior = None
         if not no_posterior:
             status.tell("sampling the posterior")
@@ -177,8 +193,9 @@ def _calibrated(
             posterior = sample_posterior(found.fit, sheet, seed=seed, progress=progress)
     notes = _mismatch(loaded, centres)
     return outcome_of(
-        loaded, checkerboard, sheet, centres, found, posterior, seed=seed, distortion=distortion, warnings=notes
-    )
+        loaded, checkerboard, sheet, centres, found, posterior, seed=seed, distortion=distortion, warnings=notes,
+        diffraction=waves, undistorted_radius=radius,
+    )  # fmt: skip
 
 
 def _observed(capture: Capture, centres: MicrolensCentres, board: Board, status: StatusLine) -> Observations:
@@ -251,10 +268,18 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
 
 
 def _command(
-    folder: Path, design: str, board: str, output: Path, seed: int, f_sigma: str, distortion: int, no_posterior: bool
+    folder: Path,
+    design: str,
+    board: str,
+    output: Path,
+    seed: int,
+    f_sigma: str,
+    distortion: int,
+    no_posterior: bool,
+    diffraction: str,
 ) -> str:
     words = ["roslf", "calibrate", str(folder), "--design", design, "--board", board, "-o", str(output)]
-    words += ["--f-sigma", f_sigma, "--distortion", str(distortion), "--seed", str(seed)]
+    words += ["--f-sigma", f_sigma, "--distortion", str(distortion), "--seed", str(seed), "--diffraction", diffraction]
     return shlex.join([*words, "--no-posterior"] if no_posterior else words)
 
 

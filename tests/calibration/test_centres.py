@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from roslf_design.calibration.centres import find_centres
 from roslf_design.calibration.errors import CalibrationError
-from roslf_design.calibration.lattice import Lattice, fit_lattice
+from roslf_design.calibration.lattice import CentreLattice, fit_lattice
 from roslf_design.calibration.spectrum import estimate_lattice
 from roslf_design.calibration.trust import Reason
 from tests.oracles.calibration import nodes_over, white_image
@@ -59,7 +59,7 @@ def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
     assert not cut[radius < 0.7 * whole].any()
 
 
-def test_promised_radius_replaces_the_judgement_by_shape():
+def test_lenses_beyond_the_promised_radius_are_left_out():
     truth = nodes_over((400, 400), PITCH, ROTATION, "square")
     found = find_centres(white_image((400, 400), truth, 6.0, noise=0.01), undistorted_radius=100.0, axis=(150.0, 200.0))
     radius = np.hypot(*(found.centres - (150.0, 200.0)).T)
@@ -187,7 +187,7 @@ def test_prior_pitch_is_accepted_and_agrees():
 
 
 def test_lattice_fit_is_exact_on_exact_points_and_clips_outliers():
-    lattice = Lattice((3.0, 4.0), (14.0, 0.2), (-0.2, 13.9), "square")
+    lattice = CentreLattice((3.0, 4.0), (14.0, 0.2), (-0.2, 13.9), "square")
     j, i = np.mgrid[0:9, 0:7]
     index = np.stack([i.ravel(), j.ravel()], axis=-1)
     points = lattice.nodes(index[:, 0], index[:, 1]) + np.random.default_rng(0).normal(0, 1e-3, (63, 2))

@@ -8,15 +8,15 @@ import pytest
 from roslf_design.calibration.centres import find_centres
 from roslf_design.calibration.decode import decode
 from roslf_design.calibration.errors import CalibrationError
-from roslf_design.calibration.lattice import Lattice
+from roslf_design.calibration.lattice import CentreLattice
 from roslf_design.calibration.storage import load_light_field, save_light_field
 from tests.oracles.calibration import nodes_over, white_image
 
-SQUARE = Lattice(
+SQUARE = CentreLattice(
     (101.3, 80.9), (9.7 * math.cos(0.1), 9.7 * math.sin(0.1)), (-9.7 * math.sin(0.1), 9.7 * math.cos(0.1)), "square"
 )
 TURN = 0.05 + math.pi / 3
-HEXAGONAL = Lattice(
+HEXAGONAL = CentreLattice(
     (101.3, 80.9),
     (9.7 * math.cos(0.05), 9.7 * math.sin(0.05)),
     (9.7 * math.cos(TURN), 9.7 * math.sin(TURN)),
@@ -69,7 +69,7 @@ def test_the_white_image_takes_off_vignetting_and_the_dark_frame_its_offset():
 
 def test_a_moving_point_draws_a_line_of_its_slope_in_the_epi():
     slope, pitch = 0.4, 11.0
-    lattice = Lattice((115.0, 115.0), (pitch, 0.0), (0.0, pitch), "square")
+    lattice = CentreLattice((115.0, 115.0), (pitch, 0.0), (0.0, pitch), "square")
     y, x = np.mgrid[0:231, 0:231].astype(float)
     u, v = np.round((x - 115) / pitch), np.round((y - 115) / pitch)
     s, t = x - 115 - pitch * u, y - 115 - pitch * v
@@ -111,7 +111,9 @@ def test_real_views_show_parallax(shared_data):
 
 def test_files_round_trip_and_are_whole_or_absent(tmp_path, monkeypatch):
     y, x = np.mgrid[0:90, 0:90]
-    field = decode(quadratic(x, y), Lattice((45.0, 45.0), (9.0, 0.1), (-0.1, 9.0), "square"), white=np.ones((90, 90)))
+    field = decode(
+        quadratic(x, y), CentreLattice((45.0, 45.0), (9.0, 0.1), (-0.1, 9.0), "square"), white=np.ones((90, 90))
+    )
     paths = save_light_field(tmp_path / "field", field, netcdf=False)
     assert [p.name for p in paths] == ["field.npz"]
     back = load_light_field(paths[0])
@@ -134,7 +136,7 @@ def test_files_round_trip_and_are_whole_or_absent(tmp_path, monkeypatch):
 def test_netcdf_carries_coordinates(tmp_path):
     xarray = pytest.importorskip("xarray")
     y, x = np.mgrid[0:90, 0:90]
-    field = decode(quadratic(x, y), Lattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square"))
+    field = decode(quadratic(x, y), CentreLattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square"))
     path = save_light_field(tmp_path / "field", field, netcdf=True)[1]
     with xarray.open_dataset(path, engine="scipy") as data:
         assert data.radiance.dims == ("t", "s", "v", "u")
@@ -143,7 +145,7 @@ def test_netcdf_carries_coordinates(tmp_path):
 
 
 def test_bad_images_are_named():
-    lattice = Lattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square")
+    lattice = CentreLattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square")
     raw = np.zeros((90, 90))
     with pytest.raises(CalibrationError, match="raw image and the white image differ in size"):
         decode(raw, lattice, white=np.ones((90, 80)))

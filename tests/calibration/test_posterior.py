@@ -9,9 +9,10 @@ import pytest
 from roslf_design.calibration.board import Observations
 from roslf_design.calibration.calibrate import calibrate
 from roslf_design.calibration.consequences import depth_errors, variance_shares
-from roslf_design.calibration.coverage import coverage, fisher_draws
+from roslf_design.calibration.coverage import coverage
 from roslf_design.calibration.datasheet import DataSheet, derived
 from roslf_design.calibration.diagnostics import bulk_ess, r_hat, tail_ess
+from roslf_design.calibration.draws import laplace_draws
 from roslf_design.calibration.errors import CalibrationError, MissingExtraError
 from roslf_design.calibration.likelihood import ProfileLikelihood
 from roslf_design.calibration.model import Camera, Poses, project_boards
@@ -156,7 +157,7 @@ def test_images_say_nothing_of_q_d_and_the_board_s_scale():
 
 def test_variance_shares_add_up_and_agree_with_draws(fit):
     shares = variance_shares(fit, SHEET)
-    draws = fisher_draws(fit, SHEET, 40_000, np.random.default_rng(0))
+    draws = laplace_draws(fit, SHEET, 40_000, np.random.default_rng(0)).quantities
     for name, parts in shares.items():
         assert sum(v for key, v in parts.items() if key != "sigma") == pytest.approx(1.0)
         assert parts["sigma"] == pytest.approx(draws[name].std(), rel=0.03)

@@ -125,10 +125,14 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
         code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
         assert code == 0
         texts.append(said)
-        assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == ["epi-lines.png", "residuals.png"]
+        names = ["depth.png", "epi-lines.png", "posterior.png", "residuals.png"]
+        assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
+        assert "Laplace" in (out / "posterior.svg").read_text()
     assert texts[0] == texts[1]
     result = json.loads(texts[0])
     assert result["converged"] is None
+    assert result["intervals_from"] == "Fisher matrix (Laplace)"
+    assert len(result["depth_errors_mm"]["from_lens"]) == len(result["depth_errors_mm"]["distance"])
     assert result["data_sheet"]["f_sigma_mm"] == 0.5
     d_3 = result["quantities"]["d_3"]
     # To first order an error of f reaches d_3 magnified by 1 + 1/m.
