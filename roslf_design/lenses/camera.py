@@ -325,8 +325,8 @@ def views(
             room = np.minimum(room, left)
         if clip:
             state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
-    points = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
-    return Views(*points, state, fap_room, room)
+    at_fap, ahead, along = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
+    return Views(at_fap, ahead, along, state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:

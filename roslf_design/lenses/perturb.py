@@ -61,12 +61,23 @@ def with_index_error(lens: Prescription, surface: int, change: float) -> Prescri
 
 def decentred(lens: Prescription, element: int, x: float, y: float) -> Prescription:
     """An element moved sideways by (x, y) [mm]."""
-    return _moved(lens, element, np.array([x, y, 0.0]), np.eye(3))
+    return moved(lens, element, (x, y), (0.0, 0.0))
 
 
 def tilted(lens: Prescription, element: int, alpha: float, beta: float) -> Prescription:
     """An element turned by alpha about x, then beta about y [rad], about the middle of its axis."""
-    return _moved(lens, element, np.zeros(3), rotation(alpha, beta))
+    return moved(lens, element, (0.0, 0.0), (alpha, beta))
+
+
+def moved(lens: Prescription, element: int, step: tuple[float, float], tilt: tuple[float, float]) -> Prescription:
+    """An element turned as by `tilted` about the middle of its axis, then moved sideways."""
+    groups = lens.elements
+    if not 1 <= element <= len(groups):
+        raise _fault("element", f"{element} does not exist; the lens has elements 1 to {len(groups)}")
+    members = groups[element - 1]
+    vertices = _vertices(lens)
+    middle = (vertices[members[0]] + vertices[members[-1]]) / 2
+    return _carried(lens, members, middle, np.array([*step, 0.0]), rotation(*tilt))
 
 
 def turned(lens: Prescription, alpha: float, beta: float, pivot: float) -> Prescription:
@@ -87,15 +98,6 @@ def axis_of(surface: Surface) -> Array:
     return np.array([math.sin(beta), -math.sin(alpha) * math.cos(beta), math.cos(alpha) * math.cos(beta)])
 
 
-def _moved(lens: Prescription, element: int, step: Array, rotation: Array) -> Prescription:
-    groups = lens.elements
-    if not 1 <= element <= len(groups):
-        raise _fault("element", f"{element} does not exist; the lens has elements 1 to {len(groups)}")
-    members = groups[element - 1]
-    vertices = _vertices(lens)
-    return _carried(lens, members, (vertices[members[0]] + vertices[members[-1]]) / 2, step, rotation)
-
-
 def rotation(alpha: float, beta: float) -> Array:
     """Matrix that turns by alpha about x, then by beta about y [rad], (3, 3)."""
     ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
@@ -108,14 +110,14 @@ def _vertices(lens: Prescription) -> Array:
     return np.array([[*s.shift[:2], z + s.shift[2]] for s, z in zip(lens.surfaces, lens.vertices, strict=True)])
 
 
-def _carried(lens: Prescription, members: tuple[int, ...], pivot: Array, step: Array, rotation: Array) -> Prescription:
+def _carried(lens: Prescription, members: tuple[int, ...], pivot: Array, step: Array, turn: Array) -> Prescription:
     """Surfaces that move as one: turned about a pivot, then shifted."""
     vertices = _vertices(lens)
     surfaces = list(lens.surfaces)
     for index in members:
         old = surfaces[index]
-        place = pivot + rotation @ (vertices[index] - pivot) + step - [0.0, 0.0, lens.vertices[index]]
-        axis = rotation @ axis_of(old)
+        place = pivot + turn @ (vertices[index] - pivot) + step - [0.0, 0.0, lens.vertices[index]]
+        axis = turn @ axis_of(old)
         tilt = (math.atan2(-axis[1], axis[2]), math.atan2(axis[0], math.hypot(axis[1], axis[2])))
         surfaces[index] = replace(old, shift=_floats(place), tilt=tilt)
     return replace(lens, surfaces=tuple(surfaces))

@@ -117,7 +117,12 @@ class Surrogate:
 
 
 def fitted(
-    camera: LensCamera, field_radius: float, *, tolerance: float = 1e-4, wavelength: float | None = None
+    camera: LensCamera,
+    field_radius: float,
+    *,
+    tolerance: float = 1e-4,
+    wavelength: float | None = None,
+    order: int | None = None,
 ) -> Surrogate:
     """Fit a surrogate to a camera.
 
@@ -131,11 +136,13 @@ def fitted(
         Largest error wanted on the focal plane [mm].
     wavelength : float, optional
         [mm]; the camera's own by default.
+    order : int, optional
+        This one, whatever its error, instead of the lowest that meets the tolerance.
 
     Returns
     -------
     Surrogate
-        Of the lowest order that meets the tolerance.
+        Of the lowest order that meets the tolerance, or of the one asked for.
 
     Raises
     ------
@@ -145,22 +152,20 @@ def fitted(
     if not camera.lens.is_centred:
         raise LensError((Problem("main_lens", "is decentred or tilted: a surrogate needs symmetry; trace it"),))
     if not camera.is_upright:
-        raise LensError(
-            (Problem("camera", "has tilted parts around the lens: a surrogate needs symmetry; trace it"),)
-        )
+        raise LensError((Problem("camera", "has tilted parts around the lens: a surrogate needs symmetry; trace it"),))
     colour = camera.wavelength if wavelength is None else wavelength
     domain = _domain(camera, field_radius, colour)
     train = _samples(camera, domain, colour, FIT_RAYS, held_out=False)
     held = _samples(camera, domain, colour, HELD_OUT, held_out=True)
     tight = np.flatnonzero(np.min(train.rooms, axis=0) < TIGHT)
     best = np.inf
-    for order in range(1, MOST_ORDER + 1):
-        coefficients = _fit(train, order, tight)
-        pupil, focal, room = _errors(held, coefficients, order, tight, camera.fap.z - camera.focal_plane)
+    for power in range(1, MOST_ORDER + 1) if order is None else (order,):
+        coefficients = _fit(train, power, tight)
+        pupil, focal, room = _errors(held, coefficients, power, tight, camera.fap.z - camera.focal_plane)
         best = min(best, focal)
-        if focal <= tolerance:
+        if focal <= tolerance or order is not None:
             flat = coefficients.reshape(-1)
-            return Surrogate(camera, colour, field_radius, order, pupil, focal, room, domain, flat)
+            return Surrogate(camera, colour, field_radius, power, pupil, focal, room, domain, flat)
     message = f"no order up to {MOST_ORDER} is right to {tolerance:g} mm (best {best:.2g} mm); allow more, or trace it"
     raise LensError((Problem("tolerance", message),))
 

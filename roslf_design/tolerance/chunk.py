@@ -103,7 +103,12 @@ def one_trial(plan: Plan, number: int) -> tuple[Design, Measured]:
     start = nominal_values(plan.question.design)
     for adjuster, row in zip(plan.adjusters, measured.moved, strict=True):
         changes[adjuster.place] = changes.get(adjuster.place, start[adjuster.place]) + float(row[0])
-    return plan.question.design.replace(changes), measured
+    design = plan.question.design
+    if design.lens is None:
+        return design.replace(changes), measured
+    from .mount import as_built
+
+    return as_built(design, changes), measured
 
 
 def trial_measured(plan: Plan, number: int) -> Measured:

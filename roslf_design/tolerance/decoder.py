@@ -7,6 +7,7 @@ them (Eq. 12) and turns that into a depth by the design it believes in.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -131,19 +132,27 @@ def chief_pixel(camera: Camera, x: Number, y: Number) -> tuple[Number, Number]:
 
 def epi_slope_seen(camera: Camera, scene: Scene, lattice: Lattice) -> Number:
     """Slope between the two rays through the FAP's ends, as the decoder computes it [microlenses per pixel]."""
-    rim = camera.rims[0]
     cos, sin = scene.azimuth
-    point = along(camera.world.origin, scene.x, camera.world.x, scene.y, camera.world.y)
-    point = along(point, -scene.distance, camera.world.z, 0.0, camera.world.z)
     ends = []
     for sign in (1.0, -1.0):
-        a = along(rim.pose.origin, sign * times(rim.radius, cos), rim.pose.x, sign * times(rim.radius, sin), rim.pose.y)
-        x, y, u, v = _land(camera, point, a)
+        x, y, u, v = landing(camera, scene, sign * cos, sign * sin)
         s, t = lattice.centre(u, v)
         ends.append((minus(x, s), minus(y, t), u, v))
     ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
     views = plus(times(ds, cos), times(dt, sin))
     return plus(times(du, cos), times(dv, sin)) / views
+
+
+def landing(camera: Camera, scene: Scene, a: Array | float, b: Array | float) -> tuple[Number, Number, Number, Number]:
+    """Pixel (x, y) [pixels] and microlens (u, v) [indices] that a scene's points reach through a point of the FAP.
+
+    The point is given in units of the FAP's radius, in its own coordinates.
+    """
+    rim = camera.rims[0]
+    point = along(camera.world.origin, scene.x, camera.world.x, scene.y, camera.world.y)
+    point = along(point, -scene.distance, camera.world.z, 0.0, camera.world.z)
+    pupil = along(rim.pose.origin, times(rim.radius, a), rim.pose.x, times(rim.radius, b), rim.pose.y)
+    return _land(camera, point, pupil)
 
 
 def believed_depth(belief: Belief, design: Design, slope: Number) -> Number:
@@ -152,10 +161,15 @@ def believed_depth(belief: Belief, design: Design, slope: Number) -> Number:
         reach = design.d_1 * (design.d_f - design.d_3) / design.d_f
         inverse = inverse_depth_from_epi_slope(slope, reach, design.d_1 / design.d_f, design.d, design.q, design.d_2)
         return 1 / inverse + design.d_3
-    (s0, s1, s2), (z0, z1, z2) = belief.slopes, belief.depths
-    # Equal cross-ratios (z - z1)(z0 - z2)/((z - z2)(z0 - z1)) of depths and slopes: 0 at the middle target, exactly.
-    cross = (slope - s1) / (slope - s2) * ((s0 - s2) / (s0 - s1)) * ((z0 - z1) / (z0 - z2))
-    return z1 + cross * (z1 - z2) / (1 - cross)
+    return fractional(slope, belief.slopes, belief.depths)
+
+
+def fractional(x: Number, known: Sequence[Number], images: Sequence[Number]) -> Number:
+    """The fractional linear map that takes three known numbers to their images, at `x`."""
+    (x0, x1, x2), (y0, y1, y2) = known, images
+    # Equal cross-ratios (y - y1)(y0 - y2)/((y - y2)(y0 - y1)) of both: 0 at the middle one, exactly.
+    cross = (x - x1) / (x - x2) * ((x0 - x2) / (x0 - x1)) * ((y0 - y1) / (y0 - y2))
+    return y1 + cross * (y1 - y2) / (1 - cross)
 
 
 def _land(camera: Camera, point: Vector, a: Vector) -> tuple[Number, Number, Number, Number]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..design import Design
 from ..design.files import read_toml
 from ..errors import InputError, Problem
-from .places import expand, nominal_values, parse_tolerance, perturbable
+from .places import FOCAL_LENGTH, expand, in_lens, nominal_values, parse_tolerance, perturbable
 
 SHIPPED = Path(__file__).with_name("grades.toml")
 """The grades that ship: engineering judgement, to be replaced by a shop's own figures."""
@@ -57,7 +57,7 @@ class Grades:
         for line in self.lines:
             text = line.tolerances[self.names.index(grade)]
             try:
-                for place in expand(design, line.place):
+                for place in _covered(design, line.place):
                     found[place] = parse_tolerance(text, kinds[place], nominal[place])
             except ValueError as error:
                 problems.append(Problem(f"{line.place}.{grade}", str(error)))
@@ -67,7 +67,13 @@ class Grades:
 
     def provenance(self, design: Design) -> dict[str, str]:
         """Place to the words on where its line comes from."""
-        return {place: line.provenance for line in self.lines for place in expand(design, line.place)}
+        return {place: line.provenance for line in self.lines for place in _covered(design, line.place)}
+
+
+def _covered(design: Design, place: str) -> tuple[str, ...]:
+    """Places of a design that a line speaks of; a real lens's focal length is no number of its own."""
+    real = design.lens is not None
+    return () if (real and place == FOCAL_LENGTH) or (not real and in_lens(place)) else expand(design, place)
 
 
 def load_grades(path: Path = SHIPPED) -> Grades:

@@ -1,10 +1,15 @@
-"""Which numbers of a design a build can miss, what they measure, and their nominal values."""
+"""Which numbers of a design a build can miss, what they measure, and their nominal values.
+
+Behind a real main lens they are those of its drawing, as `lenses.manufacture` names them, after ``main_lens.``; its
+focal length then follows.
+"""
 
 from __future__ import annotations
 
 import difflib
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
 from ..design import PATHS, Design
 from ..design.units import parse_quantity
@@ -12,6 +17,11 @@ from ..design.units import parse_quantity
 POSES = ("decentre.0", "decentre.1", "tilt.0", "tilt.1")
 SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rotation"}
 """Short names beside the paper's symbols."""
+LENS = "main_lens."
+"""What places in a real main lens begin with."""
+FOCAL_LENGTH = "main_lens.focal_length"
+BARE = {"ratio": '"0.3 %" or 0.003', "number": '0.0005 or "0.1 %"', "curvature": '"1e-5 /mm" or "0.1 %"'}
+"""Kinds whose tolerances are not lengths or angles, and how they are written."""
 
 
 def perturbable(design: Design) -> dict[str, str]:
@@ -20,7 +30,7 @@ def perturbable(design: Design) -> dict[str, str]:
     Returns
     -------
     dict
-        Dotted place to what it measures: "length", "angle" or "ratio".
+        Dotted place to what it measures: "length", "angle", "ratio"; in a real lens also "curvature" or "number".
     """
     stops = ["aperture", *(f"stops.{index}" for index in range(len(design.stops)))]
     lengths = ["main_lens.diameter", "main_lens.focal_length", "main_lens.focal_plane"]
@@ -32,7 +42,17 @@ def perturbable(design: Design) -> dict[str, str]:
         kinds |= {f"{part}.{pose}": "length" if pose.startswith("decentre") else "angle" for pose in POSES}
     kinds["microlens_array.rotation"] = "angle"
     kinds["sensor.relay_magnification"] = "ratio"
+    if design.lens is not None:
+        from ..lenses.manufacture import lens_places
+
+        del kinds[FOCAL_LENGTH]
+        kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
     return kinds
+
+
+def in_lens(place: str) -> bool:
+    """Whether a place is of a real lens's surfaces or elements."""
+    return place.startswith((f"{LENS}surfaces.", f"{LENS}elements."))
 
 
 def expand(design: Design, name: str) -> tuple[str, ...]:
@@ -44,7 +64,7 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         Whose places.
     name : str
         A dotted place, a paper's symbol ("d_3"), a pair without its index ("aperture.decentre": x and y), or a pattern
-        ("stops.*.diameter": every further stop).
+        ("stops.*.diameter": every further stop; "main_lens.surfaces.*.radius": every surface that has one).
 
     Raises
     ------
@@ -57,16 +77,20 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         return tuple(
             place for index in range(len(design.stops)) for place in expand(design, name.replace("*", str(index)))
         )
+    if "*" in name and in_lens(name):
+        return _of_lens(design, name, known)
     if name in known:
         return (name,)
     pair = tuple(place for place in known if place in (f"{name}.0", f"{name}.1"))
     if pair:
         return pair
-    if name.startswith(("main_lens.surfaces.", "main_lens.elements.")):
+    if name == FOCAL_LENGTH:
         raise ValueError(
-            f"'{name}' is a number of a lens's prescription; studies take a real main lens as its thin twin, so "
-            "perturb main_lens.focal_length here, or give lens errors to roslf_design.lenses.manufacture"
+            "'main_lens.focal_length' follows from the real lens's surfaces; perturb main_lens.surfaces.*.radius, "
+            ".thickness and .index instead"
         )
+    if in_lens(name) and design.lens is None:
+        raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
     names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = (
@@ -77,13 +101,41 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     raise ValueError(f"'{name}' is not a number of this design that a build can miss; {remedy}")
 
 
+def _of_lens(design: Design, name: str, known: Mapping[str, str]) -> tuple[str, ...]:
+    """Places that a pattern in a real lens means; none behind an ideal one."""
+    head, tail = name.split("*", 1)
+    found = tuple(
+        place
+        for place in known
+        if place.startswith(head)
+        and place[len(head) :].partition(".")[2] in (f"{tail[1:]}{end}" for end in ("", ".0", ".1"))
+    )
+    what = tail[1:]
+    if not found and design.lens is not None and what not in ("radius", "conic", "abbe", "wedge"):
+        parts = sorted(
+            {place.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for place in known if in_lens(place)}
+        )
+        raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
+    return found
+
+
 def nominal_values(design: Design) -> dict[str, float]:
     """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
+    return dict(_nominal_values(design))
+
+
+@lru_cache(maxsize=64)
+def _nominal_values(design: Design) -> Mapping[str, float]:
     resolved = {
-        "main_lens.focal_length": design.f,
+        FOCAL_LENGTH: design.f,
         "main_lens.focal_plane": design.d_f,
         "microlens_array.distance": design.d_1,
+        "main_lens.diameter": design.D,
     }
+    if design.lens is not None:
+        from ..lenses.manufacture import lens_values
+
+        resolved |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
     return {place: resolved[place] if place in resolved else _read(design, place) for place in perturbable(design)}
 
 
@@ -96,6 +148,9 @@ def short_name(place: str) -> str:
     if part == "stops":
         index, _, rest = rest.partition(".")
         part = f"stop {int(index) + 1}"
+    if in_lens(place):
+        part, index, rest = rest.split(".", 2)
+        part = f"{part.removesuffix('s')} {index}"
     names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA", "sensor": "sensor", "light": "light"}
     axis = {"0": "x", "1": "y"}
     words = [axis.get(word, word.replace("_", " ")) for word in rest.split(".")]
@@ -103,9 +158,13 @@ def short_name(place: str) -> str:
 
 
 def display(value: float, kind: str) -> str:
-    """A deviation in the unit it reads best in, to three digits: "20 um", "0.05 mm", "3 mrad", "1.2 %"."""
+    """A deviation in the unit it reads best in, to three digits: "20 um", "0.05 mm", "3 mrad", "1.2 %", "0.0005"."""
     if not math.isfinite(value):
         return "any"
+    if kind == "number":
+        return f"{value:.3g}"
+    if kind == "curvature":
+        return f"{value:.3g} /mm"
     if kind == "ratio":
         return f"{100 * value:.3g} %"
     if kind == "angle":
@@ -122,8 +181,9 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     Parameters
     ----------
     text : object
-        "0.05 mm", "3 mrad", or percent of the nominal value: "1 %". A ratio takes percent or a bare number.
-    kind : {"length", "angle", "ratio"}
+        "0.05 mm", "3 mrad", or percent of the nominal value: "1 %". A ratio or a number takes percent or a bare number,
+        a curvature "1e-5 /mm".
+    kind : {"length", "angle", "ratio", "number", "curvature"}
         What the place measures.
     nominal : float
         The design's value there.
@@ -141,11 +201,12 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         if nominal == 0:
             raise ValueError(f'"{text}" of a nominal value of zero is always zero; give an absolute tolerance')
         value = abs(nominal) * share / 100
-    elif kind == "ratio":
+    elif kind in BARE:
+        bare = text.strip().removesuffix("/mm").strip() if kind == "curvature" and isinstance(text, str) else text
         try:
-            value = float(text)  # type: ignore[arg-type]
+            value = float(bare)  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            raise ValueError(f'{text!r} is not a ratio; write e.g. "0.3 %" or 0.003') from None
+            raise ValueError(f"{text!r} is not a {kind}; write e.g. {BARE[kind]}") from None
     else:
         value = parse_quantity(text, kind)
     if not math.isfinite(value) or value < 0:

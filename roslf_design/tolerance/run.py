@@ -24,7 +24,7 @@ from .result import GradeYield, RssRow, StudyResult, WorstTrial
 from .sensitivity import inverse_sensitivity, root_sum_square, sensitivity
 from .sobol import sobol_indices
 from .store import Store
-from .study import IDEAL, Study
+from .study import Study
 from .summary import Variant, correlations, summarise
 from .tally import Tally, merged, npz_bytes
 from .yields import curve_trials, scale_for_yield, yield_at, yield_curve
@@ -167,8 +167,6 @@ def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
 
 
 def _warnings(plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: list[str]) -> Iterator[str]:
-    if plan.question.design.name.endswith(IDEAL):
-        yield "the main lens is taken as ideal, of the same focal length and diameter; its aberrations are left out"
     if misses:
         yield (
             f"the nominal design itself misses {', '.join(dict.fromkeys(misses))}: "

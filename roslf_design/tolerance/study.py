@@ -32,9 +32,6 @@ from .places import expand, nominal_values, parse_tolerance, perturbable
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 
-IDEAL = " (its real lens taken as ideal)"
-"""Ends the name of a design whose prescription was replaced by a thin lens of the same focal length and diameter."""
-
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
 
@@ -257,9 +254,7 @@ def _named(data: Mapping[str, Any], key: str, folder: Path, problems: list[Probl
     if not isinstance(name, str):
         return None  # the study's own check says so
     try:
-        design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+        return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
     except InputError as error:
         problems += [Problem(key, f"{name}: {fault}") for fault in error.problems]
         return None
-    twin = design.thin_twin
-    return design if twin is design else twin.replace({"name": design.name + IDEAL})

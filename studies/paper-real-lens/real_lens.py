@@ -91,8 +91,8 @@ MADE = {
     "surfaces.1.radius": 1.0,
     "surfaces.1.thickness": 0.2,
     "surfaces.1.index": 1e-3,
-    "elements.1.decentre": 0.5,
-    "elements.1.tilt": 0.01,
+    "elements.1.decentre.0": 0.5,
+    "elements.1.tilt.1": 0.01,
 }
 """Generous errors of a catalogue lens and a hand-adjusted mount: 1 % of a radius, 0.2 mm, 0.5 mm, 10 mrad."""
 

@@ -154,7 +154,7 @@ def test_group_members_share_pose_by_pose():
     assert dict(plan.draws.correlations) == dict.fromkeys(groups.values(), 0.5)
 
 
-def test_a_real_lens_is_taken_as_its_thin_twin_and_said_to_be(tmp_path):
+def test_a_real_lens_is_missed_in_its_own_numbers(tmp_path):
     text = preset_path("paper").read_text()
     real = text.replace('diameter = "50.8 mm"\nfocal_length = "100 mm"', 'prescription = "ac508-150-a"')
     assert real != text
@@ -164,9 +164,39 @@ def test_a_real_lens_is_taken_as_its_thin_twin_and_said_to_be(tmp_path):
         'name = "n"\ndesign = "real.toml"\ngrade = "high"\n[[goals]]\nmetric = "fill_factor"\nmin = 0.1\n'
     )
     plan, _, _ = load_plan(tmp_path / "study.toml")
-    assert plan.question.design.main_lens.prescription is None
-    assert plan.question.design.name.endswith("(its real lens taken as ideal)")
-    assert plan.question.design.f == pytest.approx(150, rel=0.01)
+    assert plan.question.design.lens.name == "AC508-150-A"
+    missed = {p.place: p for p in plan.draws.perturbations}
+    assert missed["main_lens.surfaces.1.radius"].tolerance == pytest.approx(0.0005 * 83.18)
+    assert missed["main_lens.surfaces.2.index"].tolerance == 0.0001
+    assert "main_lens.focal_length" not in missed
+
+
+def test_places_of_a_real_lens_are_told_apart():
+    real, ideal = load("paper-singlet"), load("paper")
+    assert expand(real, "main_lens.surfaces.*.radius") == ("main_lens.surfaces.2.radius",)  # the first is a plane
+    assert expand(real, "main_lens.elements.1.wedge") == (
+        "main_lens.elements.1.wedge.0",
+        "main_lens.elements.1.wedge.1",
+    )
+    assert expand(real, "main_lens.surfaces.*.tilt") == tuple(
+        f"main_lens.surfaces.{n}.tilt.{axis}" for n in (1, 2) for axis in (0, 1)
+    )
+    for design, name, words in (
+        (real, "f", "follows from the real lens's surfaces; perturb main_lens.surfaces"),
+        (ideal, "main_lens.surfaces.1.radius", "this design's is ideal; perturb main_lens.focal_length"),
+        (real, "main_lens.surfaces.1.radius", "did you mean 'main_lens.surfaces.2.radius'"),
+        (real, "main_lens.surfaces.*.colour", "nothing that a lens's making can miss; there are abbe, conic"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            expand(design, name)
+    assert parse_tolerance("1e-5 /mm", "curvature", 0.0) == 1e-5
+    assert parse_tolerance(5e-4, "number", 1.5) == 5e-4
+    assert parse_tolerance("0.1 %", "number", 1.5) == pytest.approx(1.5e-3)
+    with pytest.raises(ValueError, match=r"is not a number; write e\.g\. 0\.0005"):
+        parse_tolerance("much", "number", 1.5)
+    assert short_name("main_lens.surfaces.1.radius") == "surface 1 radius"
+    assert short_name("main_lens.elements.2.tilt.1") == "element 2 tilt y"
+    assert display(5e-4, "number") == "0.0005"
 
 
 def test_chunks_stay_few_and_large():

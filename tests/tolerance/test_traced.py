@@ -1,0 +1,186 @@
+"""Builds behind a real lens, against one build at a time written out as a design and traced on its own."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from roslf_design.design import load
+from roslf_design.lenses.first_order import first_order
+from roslf_design.lenses.images import FULL, real_images
+from roslf_design.lenses.of_design import camera_of, microlenses
+from roslf_design.tolerance.grades import load_grades
+from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
+from roslf_design.tolerance.mount import as_built, mounted
+from roslf_design.tolerance.places import LENS, nominal_values, perturbable
+
+FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
+
+
+def behind(lens, **changes):
+    """The paper's bench behind a lens."""
+    design = load("paper-singlet")
+    return design.replace({"main_lens.prescription": lens, "main_lens.reversed": False, **changes})
+
+
+DESIGNS = {
+    "singlet": behind("LB1630-A"),
+    "achromat": behind("AC508-100-A"),
+    "reversed": load("paper-singlet"),
+    "bore": behind("LB1630-A", **{"main_lens.diameter": 34.0}).replace(
+        {"stops": [{"diameter": 20.0, "distance": 60.0}, {"diameter": 7.0, "distance": 105.0}]}
+    ),
+}
+
+
+def builds(design, trials, seed, places=None):
+    """Every place of a design missed at once, generously."""
+    width = {"length": 0.1, "angle": 2e-3, "ratio": 0.0, "number": 1e-3, "curvature": 1e-5}
+    kinds, nominal, stream = perturbable(design), nominal_values(design), np.random.default_rng(seed)
+    special = {"sensor.distance": 0.02, "light.wavelength": 2e-6, "microlens_array.pitch": 1e-5, "sensor.pixel": 1e-6}
+    special |= {"main_lens.focal_plane": None, "microlens_array.focal_length": 0.01}
+    found = {}
+    for place, kind in kinds.items():
+        step = special.get(place, width[kind])
+        if step is None or (places is not None and not any(word in place for word in places)):
+            continue
+        found[place] = nominal[place] + step * stream.uniform(-1, 1, trials)
+    return found
+
+
+def one_of(values, trial):
+    return {place: float(numbers[trial]) for place, numbers in values.items()}
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_builds_equal_one_at_a_time_tracing(name):
+    design = DESIGNS[name]
+    count = 3
+    values = builds(design, count, 1)
+    names = (
+        "image_diameter_mm",
+        "image_area_mm2",
+        "kept_fraction",
+        "axis_ratio",
+        "centre_error_x_px",
+        "centre_error_y_px",
+    )
+    question = Question(design, names, FIELDS, 350.0)
+    rows = evaluate_builds(question, values, count).reshape(len(names), len(FIELDS), count)
+    found = dict(zip(names, rows, strict=True))
+    nominal = evaluate_builds(question, {}, 1).reshape(len(names), len(FIELDS))
+    assert_allclose(nominal[-2:], 0, atol=1e-9)  # the decoder knows the nominal lens
+    drawn = real_images(camera_of(design), microlenses(design, FIELDS))
+    for trial in range(count):
+        one = as_built(design, one_of(values, trial))
+        camera = camera_of(one)
+        images = real_images(camera, microlenses(one, FIELDS), points=1024 if name == "bore" else 96)
+        assert_allclose(found["image_diameter_mm"][:, trial], images.diameter, rtol=1e-8)
+        # The oracle's cut images are polygons of 1024 points with corners, right to 2e-5; ours are of fifth degree.
+        cut = np.where(images.status == FULL, 1e-8, 5e-5)
+        assert np.all(np.abs(found["kept_fraction"][:, trial] - images.kept_fraction) <= cut)
+        assert np.all(np.abs(found["image_area_mm2"][:, trial] / images.area - 1) <= cut)
+        assert np.all(np.abs(found["axis_ratio"][:, trial] - images.axis_ratio) <= 2 * cut)
+        centre = pixels(one, images.chief)
+        index = np.array(FIELDS) / one.d
+        believed = pixels(design, drawn.chief) + believed_move(design, index * design.d - FIELDS)
+        for axis, key in enumerate(("centre_error_x_px", "centre_error_y_px")):
+            # A place between the microlenses of the nominal design is told to second order.
+            assert_allclose(found[key][:, trial], (centre - believed)[:, axis], atol=2e-6)
+
+
+def pixels(design, chief):
+    """Image centres in the sensor's own frame [px]."""
+    camera = camera_of(design)
+    there = microlenses(design, FIELDS) + chief
+    aside = np.subtract(design.sensor.decentre, design.main_lens.decentre)
+    assert camera.detector.tilt == design.sensor.tilt
+    return (there - aside) / design.q
+
+
+def believed_move(design, step):
+    """How far nominal image centres move with small steps over the array [px]."""
+    ends = [real_images(camera_of(design), microlenses(design, np.array(FIELDS) + s * step)) for s in (0.0, 1.0)]
+    return (ends[1].chief - ends[0].chief + step) / design.q
+
+
+def test_twins_of_builds_have_their_lenses_constants():
+    design = DESIGNS["achromat"]
+    values = builds(design, 5, 2)
+    found = mounted(design, values, 5)
+    for trial in range(5):
+        one = as_built(design, one_of(values, trial))
+        own = first_order(one.lens, one.wavelength)
+        assert found.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
+        assert found.camera.d_1[trial] == pytest.approx(one.d_1, rel=1e-13)
+        assert found.camera.d_f[trial] == pytest.approx(one.d_f, rel=1e-12)
+        assert found.camera.rims[0].distance[trial] == pytest.approx(one.d_3, rel=1e-12)
+
+
+def test_the_room_is_what_the_pencil_leaves():
+    design = DESIGNS["bore"]
+    values = builds(design, 4, 3)
+    question = Question(design, ("non_distortion_room_mm", "kept_fraction"), FIELDS, 350.0)
+    room, kept = evaluate_builds(question, values, 4).reshape(2, len(FIELDS), 4)
+    assert np.array_equal(room >= 0, kept == 1)
+    assert np.any(room < 0)
+    assert np.any(room > 0)
+
+
+def test_a_thin_lens_in_glass_behaves_as_the_ideal_one():
+    """A lens of long radii and small apertures has hardly any aberration: the thin lens's metrics are its own."""
+    design = behind("AC508-150-A", **{"aperture.diameter": 0.3})
+    field = ((0.4, 0.3),)
+    names = ("image_diameter_mm", "image_pitch_mm", "fill_factor", "centre_shift_px", "kept_fraction", "sigma_z_mm")
+    values = builds(design, 4, 4, ("aperture.", "microlens_array", "sensor."))
+    real = evaluate_builds(Question(design, names, field, 350.0), values, 4)
+    thin = evaluate_builds(Question(design.thin_twin, names, field, 350.0), values, 4)
+    assert_allclose(real, thin, rtol=2e-3)
+
+
+def test_a_calibrated_decoder_measures_affine_errors_away():
+    design = DESIGNS["singlet"]
+    values = builds(design, 3, 5, ("microlens_array.rotation", "sensor.decentre", "sensor.distance", "pitch"))
+    question = Question(design, ("centre_error_px", "depth_error_mm"), FIELDS[:2], 330.0)
+    blind, known = (evaluate_builds(question, values, 3, calibrated=on) for on in (False, True))
+    assert np.all(np.abs(known[0]) < 1e-2 * np.abs(blind[0]))
+    assert np.max(np.abs(known[1])) < 0.1 * np.max(np.abs(blind[1]))
+    # On the axis, at the middle of the calibration's depths, a calibrated depth is exact.
+    middle = Question(design, ("depth_error_mm",), FIELDS[:1], 350.0)
+    assert_allclose(evaluate_builds(middle, values, 3, calibrated=True), 0, atol=1e-6)
+
+
+def test_depth_errors_are_those_of_the_focal_length_to_first_order():
+    """A longer radius lengthens f: decoded depths move on the axis as behind an ideal lens of that f."""
+    design = DESIGNS["singlet"]
+    place = f"{LENS}surfaces.1.radius"
+    radius = nominal_values(design)[place]
+    values = {place: radius + np.array([-0.05, 0.05])}
+    real = evaluate_builds(Question(design, ("depth_error_mm",), ((0.0, 0.0),), 350.0), values, 2)[0]
+    f = 1 / mounted(design, values, 2).lens.power
+    thin = evaluate_builds(
+        Question(design.thin_twin, ("depth_error_mm",), ((0.0, 0.0),), 350.0), {"main_lens.focal_length": f}, 2
+    )[0]
+    # The principal planes move too, and the pencil of 2.9 mm has some spherical aberration.
+    assert_allclose(np.diff(real), np.diff(thin), rtol=0.05)
+
+
+def test_impossible_builds_are_undefined():
+    design = DESIGNS["singlet"]
+    place = f"{LENS}surfaces.1.radius"
+    values = {place: np.array([-50.0, 101.38, 10.0]), f"{LENS}surfaces.1.thickness": np.array([9.47, 9.47, 9.47])}
+    found = evaluate_builds(Question(design, tuple(METRICS), FIELDS, 350.0), values, 3)
+    assert np.all(np.isnan(found[:, 0]))
+    assert np.all(np.isnan(found[:, 2]))
+    assert not np.any(np.isnan(found[:, 1]))
+
+
+@pytest.mark.parametrize("grade", ["commercial", "precision", "high"])
+def test_grades_cover_a_real_lens(grade):
+    design = DESIGNS["achromat"]
+    found = load_grades().tolerances(grade, design)
+    for what in ("surfaces.1.radius", "surfaces.2.thickness", "surfaces.2.index", "elements.1.wedge.0"):
+        assert found[LENS + what] > 0
+    assert "main_lens.focal_length" not in found
+    ideal = load_grades().tolerances(grade, design.thin_twin)
+    assert not any(place.startswith(f"{LENS}surfaces") for place in ideal)
+    assert "main_lens.focal_length" in ideal
