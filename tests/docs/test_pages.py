@@ -29,10 +29,21 @@ def test_output_that_differs_is_noticed():
     assert matches("a ... b 2\n", "a x\ny b   2\n")
     assert not matches("a ... b 2\n", "a x\ny b   3\n")
     assert not matches("a b\n", "a b c\n")
+    assert not matches("a ... b\n", "a b c\n")
+    assert not matches("... c ... a\n", "a b c\n")
+    assert matches("... b ...\n", "b")
     assert steps("$ roslf presets  # which\npaper\n$ ls out\n") == [("roslf presets", "paper\n"), ("ls out", "")]
 
 
 def test_guides_show_commands():
-    assert {"design", "evaluate", "render", "tolerance", "optimise", "calibrate", "accuracy", "real-lens", "report"} <= {
-        page.stem for page in PAGES if page.parent.name == "guides"
-    }
+    assert {
+        "design",
+        "evaluate",
+        "render",
+        "tolerance",
+        "optimise",
+        "calibrate",
+        "accuracy",
+        "real-lens",
+        "report",
+    } <= {page.stem for page in PAGES if page.parent.name == "guides"}
