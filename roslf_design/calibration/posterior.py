@@ -14,11 +14,12 @@ from .errors import CalibrationError, optional_module
 from .lattice import Array
 from .likelihood import ProfileLikelihood
 from .model import GLOBALS
+from .precision import DEFAULT_ESS, DEFAULT_STEPS
 from .statistics_fit import StatisticsFit
 
 _KEPT = 40_000
 """Most draws kept of a posterior."""
-RHAT, ESS = 1.01, 400.0
+RHAT, ESS = 1.01, DEFAULT_ESS
 """What counts as converged."""
 
 
@@ -38,6 +39,9 @@ class Posterior(Draws):
     """Of each ensemble, after the first that were dropped."""
     walkers: int
     """In all ensembles."""
+    ensembles: int
+    between: float
+    """Standard error of a mean by the scatter between ensembles, in standard deviations; rms over the parameters."""
 
 
 def sample_posterior(
@@ -48,14 +52,15 @@ def sample_posterior(
     ensembles: int = 4,
     walkers: int | None = None,
     chunk: int = 500,
-    most_steps: int = 10_000,
+    most_steps: int = DEFAULT_STEPS,
+    ess: float = ESS,
     vectorize: bool = True,
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
     Ensembles start apart, spread 1.5 times as wide as the Fisher matrix says, and walk in coordinates whitened by it.
-    They stop when R-hat between ensembles is below 1.01 and bulk and tail effective sample sizes are above 400 for
+    They stop when R-hat between ensembles is below 1.01 and bulk and tail effective sample sizes are above `ess` for
     every parameter and for d_1, d_f, H and d_3, or after `most_steps`. Priors are flat in A, m, 1/d_2 (all positive),
     x_0, y_0 and distortion, and normal in f, q, d and the board's scale as the data sheet says; q, d, scale and the
     fit's systematic errors, which no image informs, are drawn afterwards.
@@ -74,6 +79,8 @@ def sample_posterior(
         Steps between checks.
     most_steps : int
         Of each ensemble.
+    ess : float
+        Effective sample size wanted, bulk and tail; `precision.sample_size_for` an accuracy.
     vectorize : bool
         Ask the likelihood for many walkers at once.
     progress : callable, optional
@@ -112,18 +119,19 @@ def sample_posterior(
         sampler.reset()
     steps = 0
     while True:
-        many = min(chunk, most_steps - steps)
+        # Looking takes as long as a tenth of what it looks at.
+        many = min(max(chunk, steps // 4), most_steps - steps)
         states = [sampler.run_mcmc(state, many) for sampler, state in zip(samplers, states, strict=True)]
         steps += many
         chain = np.stack([sampler.get_chain() for sampler in samplers])  # (ensembles, steps, walkers, p)
         checks = _checks(target, chain)
         worst, least = max(checks[0].values()), min(min(c.values()) for c in checks[1:])
-        converged = worst < RHAT and least > ESS
+        converged = worst < RHAT and least > ess
         if progress is not None:
             progress(steps, worst, least)
         if converged or steps >= most_steps:
             break
-    said = f"R-hat {worst:.4f} (below {RHAT} wanted), effective sample size {least:.0f} (above {ESS:.0f} wanted)"
+    said = f"R-hat {worst:.4f} (below {RHAT} wanted), effective sample size {least:.0f} (above {ess:.0f} wanted)"
     flat = target.parameters(chain.swapaxes(0, 1).reshape(-1, dimension))
     flat = flat[:: max(1, len(flat) // _KEPT)]
     rng = np.random.default_rng(seeds[-1])
@@ -141,7 +149,16 @@ def sample_posterior(
         acceptance=float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers])),
         steps=steps,
         walkers=ensembles * size,
+        ensembles=ensembles,
+        between=_between(chain),
     )
+
+
+def _between(chain: Array) -> float:
+    """Scatter of the ensembles' means over sqrt(ensembles), in standard deviations, rms over the coordinates."""
+    means = chain.mean(axis=(1, 2))
+    spread = chain.reshape(-1, chain.shape[-1]).std(axis=0)
+    return float(np.sqrt(np.mean((means.std(axis=0, ddof=1) / spread) ** 2) / len(means)))
 
 
 class _Target:

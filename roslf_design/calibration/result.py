@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..accuracy.statement import Accuracy
 from ..design import Design
 from .board import Board
 from .calibrate import Calibration
@@ -17,6 +18,7 @@ from .diffraction import Diffraction
 from .draws import Draws, laplace_draws
 from .lattice import Array
 from .posterior import Posterior
+from .precision import posterior_accuracy
 
 SCHEMA = "roslf.calibration/1"
 UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_3": "mm"}
@@ -70,6 +72,8 @@ class Outcome:
     warnings: tuple[str, ...]
     seed: int
     distortion: int
+    accuracy: Accuracy
+    """What the draws are worth."""
 
     @property
     def converged(self) -> bool | None:
@@ -144,6 +148,7 @@ class Outcome:
             "intervals_from": self.intervals_from,
             "quantities": rows,
             "converged": self.converged,
+            "accuracy": self.accuracy.to_dict(),
             "posterior": sampling,
             "fit": {
                 name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names
@@ -197,8 +202,9 @@ def outcome_of(
     warnings: tuple[str, ...] = (),
     diffraction: Diffraction | None = None,
     undistorted_radius: float | None = None,
+    accuracy: float | None = None,
 ) -> Outcome:
-    """Bring together what was found; `warnings` come before those that follow from it."""
+    """Bring together what was found; `warnings` come before those that follow from it; `accuracy` was asked for."""
     shares = variance_shares(calibration.fit, sheet)
     best = derived(calibration.fit.camera.vector(), sheet, np.asarray(sheet.f))
     values = {name: float(best[name]) for name in QUANTITIES}
@@ -214,7 +220,7 @@ def outcome_of(
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius, posterior, draws, depths, shares,
-        estimates, tuple(notes), seed, distortion,
+        estimates, tuple(notes), seed, distortion, posterior_accuracy(posterior, draws, accuracy),
     )  # fmt: skip
 
 

@@ -123,6 +123,8 @@ def statements(result: Outcome) -> Iterator[Statement]:
     if result.posterior is not None:
         p = result.posterior
         yield Statement("good" if p.converged else "bad", f"Posterior {p.message}.")
+    words = result.accuracy.sentence(times=False)
+    yield Statement("caution" if result.accuracy.kept is False else "plain", f"{words[0].upper()}{words[1:]}.")
     for warning in result.warnings:
         yield Statement("caution", _sentence(warning))
 
