@@ -36,14 +36,5 @@ def test_output_that_differs_is_noticed():
 
 
 def test_guides_show_commands():
-    assert {
-        "design",
-        "evaluate",
-        "render",
-        "tolerance",
-        "optimise",
-        "calibrate",
-        "accuracy",
-        "real-lens",
-        "report",
-    } <= {page.stem for page in PAGES if page.parent.name == "guides"}
+    guides = "design evaluate render real-lens tolerance optimise calibrate accuracy report endoscope"
+    assert {page.stem for page in PAGES if page.parent.name == "guides"} >= set(guides.split())

@@ -1,0 +1,87 @@
+"""Every command and every Python block of README works as printed, from the project's folder.
+
+Studies are thinned (fewer trials, starts and cases): what a reader types is run, how long it takes is not.
+"""
+
+import ast
+import contextlib
+import io
+import os
+import re
+import shlex
+import shutil
+import sys
+
+import pytest
+
+sys.path.insert(0, os.path.dirname(__file__))
+from pages import blocks, run
+
+from roslf_design.accuracy import hard_cases
+from roslf_design.cli import COMMANDS, build_app
+
+SERVES = ("explore",)
+"""Commands that run until they are stopped: read, not run."""
+THINNER = (
+    (r"(?m)^trials = .*$", "trials = 200"),
+    (r"(?m)^sobol_samples = .*$", "sobol_samples = 0"),
+    (r"(?m)^points = .*$", "points = 3"),
+    (r"(?m)^\[variables\]", "[solver]\nstarts = 2\nevaluations = 100\ncheck = false\n\n[variables]"),
+)
+
+
+def lines_of(root):
+    """Commands of README, without comments."""
+    found = []
+    for block in blocks(root / "README.md"):
+        if block.language in ("sh", "console"):
+            found += [line for line in block.text.splitlines() if line.strip() and not line.startswith("#")]
+    return [line.removeprefix("$ ").strip() for line in found]
+
+
+@pytest.fixture
+def project(root, tmp_path, monkeypatch):
+    """A copy of the project's designs and thinned studies, as the working folder."""
+    for name in ("designs", "studies"):
+        shutil.copytree(root / name, tmp_path / name)
+    for study in (tmp_path / "studies").rglob("study.toml"):
+        text = study.read_text()
+        for pattern, thinner in THINNER:
+            text = re.sub(pattern, thinner, text)
+        study.write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
+    monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
+    return tmp_path
+
+
+def test_commands_run_as_printed(root, project):
+    makefile = (root / "Makefile").read_text()
+    ran = set()
+    for line in lines_of(root):
+        words = shlex.split(line, comments=True)
+        if words[0] == "make":
+            assert re.search(rf"(?m)^{words[1]}:", makefile), f"`{line}`: no such target"
+        elif words[0] == "source":
+            assert words[1] == ".venv/bin/activate"
+        elif words[:2] == ["roslf", words[1]] and words[1] in SERVES:
+            build_app().parse_args(words[1:], exit_on_error=False, print_error=False)
+        else:
+            code, output = run(shlex.join(words), project)
+            assert code == 0, f"`{line}` ends with {code}:\n{output}"
+        ran.add(words[1])
+    assert ran >= {"test", "bench"} | (set(COMMANDS) - set(SERVES))
+
+
+def test_python_prints_what_the_comments_say(root, project):
+    (text,) = [block.text for block in blocks(root / "README.md") if block.language == "python"]
+    wanted = re.findall(r"(?m)^print\(.*\)\s+# (-?\d[\d.]*)$", text)
+    assert wanted
+    stream = io.StringIO()
+    with contextlib.redirect_stdout(stream):
+        exec(compile(ast.parse(text), "README.md", "exec"), {})
+    for value in wanted:
+        digits = len(value.partition(".")[2])
+        numbers = re.findall(r"-?\d+\.\d+", stream.getvalue())
+        assert any(f"{float(number):.{digits}f}" == value for number in numbers), f"{value} is not printed"
