@@ -25,7 +25,7 @@ from .accuracy_statement import accuracy_section
 from .assumptions import assumptions
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .evidence import Evidence
-from .parts_list import parts_section
+from .parts_list import length, parts_section
 
 if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
@@ -47,6 +47,7 @@ def design_report(
     command: str = "",
     seeds: tuple[str, ...] = (),
     stamp: tuple[str, ...] = (),
+    accuracy: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Report:
     """Everything that closed forms, traced rays and studies say of a design, as sections of text, tables and figures.
@@ -65,6 +66,8 @@ def design_report(
     seeds, stamp : tuple of str
         Lines on chance, and on when and with what it was made; no stamp by default, so that the same design gives the
         same bytes.
+    accuracy : float, optional
+        What shares of light may be off by, as for `evaluate`.
     progress : callable, optional
         Told what is being made.
 
@@ -79,7 +82,7 @@ def design_report(
     """
     tell = progress or (lambda _: None)
     tell("evaluating")
-    result = evaluate(design)
+    result = evaluate(design, accuracy=accuracy)
     figures = _figures(design, result, tell)
     answers = Statements((*verdicts(result).items, *evidence.statements()))
     tell("sections")
@@ -94,7 +97,7 @@ def design_report(
         Section(f"Design space{_of_twin(result)}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
         *evidence.sections(design),
-        accuracy_section(design, result),
+        accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", assumptions(design, result)),
         making(command, (*seeds, *evidence.seeds), stamp, design),
     )
@@ -246,7 +249,7 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     front = max(0.0, *(stop.distance for stop in design.all_stops))
     widest = max(design.D, *(stop.diameter for stop in design.all_stops), math.hypot(*design.microlens_array.size))
     rows = (
-        ("working distance", _length(design.d_f - front), "from the foremost part to the focal plane"),
+        ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
         ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
         ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
         ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
@@ -260,8 +263,8 @@ def key_figures(design: Design, result: Evaluation) -> Table:
             number(sampled.views_independent, 3),
             f"independent, of {number(sampled.views_geometric, 3)} pixels",
         ),
-        ("length", _length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
-        ("widest part", _length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
+        ("length", length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
+        ("widest part", length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
     )
     return Table(rows, "ldl", title="Key figures", widths=FACTS)
 

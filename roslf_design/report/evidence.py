@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .blocks import Section, Statement
@@ -31,7 +31,8 @@ class Evidence:
         if self.optimisation is not None:
             from ..optimize.section import statements
 
-            yield next(iter(statements(self.optimisation)))
+            first = next(iter(statements(self.optimisation)))
+            yield replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
         if self.tolerances is not None:
             yield yield_statement(self.tolerances)
         if self.calibration is not None and not isinstance(self.calibration, str):

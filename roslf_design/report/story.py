@@ -166,7 +166,9 @@ def story_report(
             found = _taken(result, part.take)
             if found is None:
                 raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
-            steps.append(f"Optimisation ({data['name']}), from {design.name}: {part.take} goes on, {found.name}.")
+            steps.append(
+                f"Optimisation ({data['name']}), from {design.name}; what goes on: {_chosen(part.take, found)}."
+            )
             design, evidence = found, Evidence(result, evidence.tolerances, evidence.calibration)
         elif part.tolerance is not None:
             changed = data if seed is None else {**data, "seed": seed}
@@ -209,6 +211,15 @@ def _taken(result: Result, name: str) -> Design | None:
     from ..optimize.files import designs
 
     return dict(designs(result)).get(f"{name}.toml")
+
+
+def _chosen(take: str, design: Design) -> str:
+    """What of an optimisation goes on, in words."""
+    if take == "best":
+        return "its optimum"
+    if take == "robust":
+        return "the robust design, moved off the edges of the optimum's limits"
+    return f"number {int(take.removeprefix('parts-'))} of its parts lists ({design.source.removeprefix('catalogue: ')})"
 
 
 def _nothing(result: Result, name: str) -> str:
