@@ -24,6 +24,10 @@ class Download(NamedTuple):
     content: bytes
 
 
+class DownloadError(Exception):
+    """A file that could not be made; says why."""
+
+
 async def download(session: Session, name: str) -> Download | None:
     """The file that is asked for; None where there is no such thing.
 
@@ -33,6 +37,11 @@ async def download(session: Session, name: str) -> Download | None:
         Whose design.
     name : str
         ``design.toml``, ``report.html``, or a picture's name with ``.svg``.
+
+    Raises
+    ------
+    DownloadError
+        The report's own command failed.
     """
     stem = folder_name(session.design.name)
     if name == "design.toml":
@@ -59,5 +68,5 @@ async def _report(session: Session, stem: str) -> bytes:
         with session.owning(process):
             _, told = await process.communicate()
         if process.returncode:
-            raise RuntimeError(told.decode(errors="replace").strip() or "the report was stopped")
+            raise DownloadError(told.decode(errors="replace").strip() or "the report was stopped")
         return (Path(folder) / "report" / "index.html").read_bytes()

@@ -16,7 +16,7 @@ import aiohttp
 from aiohttp import web
 
 from ..errors import InputError, Problem
-from .downloads import Download, download
+from .downloads import Download, DownloadError, download
 from .session import Session
 from .tab import Tab
 
@@ -88,8 +88,10 @@ async def serve(
     Raises
     ------
     InputError
-        The port is in use, or the host is not an address of this machine.
+        The port is in use or none, or the host is not an address of this machine.
     """
+    if port is not None and not 0 <= port <= 65535:
+        raise InputError((Problem("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any"),))
     stop = stop or asyncio.Event()
     loop = asyncio.get_running_loop()
     runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=2.0)
@@ -168,7 +170,10 @@ async def _download(request: web.Request) -> web.StreamResponse:
     tab = request.app[TABS].get(request.match_info["key"])
     if tab is None:
         raise web.HTTPNotFound(text="this tab is closed; open the page again")
-    made: Download | None = await download(tab.session, request.match_info["name"])
+    try:
+        made: Download | None = await download(tab.session, request.match_info["name"])
+    except DownloadError as error:
+        raise web.HTTPInternalServerError(text=str(error)) from None
     if made is None:
         raise web.HTTPNotFound(text="there is no such file")
     headers = {"Content-Disposition": f'attachment; filename="{made.name}"'}

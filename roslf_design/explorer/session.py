@@ -20,6 +20,7 @@ from .link import TABS, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
 from .places import on_array, place_on_mla, read_place
+from .scene3d import Scene3D, changed, scene
 from .state import State
 from .view import controls, header, looked_at, proposed, verdicts
 
@@ -52,20 +53,8 @@ class Session:
     """
 
     requests = (
-        *(
-            "opened",
-            "restore",
-            "slide",
-            "write",
-            "follow",
-            "undo",
-            "redo",
-            "preset",
-            "load_text",
-            "load_path",
-            "dismiss",
-        ),
-        *("show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme"),
+        *("opened", "restore", "slide", "write", "follow", "undo", "redo", "preset", "load_text", "load_path", "fix"),
+        *("dismiss", "show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme", "space_again"),
     )
     """Methods that the page may call."""
 
@@ -77,6 +66,9 @@ class Session:
         self._opened = False
         self._limits: tuple[float, float] | None = None
         self._traced: tuple[Design, Evaluation] | None = None
+        self._scene: tuple[tuple[Design, ThemeName], Scene3D] | None = None
+        self._space_sent: dict[str, Any] = {}
+        self._serial = 0
         self._proposed: tuple[Design, tuple[Fix, ...]] | None = None
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._last = Seen(design.thin_twin, self._look)
@@ -106,6 +98,7 @@ class Session:
             **looked_at(self.state, self._look),
             "lights": self._lights() if self._opened else [],
             "fixes": self._fixes() if self._opened else [],
+            "space": self._space() if self._opened and self._look.tab == "space" else self._space_sent,
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -258,6 +251,10 @@ class Session:
         for name in sizes.keys() & DRAWINGS.keys():
             self._sizes[name] = fitting(sizes[name], self._sizes[name])
 
+    def space_again(self) -> None:
+        """The browser missed a change of the 3D scene: send it whole."""
+        self._scene = None
+
     def set_theme(self, theme: str) -> None:
         """Light or dark."""
         self._theme = "dark" if theme == "dark" else "light"
@@ -303,6 +300,22 @@ class Session:
         if name in self._timers:
             self._timers[name].cancel()
         self._timers[name] = asyncio.get_running_loop().call_later(PAUSE, run)
+
+    def _space(self) -> dict[str, Any]:
+        """The 3D scene: what of it has changed since it was last sent."""
+        seen = (self.design.thin_twin, self._theme)
+        if self._scene is not None and self._scene[0] == seen:
+            return self._space_sent
+        now = scene(*seen)
+        before = {} if self._scene is None else self._scene[1].meshes
+        since = 0 if self._scene is None else self._serial
+        self._serial += 1
+        self._scene = (seen, now)
+        meshes = {name: mesh and mesh._asdict() for name, mesh in changed(before, now.meshes).items()}
+        self._space_sent = {
+            "serial": self._serial, "since": since, "meshes": meshes, "camera": now.camera, "ground": now.ground,
+        }  # fmt: skip
+        return self._space_sent
 
     def _seen(self) -> Seen:
         design = self.design.thin_twin

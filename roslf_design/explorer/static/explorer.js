@@ -2,7 +2,7 @@
    It decides nothing about a design; it asks the server, one request at a time, and of a slider only the last place. */
 (function () {
   "use strict";
-  const { inject, onMounted, onBeforeUnmount, ref, computed, watch, nextTick } = window.Vue;
+  const { inject, onMounted, onBeforeUnmount, ref, shallowRef, markRaw, toRaw, computed, watch, nextTick } = window.Vue;
   const root = document.documentElement;
   let trame = null;
   let tabKey = "";
@@ -202,7 +202,7 @@
       trame = inject("trame");
       tabKey = props.tabKey;
       watch(() => props.tabKey, (key) => { tabKey = key; });
-      watch(() => props.title, (name) => { document.title = `${name} - roslf explore`; }, { immediate: true });
+      watch(() => props.title, (name) => { title = name.replace(/[^A-Za-z0-9._-]+/g, "-") || "design"; document.title = `${name} - roslf explore`; }, { immediate: true });
       watch(() => props.link, (link) => {
         if (!opened || !link || link === linked) return;
         linked = link;
@@ -341,6 +341,119 @@
     template: `<div class="picture" ref="box" :data-picture="name" :class="{ live: drag || click }" :tabindex="drag || click ? 0 : null" :role="drag || click ? 'application' : null" :aria-label="help || null" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up" @keydown="keys" v-html="svg"></div>`,
   };
 
+  // The instrument in 3D, drawn by vtk.js here in the browser; only meshes that have changed come from the server.
+  let vtk = null;
+  let vue = null;
+
+  function loadVtk() {
+    vtk = vtk || new Promise((done, failed) => {
+      const script = document.createElement("script");
+      script.src = "/vtk/trame-vtk.js";
+      script.onload = () => { vue.use(window.vue_vtk); done(); };
+      script.onerror = failed;
+      document.head.append(script);
+    });
+    return vtk;
+  }
+
+  function hasWebGl() {
+    return Boolean(document.createElement("canvas").getContext("webgl2"));
+  }
+
+  const Space = {
+    props: ["shown", "scene"],
+    setup(props) {
+      const ready = ref(false);
+      const failed = ref(false);
+      const meshes = shallowRef({});
+      const view = ref(null);
+      const box = ref(null);
+      let serial = 0;
+      let placed = false;
+      async function begin() {
+        if (ready.value || failed.value) return;
+        if (!hasWebGl()) { failed.value = true; return; }
+        await loadVtk();
+        ready.value = true;
+      }
+      function take(scene) {
+        if (!scene || !scene.serial || scene.serial === serial) return;
+        if (scene.since && scene.since !== serial) { ask("space_again"); return; }
+        const next = scene.since ? { ...meshes.value } : {};
+        for (const [name, mesh] of Object.entries(toRaw(scene.meshes))) {
+          if (mesh) next[name] = markRaw(mesh); else delete next[name];
+        }
+        serial = scene.serial;
+        meshes.value = next;
+        draw();
+      }
+      async function draw() {
+        await nextTick();
+        if (!view.value) return;
+        if (!placed) { placed = true; setTimeout(home, 160); }
+        // vtk.js draws by itself what has changed, after a moment's wait for more.
+        setTimeout(() => requestAnimationFrame(() => box.value && box.value.dispatchEvent(new Event("drawn"))), 2);
+      }
+      function home() {
+        if (!view.value || !props.scene) return;
+        const { halfWidth, ...camera } = toRaw(props.scene.camera);
+        const { width, height } = box.value.getBoundingClientRect();
+        const parallelScale = Math.max(camera.parallelScale, (halfWidth * height) / Math.max(width, 1));
+        // In this order: resetting sets the clipping range, and asking for the camera makes it known to the view.
+        view.value.resetCamera();
+        view.value.getCamera();
+        view.value.setCamera({ ...camera, parallelScale, parallelProjection: true, centerOfRotation: camera.focalPoint });
+      }
+      function turn(event) {
+        const step = { ArrowLeft: [-10, 0], ArrowRight: [10, 0], ArrowUp: [0, 10], ArrowDown: [0, -10] }[event.key];
+        if (!step || !view.value) return;
+        const camera = view.value.getCamera();
+        view.value.setCamera(orbited(camera, step[0] * Math.PI / 180, step[1] * Math.PI / 180));
+        event.preventDefault();
+      }
+      function picture() {
+        box.value.querySelector("canvas").toBlob((blob) => save(blob, `${title}-3d.png`), "image/png");
+      }
+      watch(() => props.shown, (shown) => { if (shown) begin(); }, { immediate: true });
+      watch(() => props.scene, take, { immediate: true });
+      watch(view, (now) => { placed = false; if (now) draw(); });
+      return { ready, failed, meshes, view, box, home, turn, picture };
+    },
+    template: `
+<section class="card card-space" aria-label="The instrument in 3D">
+  <div class="card-head"><h2>The instrument in 3D</h2><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
+    <button type="button" @click="home" data-testid="space-home">Whole view</button><span class="files"><button type="button" aria-label="The instrument in 3D as PNG" @click="picture">PNG</button></span></div>
+  <p v-if="failed" class="note">The browser gives no WebGL 2, so there is no 3D view; all else works.</p>
+  <div v-else class="picture space" data-picture="space" ref="box" tabindex="0" role="application" aria-label="3D view of the instrument; the arrow keys turn it" @keydown="turn">
+    <vtk-view v-if="ready && scene.serial" :key="scene.ground.join()" ref="view" :background="scene.ground" :interactor-settings="[{ button: 1, action: 'Rotate' }, { button: 2, action: 'Pan' }, { button: 3, action: 'Zoom', scrollEnabled: true }, { button: 1, action: 'Pan', shift: true }]">
+      <vtk-geometry-representation v-for="(mesh, name) in meshes" :key="name" :property="{ color: mesh.colour, opacity: mesh.opacity, lineWidth: mesh.width, lighting: mesh.polys.length > 0, ambient: 0.25, diffuse: 0.75 }">
+        <vtk-polydata :points="mesh.points" :lines="mesh.lines" :polys="mesh.polys"></vtk-polydata>
+      </vtk-geometry-representation>
+    </vtk-view>
+  </div>
+</section>`,
+  };
+
+  function orbited(camera, yaw, pitch) {
+    const from = camera.focalPoint;
+    const away = camera.position.map((value, i) => value - from[i]);
+    const up = camera.viewUp;
+    const turned = rotated(away, up, yaw);
+    const side = unit(cross(up, turned));
+    const raised = rotated(turned, side, -pitch);
+    return { ...camera, position: raised.map((value, i) => value + from[i]), viewUp: rotated(up, side, -pitch) };
+  }
+
+  function cross(a, b) { return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]; }
+  function unit(a) { const size = Math.hypot(...a) || 1; return a.map((value) => value / size); }
+
+  function rotated(a, about, angle) {
+    const axis = unit(about);
+    const along = axis.reduce((sum, value, i) => sum + value * a[i], 0) * (1 - Math.cos(angle));
+    const across = cross(axis, a);
+    return a.map((value, i) => value * Math.cos(angle) + across[i] * Math.sin(angle) + axis[i] * along);
+  }
+
   const Menu = {
     props: ["label", "name"],
     template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
@@ -348,11 +461,13 @@
 
   window.roslfExplorer = {
     install(app) {
+      vue = app;
       app.component("rx-shell", Shell);
       app.component("rx-field", FieldView);
       app.component("rx-card", Card);
       app.component("rx-picture", Picture);
       app.component("rx-menu", Menu);
+      app.component("rx-space", Space);
       app.config.globalProperties.$rx = {
         ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, say,
       };
