@@ -64,6 +64,8 @@ class Diffraction:
     """The joint fit without the correction."""
     rms_before: float = 0.0
     """Its reprojection RMS [pitches]."""
+    shifts: Array | None = None
+    """What was taken off the corners [pitches], shape (b, v, n, 2)."""
     warning: str = ""
     """Where the design and the white image do not agree; empty where they do."""
 
@@ -132,13 +134,14 @@ def calibrate_corrected(
     change = camera_vector(found) - camera_vector(plain)
     own = np.stack([SHARE * change, camera_vector(other) - camera_vector(found)])
     systematic = np.concatenate([own, view_disagreement(straight, found, sheet, distortion)])
-    moved = np.hypot(*np.moveaxis(straight.uv - observations.uv, -1, 0))
+    shifts = observations.uv - straight.uv
     said = replace(
         seen,
-        largest=float(np.nanmax(moved)),
+        largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))),
         baseline=plain.joint.camera.inverse_d_2 / found.joint.camera.inverse_d_2,
         before=plain.joint.camera,
         rms_before=plain.joint.rms,
+        shifts=shifts,
     )
     return Corrected(_with_systematic(found, systematic), said)
 

@@ -138,7 +138,7 @@ def captures_for(
         raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
     middle = design.d_f if distance is None else distance
     depth = middle - design.d_3
-    image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_1, design.d_3)))
+    image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_f, design.d_3)))
     return Captures(
         board=board,
         boards=boards,

@@ -50,7 +50,7 @@ def calibration_plan(design: Design, asked: CalibrationPart | None = None, seed:
 def captures_for(design: Design, asked: CalibrationPart | None = None) -> Captures:
     """What to capture with a design: what is asked for, else what suits it."""
     depth = design.d_f - design.d_3
-    image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_1, design.d_3)))
+    image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_f, design.d_3)))
     middle = design.d_f if asked is None or asked.distance is None else asked.distance
     spread = depth / 4 if asked is None or asked.range is None else asked.range
     nearest = middle - spread / 2
