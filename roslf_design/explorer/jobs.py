@@ -1,0 +1,147 @@
+"""Long runs in a process of their own: started, asked how far they are, cancelled; none outlives the program."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Generic, TypeVar
+
+from ..errors import InputError
+
+Result = TypeVar("Result")
+Tell = Callable[[float | None, str], None]
+"""Told the share that is done (None: unknown) and what is being done."""
+
+GRACE = 2.0
+"""Seconds that a cancelled run has to tidy up before it is killed."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A run that goes on."""
+
+    share: float | None
+    """Done, 0 to 1; None where nobody knows."""
+    text: str
+    """What is being done."""
+    seconds: float
+    """Since the start."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run that ended without a result."""
+
+    message: str
+    """Why: what the input lacks, or that it was cancelled."""
+    cancelled: bool = False
+
+
+@dataclass(frozen=True)
+class Done(Generic[Result]):
+    """A run that is over."""
+
+    result: Result
+    seconds: float
+
+
+class Job(Generic[Result]):
+    """A function running in a process of its own.
+
+    Parameters
+    ----------
+    work : callable
+        Called with its request and a `Tell`; both must be importable and picklable, as its result must be.
+    request : Any
+        What is asked.
+    """
+
+    def __init__(self, work: Callable[[Any, Tell], Result], request: Any) -> None:
+        # Not fork: the program holds threads (the web server's, numba's) that a forked child would inherit half-alive.
+        context = multiprocessing.get_context("spawn")
+        self._receiver, sender = context.Pipe(duplex=False)
+        self._process = context.Process(target=_run, args=(sender, work, request), daemon=True)
+        self._began = time.monotonic()
+        self._state: Progress | Done[Result] | Failure = Progress(None, "starting", 0.0)
+        self._process.start()
+        sender.close()
+
+    def poll(self) -> Progress | Done[Result] | Failure:
+        """How far it is, or how it ended; returns at once."""
+        if not isinstance(self._state, Progress):
+            return self._state
+        share, text = self._state.share, self._state.text
+        try:
+            while self._receiver.poll():
+                kind, content = self._receiver.recv()
+                if kind == "progress":
+                    share, text = content
+                    continue
+                seconds = time.monotonic() - self._began
+                return self._end(Done(content, seconds) if kind == "done" else Failure(content))
+        except (EOFError, OSError):
+            self._process.join(GRACE)
+            code = self._process.exitcode
+            return self._end(Failure(f"the run ended without a result (exit code {code}); is memory short?"))
+        self._state = Progress(share, text, time.monotonic() - self._began)
+        return self._state
+
+    def cancel(self) -> None:
+        """End the run; may be called at any time, and returns at once."""
+        if isinstance(self._state, Progress):
+            self._end(Failure("cancelled", cancelled=True))
+
+    @property
+    def pid(self) -> int | None:
+        """The process that runs it."""
+        return self._process.pid
+
+    def _end(self, state: Done[Result] | Failure) -> Done[Result] | Failure:
+        self._state = state
+        self._process.terminate()
+        threading.Thread(target=_reap, args=(self._process, self._receiver), daemon=True).start()
+        return state
+
+
+def _reap(process: Any, receiver: Connection) -> None:
+    """Wait for a process that was told to end, and kill it where it does not."""
+    process.join(GRACE)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    receiver.close()
+
+
+def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> None:
+    """What the child does."""
+    # An interrupt at the terminal goes to the whole group, but only the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def tell(share: float | None, text: str) -> None:
+        sender.send(("progress", (share, text)))
+
+    try:
+        message = ("done", work(request, tell))
+    except InputError as error:
+        message = ("failed", str(error))
+    except (ArithmeticError, ValueError, RuntimeError, MemoryError, OSError) as error:
+        message = ("failed", f"{type(error).__name__}: {error}")
+    sender.send(message)
+    sender.close()
+
+
+def _end_with_parent() -> None:
+    """End with a parent that was killed and could not say so."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,142 @@
+"""Runs in processes of their own: told, ended, cancelled, never left behind."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from roslf_design.errors import InputError, Problem
+from roslf_design.explorer.jobs import Done, Failure, Job, Progress
+
+
+def double(request, tell):
+    tell(0.5, "half way")
+    return 2 * request
+
+
+def wait_for_ever(request, tell):
+    tell(0.1, "waiting")
+    while True:
+        time.sleep(0.05)
+
+
+def wait_and_refuse_to_end(request, tell):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    tell(0.1, "stubborn")
+    while True:
+        time.sleep(0.05)
+
+
+def refuse(request, tell):
+    raise InputError((Problem("grade", "is not known"),))
+
+
+def stumble(request, tell):
+    raise ZeroDivisionError("division by zero")
+
+
+def die(request, tell):
+    os._exit(7)
+
+
+def until(job, kind, seconds=30.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        state = job.poll()
+        if isinstance(state, kind):
+            return state
+        time.sleep(0.02)
+    raise AssertionError(f"still {state}")
+
+
+def gone(pid, seconds=10.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        with open(f"/proc/{pid}/stat") as file:
+            if file.read().rpartition(")")[2].split()[0] == "Z":
+                return True
+        time.sleep(0.02)
+    return False
+
+
+def test_a_run_tells_how_far_it_is_and_what_it_found():
+    job = Job(double, 21)
+    state = until(job, Done)
+    assert state.result == 42
+    assert job.poll() == state
+    assert gone(job.pid)
+
+
+def test_polling_returns_at_once_and_cancelling_ends_the_process():
+    job = Job(wait_for_ever, None)
+    end = time.monotonic() + 30
+    while True:
+        began = time.monotonic()
+        state = job.poll()
+        assert time.monotonic() - began < 1
+        assert isinstance(state, Progress)
+        if state.text == "waiting" or time.monotonic() > end:
+            break
+        time.sleep(0.02)
+    assert state.share == 0.1
+    job.cancel()
+    assert job.poll() == Failure("cancelled", cancelled=True)
+    assert gone(job.pid)
+    job.cancel()
+
+
+def test_a_run_that_will_not_end_is_killed():
+    job = Job(wait_and_refuse_to_end, None)
+    end = time.monotonic() + 30
+    while getattr(job.poll(), "text", "") != "stubborn" and time.monotonic() < end:
+        time.sleep(0.02)
+    job.cancel()
+    assert gone(job.pid)
+
+
+@pytest.mark.parametrize(
+    ("work", "told"),
+    [(refuse, "grade: is not known"), (stumble, "ZeroDivisionError: division by zero"), (die, "exit code 7")],
+)
+def test_a_run_that_fails_says_why(work, told):
+    job = Job(work, None)
+    state = until(job, Failure)
+    assert told in state.message
+    assert not state.cancelled
+    assert gone(job.pid)
+
+
+PARENT = """
+import sys, time
+sys.path.insert(0, {root!r})
+from roslf_design.explorer.jobs import Job
+from tests.explorer.test_jobs import wait_for_ever
+if __name__ == "__main__":
+    job = Job(wait_for_ever, None)
+    while getattr(job.poll(), "text", "") != "waiting":
+        time.sleep(0.02)
+    print(job.pid, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_no_run_outlives_a_killed_program(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=os.getcwd()))
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as parent:
+        child = int(parent.stdout.readline())
+        os.kill(child, 0)
+        parent.send_signal(signal.SIGKILL)
+        assert gone(child)
+
+
+def test_nothing_of_these_runs_is_left():
+    assert not [child for child in multiprocessing.active_children() if child.is_alive()]
