@@ -7,13 +7,27 @@ from dataclasses import replace
 from ..design import Design
 from ..evaluation.fields import evaluate_fields
 from ..evaluation.result import Evaluation
-from ..evaluation.tilted import RAYS, rays_for
-from .statement import Accuracy
+from ..evaluation.tilted import BEST_ACCURACY, RAYS, rays_for
+from .statement import Accuracy, check_accuracy
 
 ROUNDING = 1e-12
 """Relative, of closed forms and disc areas."""
 COUNTED_ERROR = 0.002
 """Of a share counted with the rays that are taken where no accuracy is asked for."""
+
+
+def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:
+    """Refuse what is no accuracy, or what counted rays cannot reach.
+
+    Raises
+    ------
+    InputError
+    """
+    if accuracy is None:
+        return
+    check_accuracy(accuracy)
+    if not design.aligned:
+        check_accuracy(accuracy, BEST_ACCURACY, "parts are tilted, and rays are counted; straight designs are exact")
 
 
 def evaluation_accuracy(

@@ -29,6 +29,7 @@ def report(
     compare: Annotated[bool, Parameter(negative=())] = False,
     figure: Annotated[list[str] | None, Parameter(negative=())] = None,
     seed: int | None = None,
+    accuracy: float | None = None,
     stamp: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
     """A report on a design, a study, or a story of several studies: one self-contained HTML page, and a PDF.
@@ -58,6 +59,9 @@ def report(
         Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one.
     seed
         Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
+    accuracy
+        Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
+        counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance.
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
@@ -66,7 +70,7 @@ def report(
 
     check_count(len(others), compare)
     names = (design, *others)
-    make = maker(names, compare, seed)
+    make = maker(names, compare, seed, accuracy)
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
     if pdf:
@@ -74,6 +78,7 @@ def report(
     options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
     options += [part for name in figure or () for part in ("--figure", name)]
     options += [] if seed is None else ["--seed", str(seed)]
+    options += [] if accuracy is None else ["--accuracy", f"{accuracy:g}"]
     command = shlex.join(["roslf", "report", *names, *options])
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
@@ -89,14 +94,15 @@ def report(
         print(folder / name)
 
 
-def maker(names: Sequence[str], compare: bool, seed: int | None) -> Callable[..., Report]:
+def maker(names: Sequence[str], compare: bool, seed: int | None, accuracy: float | None) -> Callable[..., Report]:
     """What makes the report of these inputs, each read and found good.
 
     Raises
     ------
     InputError
-        A file that is not there, is none of the kinds, or has faults; a seed below 0.
+        A file that is not there, is none of the kinds, or has faults; a seed below 0; an accuracy that is none.
     """
+    from ..accuracy.evaluated import check_evaluation_accuracy
     from ..design import load, preset_names
     from ..errors import InputError, Problem
 
@@ -105,17 +111,25 @@ def maker(names: Sequence[str], compare: bool, seed: int | None) -> Callable[...
     if compare:
         from ..report.compare import comparison_report
 
-        return partial(comparison_report, [load(name) for name in names])
+        designs = [load(name) for name in names]
+        for each in designs:
+            check_evaluation_accuracy(each, accuracy)
+        return partial(comparison_report, designs, accuracy=accuracy)
     from ..report.story import full_report, load_story_or_study, story_report, study_report
 
     (name,) = names
     if name in preset_names() and not Path(name).exists():
-        return partial(full_report, load(name), seed=seed or 0)
+        check_evaluation_accuracy(load(name), accuracy)
+        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy)
     kind, story = load_story_or_study(Path(name))
+    if accuracy is not None and kind != "design":
+        message = f"goes with designs, and {name} is a {kind} study; ask it of roslf {kind}"
+        raise InputError((Problem("--accuracy", message.replace("story study; ask it of roslf story", "story")),))
     if story is not None:
         return partial(story_report, story, seed=seed)
     if kind == "design":
-        return partial(full_report, load(name), seed=seed or 0)
+        check_evaluation_accuracy(load(name), accuracy)
+        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy)
     return partial(study_report, kind, Path(name), seed=seed)
 
 

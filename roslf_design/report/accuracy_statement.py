@@ -16,7 +16,7 @@ SHOWN = 5
 """Hard cases listed."""
 
 
-def accuracy_section(design: Design, result: Evaluation) -> Section:
+def accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
     """The section.
 
     Parameters
@@ -24,8 +24,11 @@ def accuracy_section(design: Design, result: Evaluation) -> Section:
     design : Design
     result : Evaluation
         Of the design, at its default fields.
+    asked : float, optional
+        Accuracy that it was evaluated to.
     """
     from ..accuracy.choice import choose
+    from ..accuracy.evaluated import evaluation_accuracy
     from ..accuracy.jobs import QUANTITIES
     from ..accuracy.nearby import near_cases
     from ..accuracy.table import shipped_table
@@ -54,6 +57,9 @@ def accuracy_section(design: Design, result: Evaluation) -> Section:
         closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
         text = f"The design is near no hard case; {closest}."
         said.append(Statement("good", text))
+    worth = evaluation_accuracy(design, result, asked)
+    words = worth.sentence()
+    said.insert(0, Statement("caution" if worth.kept is False else "plain", f"{words[0].upper()}{words[1:]}."))
     distances = Table(
         tuple((case.case, f"{case.distance:.2g}", "near" if case.near else "") for case in cases[:SHOWN]),
         "ldl",

@@ -27,6 +27,7 @@ def comparison_report(
     *,
     command: str = "",
     stamp: tuple[str, ...] = (),
+    accuracy: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Report:
     """Compare designs.
@@ -35,7 +36,7 @@ def comparison_report(
     ----------
     designs : sequence of Design
         Two or three, called A, B, C in their order.
-    command, stamp, progress
+    command, stamp, accuracy, progress
         As for `design_report`.
 
     Raises
@@ -47,7 +48,7 @@ def comparison_report(
         raise ValueError(f"{len(designs)} designs cannot be compared side by side; give two or three")
     tell = progress or (lambda _: None)
     tell("evaluating")
-    results = [evaluate(design) for design in designs]
+    results = [evaluate(design, accuracy=accuracy) for design in designs]
     letters = LETTERS[: len(designs)]
     named = list(zip(letters, designs, results, strict=True))
     tell("figures")

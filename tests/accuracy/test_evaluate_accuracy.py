@@ -82,3 +82,27 @@ def test_every_evaluation_carries_what_it_is_worth(tmp_path, capsys):
     assert told["seconds"] > 0
     assert main(["evaluate", "paper", "--accuracy", "5e-3"]) == 0
     assert "expected within 1e-12" in capsys.readouterr().out
+
+
+def test_a_report_passes_it_on(tmp_path):
+    from roslf_design.commands.report import maker
+    from roslf_design.report.accuracy_statement import accuracy_section
+
+    tilted = PAPER.replace({"aperture.tilt": (0.02, 0.0)})
+    path = tmp_path / "tilted.toml"
+    roslf.save(tilted, path)
+    for names, compare in (((str(path),), False), ((str(path), "paper"), True)):
+        assert maker(names, compare, None, 0.01).keywords["accuracy"] == 0.01
+    section = accuracy_section(tilted, roslf.evaluate(tilted, accuracy=0.01), 0.01)
+    assert f"{rays_for(0.01)} rays" in str(section)
+    assert "asked for 0.01" in str(section)
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine"])
+def test_a_report_to_no_accuracy_is_refused(value, tmp_path, capsys):
+    for line in (["report", "paper"], ["report", "--compare", "paper", "paper-mismatched"]):
+        assert main([*line, "-o", str(tmp_path / "out"), "--accuracy", value]) == 2
+        told = capsys.readouterr().err
+        assert "--accuracy" in told
+        assert len(told.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
