@@ -1,0 +1,27 @@
+"""What makes reports quick where a test looks at neither figures nor yields."""
+
+import pytest
+
+from roslf_design.report import content, quick_tolerances, story
+from roslf_design.report.blocks import Figure
+
+NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Blank figures in every design's report."""
+    blank = {name: Figure(name, name, name, BLANK) for name in NAMES}
+    monkeypatch.setattr(content, "_figures", lambda *_: blank)
+
+
+@pytest.fixture
+def few_builds(monkeypatch):
+    """A first look at tolerances with a handful of builds, without the yields of other grades and scales."""
+    from roslf_design.tolerance import run
+
+    look = quick_tolerances.quick_tolerances
+    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    monkeypatch.setattr(run, "yield_curve", lambda plan: tuple((s, run.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0)))
+    monkeypatch.setattr(run, "scale_for_yield", lambda plan, target: None)

@@ -1,0 +1,254 @@
+"""Stories and studies as reports: parts hand their designs on, errors come in one line, nothing is half-written."""
+
+import re
+import shutil
+import tomllib
+
+import pytest
+
+from roslf_design.cli import main
+from roslf_design.design import load
+from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
+from roslf_design.report.blocks import Bullets, Code, Statements, Table
+from roslf_design.report.html import render_html
+from roslf_design.report.pdf import render_pdf
+from roslf_design.report.quick_tolerances import CENTRE, FILL, quick_study
+from roslf_design.report.story import kind_of, load_story_or_study, story_report, study_report
+from roslf_design.report.story_file import load_story
+from roslf_design.report.studies import run_optimisation, tolerance_plan
+
+OPTIMIZE = """
+name = "shorter"
+design = "paper"
+seed = 3
+[solver]
+starts = 2
+check = false
+[variables]
+d_2 = ["1 mm", "3 mm"]
+D_F = ["2 mm", "4 mm"]
+[[constraints]]
+quantity = "fill_factor"
+min = 0.99
+max = 1.0
+[[goals]]
+quantity = "sigma_z_mm"
+at = "100 mm"
+direction = "min"
+"""
+TOLERANCE = """
+name = "built"
+design = "paper"
+trials = 2000
+seed = 5
+sobol_samples = 0
+keep_worst = 0
+[[perturb]]
+place = ["aperture.diameter", "sensor.distance"]
+tolerance = "20 um"
+[[goals]]
+metric = "fill_factor"
+min = 0.95
+max = 1.05
+"""
+STORY = """
+[story]
+title = "A short story"
+question = "Does it hang together?"
+design = "paper"
+[[parts]]
+optimize = "optimize.toml"
+[[parts]]
+tolerance = "tolerance.toml"
+[[parts]]
+calibration = { board = "6x5 5 mm", boards = 9, tilt = "15 deg", seed = 4 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, text in (("optimize", OPTIMIZE), ("tolerance", TOLERANCE), ("story", STORY)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """The story's report, and what was said on the way."""
+    place = tmp_path_factory.mktemp("story")
+    for name, text in (("optimize", OPTIMIZE), ("tolerance", TOLERANCE), ("story", STORY)):
+        (place / f"{name}.toml").write_text(text)
+    said = []
+    report = story_report(load_story(place / "story.toml"), command="roslf report story.toml", progress=said.append)
+    return report, said, place
+
+
+def blocks(report, kind):
+    return [block for section in report.sections for block in section.blocks if isinstance(block, kind)]
+
+
+def test_each_part_hands_its_design_on(told):
+    report, _, place = told
+    best = run_optimisation(tomllib.loads(OPTIMIZE), None, place).answer
+    (design,) = (code.text for code in blocks(report, Code) if code.title == "The design, as a file")
+    (place / "found.toml").write_text(design)
+    found = load(place / "found.toml")
+    assert (found.d_2, found.D_F) == pytest.approx((best.variables()["d_2"], best.variables()["D_F"]), rel=1e-12)
+    nominal = {t.title: t for t in blocks(report, Table)}["Distributions, as built"].rows[0][1]
+    # Tables give four digits.
+    assert float(nominal) == pytest.approx(evaluate(found).f_number.fill_factor, rel=1e-3)
+
+
+def test_a_story_has_every_section_and_says_what_was_done(told):
+    report, said, _ = told
+    assert report.title == "A short story"
+    titles = [section.title for section in report.sections]
+    assert [t for t in titles if t in ("Optimisation", "Tolerances and yield", "Calibration plan")] == [
+        "Optimisation",
+        "Tolerances and yield",
+        "Calibration plan",
+    ]
+    steps = report.sections[0].blocks[1]
+    assert isinstance(steps, Bullets)
+    assert len(steps.items) == 3
+    answers = " ".join(item.text for item in blocks(report, Statements)[0].items)
+    assert "Optimisation: a design holds every limit" in answers
+    assert "2000 trials, seed 5" in answers
+    assert "Calibration as planned" in answers
+    seeds = " ".join(item for block in blocks(report, Bullets) for item in block.items)
+    assert all(f"{what}: {seed}." in seeds for what, seed in (("starts", 3), ("2000 builds", 5), ("poses", 4)))
+    assert any("part 1 of 3" in line for line in said)
+    assert any("part 2 of 3, tolerances: 2000 of 2000 builds" in line for line in said)
+
+
+def test_the_same_story_gives_the_same_page_and_pdf(told):
+    report, _, place = told
+    again = story_report(load_story(place / "story.toml"), command="roslf report story.toml")
+    assert render_html(again) == render_html(report)
+    pytest.importorskip("typst", reason="the typst package is not installed")
+    assert render_pdf(again) == render_pdf(report)
+
+
+def test_another_seed_reaches_every_part(folder, without_figures, few_builds):
+    report = story_report(load_story(folder / "story.toml"), seed=77)
+    seeds = " ".join(item for block in blocks(report, Bullets) for item in block.items)
+    assert all(f"{what}: 77." in seeds for what in ("starts", "2000 builds", "poses"))
+
+
+@pytest.mark.parametrize(("kind", "section"), [("optimize", "Optimisation"), ("tolerance", "Tolerances and yield")])
+def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figures, few_builds):
+    assert load_story_or_study(folder / f"{kind}.toml") == (kind, None)
+    report = study_report(kind, folder / f"{kind}.toml")
+    titles = [part.title for part in report.sections]
+    assert {section, "Tolerances and yield", "Calibration plan", "Parts list", "Accuracy"} <= set(titles)
+
+
+def test_a_study_without_a_design_tells_what_stands_in_the_way(folder):
+    impossible = OPTIMIZE.replace(
+        'direction = "min"', 'direction = "min"\n[[constraints]]\nquantity = "D_F"\nmin = "9 mm"'
+    )
+    (folder / "optimize.toml").write_text(impossible)
+    report = study_report("optimize", folder / "optimize.toml")
+    assert [section.title for section in report.sections] == ["Summary", "Optimisation", "How this report was made"]
+    assert "cannot hold together" in report.sections[0].blocks[0].items[0].text
+    with pytest.raises(InputError, match=r"story.toml: parts.0: no design was found to go on with: .*cannot hold"):
+        story_report(load_story(folder / "story.toml"))
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("optimize.toml", "gone.toml"), r"parts.0.optimize: gone.toml: no such file"),
+        (('design = "paper"', 'design = "gone.toml"'), r"story.design: .*no such file"),
+        (('tolerance = "tolerance.toml"', ""), r"parts.1: has nothing; give each part one of"),
+        (
+            ('tolerance = "tolerance.toml"', 'tolerance = "tolerance.toml"\ntake = "best"'),
+            "take goes with optimize only",
+        ),
+        (('optimize = "optimize.toml"', 'optimize = "optimize.toml"\ntake = "worst"'), "'worst' is nothing to take"),
+        (('"6x5 5 mm"', '"6 by 5"'), r"parts.2.calibration.board: .*not understood"),
+        (('"15 deg"', '"15"'), r"parts.2.calibration.tilt"),
+        (("boards = 9", "boreds = 9"), r"boreds.*boards"),
+        (('title = "A short story"', ""), r"story.title: is missing"),
+    ],
+)
+def test_faults_are_told_with_their_place_and_nothing_is_written(folder, capsys, change, complaint):
+    assert change[0] in STORY
+    (folder / "story.toml").write_text(STORY.replace(*change))
+    assert main(["report", str(folder / "story.toml"), "-o", str(folder / "out")]) == 2
+    said = capsys.readouterr().err
+    assert re.search(complaint, said)
+    assert "Traceback" not in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (folder / "out").exists()
+
+
+def test_a_part_that_was_not_found_is_told(folder):
+    (folder / "story.toml").write_text(
+        STORY.replace('optimize = "optimize.toml"', 'optimize = "optimize.toml"\ntake = "robust"')
+    )
+    with pytest.raises(InputError, match="found no 'robust' to take; it has best"):
+        story_report(load_story(folder / "story.toml"))
+
+
+@pytest.mark.parametrize("text", ["", "[scene]\nkind = 'plane'\n"])
+def test_what_is_no_design_and_no_study_says_what_was_looked_for(tmp_path, capsys, text):
+    file = tmp_path / "odd.toml"
+    file.write_text(text)
+    assert main(["report", str(file), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert len(said.strip().splitlines()) == 1
+    for key in ("[main_lens]", "[variables]", "[[perturb]]", "[story]"):
+        assert key in said
+    assert ("it is empty" if not text else "it has scene") in said
+
+
+def test_unwritable_output_is_one_line_and_leaves_nothing(folder, capsys, monkeypatch, without_figures, few_builds):
+    from roslf_design.commands import report as command
+    from roslf_design.report.content import design_report
+
+    monkeypatch.setattr(command, "maker", lambda *_: lambda **_: design_report(load("paper")))
+    monkeypatch.setattr("tempfile.mkstemp", refuse)
+    assert main(["report", "paper", "-o", str(folder / "out")]) == 1
+    said = capsys.readouterr().err
+    assert len(said.strip().splitlines()) == 1
+    assert "No space left" in said
+    assert not list((folder / "out").glob("*"))
+
+
+def refuse(*_, **__):
+    raise OSError(28, "No space left on device")
+
+
+def test_kinds():
+    assert kind_of({"main_lens": {}}, "") == "design"
+    assert kind_of({"story": {}, "variables": {}}, "") == "story"
+    assert kind_of({"design": "a", "variables": {}}, "") == "optimize"
+    assert kind_of({"design": "a", "grade": "high"}, "") == "tolerance"
+
+
+def test_the_first_look_holds_builds_to_the_nominal():
+    """Its limits are those of its docstring, about the evaluation's own numbers."""
+    design = load("paper-mismatched")
+    goals = quick_study(design)["goals"]
+    fill = evaluate(design).f_number.fill_factor
+    own = [goal for goal in goals if goal["metric"] == "fill_factor"]
+    assert len(own) == 3
+    for goal in own:
+        # Local fill factors of a straight design are the axial one, to rounding.
+        assert (goal["min"], goal["max"]) == pytest.approx(((1 - FILL) * fill, (1 + FILL) * fill), rel=1e-9)
+    assert {"metric": "centre_error_px", "max": CENTRE} in goals
+    plan, *_ = tolerance_plan(quick_study(design), design)
+    assert plan.passes(plan.nominal[:, None]).all()
+
+
+@pytest.mark.parametrize("name", ["borescope", "otoscope"])
+def test_shipped_stories_can_be_read(root, name, tmp_path):
+    story = load_story(root / "studies" / f"story-{name}" / "story.toml")
+    assert [bool(p.optimize) + 2 * bool(p.tolerance) + 4 * bool(p.calibration) for p in story.table.parts] == [1, 2, 4]
+    page = (root / "reports" / f"story-{name}" / "index.html").read_text()
+    assert len(page) < 2_000_000
+    assert f"roslf report studies/story-{name}/story.toml -o reports/story-{name} --pdf" in page
+    shutil.copy(root / "reports" / f"story-{name}" / "report.pdf", tmp_path)
+    assert (tmp_path / "report.pdf").stat().st_size < 1_000_000
