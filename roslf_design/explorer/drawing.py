@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from ..design import Design
 from ..evaluation import Evaluation, evaluate
 from .link import Look
+from .optimise_run import OptimiseResult
 from .pictures.axes import Picture
 from .pictures.depth import depth_precision
 from .pictures.effects import effects
@@ -17,8 +18,11 @@ from .pictures.matching_plane import matching_plane
 from .pictures.meridional import meridional
 from .pictures.microlens import microlens_image, nearest_microlens
 from .pictures.mla_map import mla_map
+from .pictures.optimise import change_bars, front, search_history
 from .pictures.theme import ThemeName
+from .pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
 from .places import place_on_mla
+from .tolerance_run import ToleranceResult
 
 Size = tuple[int, int]
 
@@ -32,6 +36,9 @@ class Seen:
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
+    tolerance: ToleranceResult | None = None
+    optimum: OptimiseResult | None = None
+    """What the last runs found."""
 
     @cached_property
     def evaluation(self) -> Evaluation:
@@ -55,7 +62,7 @@ class Drawing(NamedTuple):
     size: Size
     """[px], until the browser tells how much room there is."""
     inputs: Callable[[Seen], Any]
-    """What it is a function of, besides theme and size: equal inputs, equal picture."""
+    """What it is a function of, besides theme and size: equal inputs, equal picture; None where there is none."""
     make: Callable[[Any, ThemeName, Size], Picture]
     """The inputs, theme and size to a picture."""
 
@@ -91,6 +98,31 @@ DRAWINGS: dict[str, Drawing] = {
     ),
     "depth": Drawing("depth", "Depth precision", (520, 360), lambda seen: seen.design, depth_precision),
     "effects": Drawing("depth", "Effects against their budgets", (520, 420), lambda s: s.evaluation.effects, effects),
+    "yield": Drawing("tolerance", "Yield of each grade", (420, 200), lambda seen: seen.tolerance, yield_bars),
+    "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), lambda seen: seen.tolerance, yield_curve),
+    "offenders": Drawing(
+        "tolerance",
+        "Worst offenders",
+        (560, 300),
+        lambda seen: seen.tolerance and seen.tolerance.offenders,
+        offender_bars,
+    ),
+    "spreads": Drawing(
+        "tolerance",
+        "Scatter of the limited numbers",
+        (560, 300),
+        lambda seen: seen.tolerance and seen.tolerance.spreads,
+        spread_bars,
+    ),
+    "changes": Drawing("optimise", "What changed", (560, 240), lambda seen: seen.optimum, change_bars),
+    "search": Drawing("optimise", "Where the searches ended", (420, 260), lambda seen: seen.optimum, search_history),
+    "front": Drawing(
+        "optimise",
+        "Goal against goal",
+        (420, 300),
+        lambda seen: seen.optimum if seen.optimum is not None and seen.optimum.front else None,
+        front,
+    ),
 }
 """By the name that addresses and the page use."""
 

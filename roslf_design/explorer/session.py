@@ -16,16 +16,21 @@ from .drawing import DRAWINGS, Seen, Size, fitting
 from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals
 from .history import History, record, redo, undo
+from .jobs import Progress
 from .link import TABS, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
 from .places import on_array, place_on_mla, read_place
+from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, told
 from .scene3d import Scene3D, changed, scene
 from .state import State
 from .view import controls, header, looked_at, proposed, verdicts
 
 PAUSE = 0.3
 """How long a design must stand still before what takes about as long is done for it [s]."""
+
+TICK = 0.25
+"""How often a run is asked how far it is [s]."""
 
 TRACING = {
     "name": "tracing",
@@ -55,6 +60,7 @@ class Session:
     requests = (
         *("opened", "restore", "slide", "write", "follow", "undo", "redo", "preset", "load_text", "load_path", "fix"),
         *("dismiss", "show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme", "space_again"),
+        *("start_run", "cancel_run", "take_optimum"),
     )
     """Methods that the page may call."""
 
@@ -66,6 +72,8 @@ class Session:
         self._opened = False
         self._limits: tuple[float, float] | None = None
         self._traced: tuple[Design, Evaluation] | None = None
+        self._runs: dict[Kind, Run | None] = dict.fromkeys(KINDS)
+        self._wrong: dict[Kind, str] = dict.fromkeys(KINDS, "")
         self._scene: tuple[tuple[Design, ThemeName], Scene3D] | None = None
         self._space_sent: dict[str, Any] = {}
         self._serial = 0
@@ -99,6 +107,8 @@ class Session:
             "lights": self._lights() if self._opened else [],
             "fixes": self._fixes() if self._opened else [],
             "space": self._space() if self._opened and self._look.tab == "space" else self._space_sent,
+            **{f"{kind}_run": told(self._runs[kind], self.design, self._wrong[kind]) for kind in KINDS},
+            "forms": forms(self.design),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -109,12 +119,16 @@ class Session:
         drawing = DRAWINGS.get(name)
         if drawing is None:
             return None
-        return drawing.make(drawing.inputs(self._seen()), theme, self._sizes[name]).svg
+        inputs = drawing.inputs(self._seen())
+        return None if inputs is None else drawing.make(inputs, theme, self._sizes[name]).svg
 
     def close(self) -> None:
         """End all that runs for this tab."""
         for timer in self._timers.values():
             timer.cancel()
+        for run in self._runs.values():
+            if run is not None:
+                run.job.cancel()
         for process in self._children:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
@@ -255,6 +269,30 @@ class Session:
         """The browser missed a change of the 3D scene: send it whole."""
         self._scene = None
 
+    def start_run(self, kind: str, options: Options) -> None:
+        """Start a tolerance or optimisation run in the background; one that runs already is ended."""
+        chosen = kind_of(kind)
+        self.cancel_run(kind)
+        try:
+            self._runs[chosen], self._wrong[chosen] = begin(chosen, self.design, options), ""
+        except InputError as error:
+            self._wrong[chosen] = str(error)
+        else:
+            self._soon("runs", self._look_after_runs, TICK)
+
+    def cancel_run(self, kind: str) -> None:
+        """End a run."""
+        run = self._runs[kind_of(kind)]
+        if run is not None:
+            run.job.cancel()
+
+    def take_optimum(self) -> None:
+        """Go on with the design that was found."""
+        run = self._runs["optimise"]
+        if run is not None and run.result is not None and run.result.design is not None:
+            found = run.result.design
+            self._go(replace(self.state, design=found, faults=(), message=""))
+
     def set_theme(self, theme: str) -> None:
         """Light or dark."""
         self._theme = "dark" if theme == "dark" else "light"
@@ -289,7 +327,11 @@ class Session:
         self._proposed = (self.design, fixes)
         return fixes
 
-    def _soon(self, name: str, work: Callable[[], object]) -> None:
+    def _look_after_runs(self) -> None:
+        if any(run is not None and isinstance(run.job.poll(), Progress) for run in self._runs.values()):
+            self._soon("runs", self._look_after_runs, TICK)
+
+    def _soon(self, name: str, work: Callable[[], object], pause: float = PAUSE) -> None:
         """Do what takes longer than a slider may wait, and show it, once nothing has changed for a while."""
 
         def run() -> None:
@@ -299,7 +341,7 @@ class Session:
 
         if name in self._timers:
             self._timers[name].cancel()
-        self._timers[name] = asyncio.get_running_loop().call_later(PAUSE, run)
+        self._timers[name] = asyncio.get_running_loop().call_later(pause, run)
 
     def _space(self) -> dict[str, Any]:
         """The 3D scene: what of it has changed since it was last sent."""
@@ -319,12 +361,16 @@ class Session:
 
     def _seen(self) -> Seen:
         design = self.design.thin_twin
-        if (self._last.design, self._last.look, self._last.limits) != (design, self._look, self._limits):
-            fresh = Seen(design, self._look, self._limits)
+        fresh = Seen(design, self._look, self._limits, self._found("tolerance"), self._found("optimise"))
+        if fresh != self._last:
             if self._last.design == design and "evaluation" in vars(self._last):
                 vars(fresh)["evaluation"] = self._last.evaluation
             self._last = fresh
         return self._last
+
+    def _found(self, kind: Kind) -> Any:
+        run = self._runs[kind]
+        return None if run is None else run.result
 
     def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
         ends = {symbol: reach(BY_SYMBOL[symbol], self.design, self.design) for symbol in ("d_3", "D_F")}
@@ -349,7 +395,10 @@ class Session:
     def _draw(self, name: str) -> str:
         """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
         drawing = DRAWINGS[name]
-        wanted = (drawing.inputs(self._seen()), self._theme, self._sizes[name])
+        inputs = drawing.inputs(self._seen())
+        if inputs is None:
+            return ""
+        wanted = (inputs, self._theme, self._sizes[name])
         before, picture = self._drawn.get(name, (None, None))
         if wanted != before:
             try:

@@ -100,16 +100,17 @@ def open_page(chromium, explorer):
         )
         context.set_default_timeout(8000)
         page = context.new_page()
-        windows.append((context, Watch(page)))
-        page.goto(address or explorer.address)
+        address = address or explorer.address
+        windows.append((context, Watch(page), re.match(r"http://([^/]+)", address)[1]))
+        page.goto(address)
         page.wait_for_selector(".picture svg:visible")
         return page
 
     yield opened
-    for context, watch in windows:
+    for context, watch, own in windows:
         context.close()
         assert watch.complaints == []
-        assert watch.hosts <= {re.match(r"http://([^/]+)", explorer.address)[1]}
+        assert watch.hosts == {own}
 
 
 @pytest.fixture

@@ -1,137 +1,181 @@
-"""What tolerance and optimisation runs find, against closed forms and against the same study run elsewhere."""
+"""Long runs from the page: what the forms ask for, progress, results, cancel, and nothing left behind."""
 
-import math
-import pickle
+import os
+import time
 
 import pytest
 
-import roslf_design as roslf
-from roslf_design import theory
+from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.explorer import optimise_run, tolerance_run
-from roslf_design.explorer.optimise_run import OptimiseRequest
-from roslf_design.explorer.tolerance_run import ToleranceRequest
-from roslf_design.report.quick_tolerances import DEPTH, quick_tolerances
+from roslf_design.explorer.optimise_run import GOALS, HELD, VARIABLES
+from roslf_design.explorer.runs import (
+    LEAST_TRIALS,
+    MOST_TRIALS,
+    begin,
+    forms,
+    kind_of,
+    optimise_request,
+    told,
+    tolerance_request,
+)
+from roslf_design.explorer.tolerance_run import GRADES
+from tests.explorer.test_browser import idle, shown, value
 
-PAPER = roslf.load("paper")
-
-
-@pytest.fixture(scope="module")
-def tolerances():
-    told = []
-    found = tolerance_run.run(ToleranceRequest(PAPER, trials=512), lambda share, text: told.append((share, text)))
-    return found, told
-
-
-def test_yield_is_that_of_the_same_study_in_a_report(tolerances):
-    found, _ = tolerances
-    other = quick_tolerances(PAPER, trials=512).final
-    assert found.share.value == other.result.value
-    assert (found.share.low, found.share.high) == other.result.interval
-    assert [limit.share.value for limit in found.limits] == [limit.result.value for limit in other.limits]
+PAPER = load("paper")
 
 
-def test_progress_goes_up_to_the_end(tolerances):
-    _, told = tolerances
-    shares = [share for share, _ in told if share is not None]
-    assert shares == sorted(shares)
-    assert 0 <= shares[0] < 0.5 < shares[-1] <= 1
+def children(explorer):
+    """Command lines of what the explorer has started, but for Python's own tracker of resources."""
+    return [line for line in explorer.processes()[1:] if "resource_tracker" not in line]
 
 
-def test_offenders_use_what_closed_forms_say(tolerances):
-    found, _ = tolerances
-    used = {row.place: row for row in found.offenders}
-    # Depth spread goes with 1/D_F, and may grow by DEPTH.
-    assert used["aperture diameter"].tolerance == "50 um"
-    assert used["aperture diameter"].used == pytest.approx((2.9 / 2.85 - 1) / DEPTH, rel=1e-9)
-    assert used["aperture diameter"].limited_by == "depth spread σ_Z"
-    # The fill factor may change by a tenth of itself; d_2 is 20 um long or short.
-    optics = (PAPER.f, PAPER.d_f, PAPER.d_3)
-    fill = [float(theory.fill_factor(PAPER.D_F, PAPER.d, d_2, *optics)) for d_2 in (2.0, 2.02)]
-    assert used["sensor distance"].used == pytest.approx((fill[1] / fill[0] - 1) / 0.1, rel=1e-3)
-    assert [row.used for row in found.offenders] == sorted((row.used for row in found.offenders), reverse=True)
+def wait(condition, seconds=15.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
 
 
-def test_tighter_grades_and_tolerances_yield_more(tolerances):
-    found, _ = tolerances
-    grades = [share.value for _, share in found.grades]
-    assert [name for name, _ in found.grades] == list(tolerance_run.GRADES)
-    assert grades == sorted(grades)
-    curve = [share.value for _, share in found.curve]
-    # Few builds: neighbouring points may swap within their intervals.
-    assert curve[0] >= curve[-1]
-    assert all(share.low <= share.value <= share.high for _, share in found.curve)
+@pytest.mark.parametrize("grade", GRADES)
+def test_the_tolerance_form_is_read(grade):
+    request = tolerance_request(PAPER, {"grade": [grade], "trials": [" 500 "], "seed": ["7"], "calibrated": ["on"]})
+    assert (request.design, request.grade, request.trials, request.seed) == (PAPER, grade, 500, 7)
+    assert request.calibrated
+    assert not tolerance_request(PAPER, {}).calibrated
 
 
-def test_spreads_lie_about_nominal_and_results_travel(tolerances):
-    found, _ = tolerances
-    for row in found.spreads:
-        assert row.low <= row.high
-        assert row.limit_low < row.limit_high
-    assert pickle.loads(pickle.dumps(found)) == found
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"trials": ["many"]}, f"trials: 'many' is not a whole number from {LEAST_TRIALS} to {MOST_TRIALS}"),
+        ({"trials": ["1e9"]}, "trials: '1e9' is not"),
+        ({"trials": ["5"]}, "trials: '5' is not"),
+        ({"seed": ["-1"]}, "seed: '-1' is not"),
+        ({"grade": ["best"]}, "grade: 'best' is not known"),
+    ],
+)
+def test_what_the_tolerance_form_cannot_ask_is_told(options, message):
+    with pytest.raises(InputError) as caught:
+        tolerance_request(PAPER, options)
+    assert message in str(caught.value)
 
 
-def test_an_unknown_grade_is_named():
-    with pytest.raises(InputError, match="'best' is not known; use one of commercial, precision, high"):
-        tolerance_run.run(ToleranceRequest(PAPER, grade="best", trials=64))
+def test_the_optimise_form_is_read():
+    offered = forms(PAPER)
+    chosen = {
+        "goal": [offered["goals"][1]["key"]],
+        "against": ["depth"],
+        "variables": [item["key"] for item in offered["variables"]],
+        "held": [item["key"] for item in offered["held"]],
+        "matched": ["on"],
+    }
+    request = optimise_request(PAPER, chosen)
+    assert (request.goal, request.against) == (list(GOALS)[1], "depth")
+    assert (request.variables, request.held) == (VARIABLES, tuple(HELD))
+    assert (request.matched, request.undistorted) == (True, False)
 
 
-def test_finest_depth_by_the_pupil_alone_is_where_images_touch():
-    found = optimise_run.run(OptimiseRequest(PAPER, variables=("D_F",), undistorted=False))
-    exact = theory.matched_pupil_diameter(PAPER.d, PAPER.d_2, PAPER.f, PAPER.d_f, PAPER.d_3).value
-    (change,) = found.changes
-    assert found.feasible
-    assert change.after == pytest.approx(float(exact), rel=1e-6)
-    assert math.isclose(found.design.D_F, change.after, rel_tol=1e-12)
-    assert not change.at_bound
-    assert found.before == pytest.approx(1.249138, rel=1e-5)
-    # Depth spread goes with 1/D_F.
-    assert found.after / found.before == pytest.approx(2.9 / change.after, rel=1e-9)
-    assert pickle.loads(pickle.dumps(found)) == found
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "may vary: nothing is chosen"),
+        ({"variables": ["no such"]}, "may vary: nothing is chosen"),
+        ({"variables": ["d_2"], "goal": ["money"]}, "goal: 'money' is not known"),
+        ({"variables": ["d_2"], "against": ["money"]}, "goal: 'money' is not known"),
+    ],
+)
+def test_what_the_optimise_form_cannot_ask_is_told(options, message):
+    with pytest.raises(InputError) as caught:
+        optimise_request(PAPER, options)
+    assert message in str(caught.value)
 
 
-def test_held_values_do_not_get_worse_and_bounds_hold():
-    request = OptimiseRequest(
-        PAPER, goal="light", variables=("D_F", "d_2", "d_3"), held=("views", "field"), bounds={"D_F": (2.0, 3.5)}
-    )
-    found = optimise_run.run(request)
-    assert found.feasible
-    before, after = roslf.evaluate(PAPER), roslf.evaluate(found.design)
-    assert after.sampling.views_independent >= before.sampling.views_independent * (1 - 1.01 * optimise_run.GIVE)
-    assert after.non_distortion.field_half_width_mm >= before.non_distortion.field_half_width_mm * 0.9989
-    assert after.non_distortion.room_at_corner_mm >= -1e-6
-    assert 0.98 - 1e-6 <= after.f_number.fill_factor <= 1 + 1e-6
-    assert 2.0 <= found.design.D_F <= 3.5
-    assert found.after > found.before
+def test_there_is_no_other_kind_of_run():
+    with pytest.raises(ValueError, match="no run called"):
+        kind_of("__class__")
 
 
-def test_a_front_trades_and_is_ordered():
-    found = optimise_run.run(OptimiseRequest(PAPER, against="field", variables=("D_F", "d_3", "d_2", "d_f")))
-    assert found.quantity == "depth spread σ_Z"
-    assert found.against_quantity == "field half width"
-    assert len(found.front) >= 3
-    front = sorted(found.front)
-    fields = [field for _, field in front]
-    assert fields == sorted(fields)
+def test_a_run_is_told_from_start_to_cancel():
+    assert told(None, PAPER)["state"] == "none"
+    run = begin("tolerance", PAPER, {"trials": ["1000000"]})
+    try:
+        assert told(run, PAPER)["state"] == "running"
+        assert told(run, PAPER.replace(D_F=3.0))["stale"]
+    finally:
+        run.job.cancel()
+    assert told(run, PAPER)["state"] == "failed"
+    assert told(run, PAPER)["message"] == "cancelled"
 
 
-def test_limits_that_cannot_hold_together_are_named():
-    design = roslf.load("mismatched-borescope")
-    found = optimise_run.run(OptimiseRequest(design, held=("depth", "pixels", "light", "length")))
-    assert not found.feasible
-    assert found.design is None
-    assert any(s.tone == "bad" and "fill factor" in s.text and s.remedy for s in found.sentences)
+def test_a_tolerance_run_from_the_page(page, explorer):
+    page.click("#tab-tolerance")
+    page.fill("[data-testid=form-tolerance] [name=trials]", "lots")
+    page.click("[data-testid=start-tolerance]")
+    idle(page)
+    assert "not a whole number" in page.inner_text("[data-testid=failed-tolerance]")
+    page.fill("[data-testid=form-tolerance] [name=trials]", "64")
+    page.select_option("[data-testid=form-tolerance] [name=grade]", "commercial")
+    page.click("[data-testid=start-tolerance]")
+    page.wait_for_selector("[data-testid=form-tolerance] progress")
+    # Sliders go on meanwhile.
+    page.locator("[data-field=D_F] .slider").press("PageUp")
+    idle(page)
+    assert value(page, "D_F") > PAPER.D_F
+    page.wait_for_selector("[data-testid=found-tolerance]", timeout=60_000)
+    assert "64 builds to the grade 'commercial'" in page.inner_text("[data-testid=found-tolerance]")
+    assert "earlier design" in page.inner_text("[data-testid=found-tolerance]")
+    for name in ("yield", "yield-curve", "offenders", "spreads"):
+        assert page.locator(f"[data-picture={name}] svg").is_visible()
+    assert page.input_value("[data-testid=form-tolerance] [name=trials]") == "64"
+    wait(lambda: not children(explorer))
 
 
-def test_a_real_lens_is_refused_in_words_of_the_page():
-    with pytest.raises(InputError, match=r"main lens: .* is a real lens, and the search varies ideal ones"):
-        optimise_run.run(OptimiseRequest(roslf.load("paper-singlet")))
+def test_a_run_is_cancelled_and_ends_with_its_tab(page, open_page, explorer):
+    other = open_page()
+    for each in (page, other):
+        each.click("#tab-tolerance")
+        each.fill("[data-testid=form-tolerance] [name=trials]", "1000000")
+        each.click("[data-testid=start-tolerance]")
+        each.wait_for_selector("[data-testid=form-tolerance] progress")
+    assert len(children(explorer)) == 2
+    page.click("[data-testid=cancel-tolerance]")
+    page.wait_for_selector("[data-testid=failed-tolerance]")
+    assert page.inner_text("[data-testid=failed-tolerance]") == "cancelled"
+    wait(lambda: len(children(explorer)) == 1)
+    other.close()
+    wait(lambda: not children(explorer))
 
 
-def test_bounds_are_about_the_design():
-    request = OptimiseRequest(PAPER)
-    low, high = optimise_run.bounds_of(request, "D_F")
-    assert (low, high) == (1.45, 5.8)
-    assert optimise_run.bounds_of(OptimiseRequest(PAPER.replace(d_3=0.0)), "d_3") == (0.0, 10.0)
-    assert optimise_run.bounds_of(request, "d_f")[0] > PAPER.f
-    assert math.isfinite(optimise_run.bounds_of(request, "d_3")[1])
+def test_an_optimum_is_found_and_taken(page):
+    page.click("#tab-optimise")
+    for name in ("d_3", "d_2"):
+        page.uncheck(f"[data-testid=form-optimise] [name=variables][value={name}]")
+    page.uncheck("[data-testid=form-optimise] [name=matched]")
+    page.click("[data-testid=start-optimise]")
+    page.wait_for_selector("[data-testid=found-optimise]", timeout=90_000)
+    assert page.locator("[data-picture=changes] svg").is_visible()
+    assert page.locator("[data-picture=search] svg").is_visible()
+    assert shown(page, PAPER)
+    page.click("[data-testid=take]")
+    idle(page)
+    # Depth precision grows with the pupil, alone: the optimum is at the end of its range.
+    assert value(page, "D_F") == pytest.approx(2 * PAPER.D_F, rel=1e-4)
+    page.click("[data-testid=undo]")
+    idle(page)
+    assert shown(page, PAPER)
+
+
+def test_no_run_outlives_an_explorer_that_is_killed(open_page):
+    from tests.explorer.conftest import Explorer
+
+    running = Explorer("--port", "0")
+    page = open_page(running.address)
+    page.click("#tab-tolerance")
+    page.fill("[data-testid=form-tolerance] [name=trials]", "1000000")
+    page.click("[data-testid=start-tolerance]")
+    page.wait_for_selector("[data-testid=form-tolerance] progress")
+    assert len(children(running)) == 1
+    page.context.close()
+    os.kill(running.process.pid, 9)
+    running.end()
+    wait(lambda: not running.processes())

@@ -454,6 +454,23 @@
     return a.map((value, i) => value * Math.cos(angle) + across[i] * Math.sin(angle) + axis[i] * along);
   }
 
+  // A run in the background: start, progress, cancel.
+  function startRun(kind, event) {
+    const options = {};
+    for (const [name, value] of new FormData(event.target)) (options[name] = options[name] || []).push(value);
+    ask("start_run", kind, options);
+  }
+
+  const RunView = {
+    props: ["kind", "run"],
+    setup() { return { ask }; },
+    template: `
+<div class="go"><button type="submit" class="primary" :data-testid="'start-' + kind" :disabled="run.state === 'running'">{{ run.state === 'none' ? 'Start' : 'Start again' }}</button>
+<button type="button" :data-testid="'cancel-' + kind" :disabled="run.state !== 'running'" @click="ask('cancel_run', kind)">Cancel</button><span v-if="run.seconds" class="hint">{{ run.seconds }}</span></div>
+<div v-if="run.state === 'running'" class="progress" role="status"><progress max="1" :value.attr="run.share < 0 ? null : run.share" :aria-label="'Progress of the ' + kind + ' run'"></progress><span>{{ run.text }}</span></div>
+<p v-if="run.message" class="fault" role="alert" :data-testid="'failed-' + kind">{{ run.message }}</p>`,
+  };
+
   const Menu = {
     props: ["label", "name"],
     template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
@@ -468,8 +485,9 @@
       app.component("rx-picture", Picture);
       app.component("rx-menu", Menu);
       app.component("rx-space", Space);
+      app.component("rx-run", RunView);
       app.config.globalProperties.$rx = {
-        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, say,
+        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say,
       };
     },
   };
