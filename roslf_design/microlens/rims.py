@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _rims
 from .discs import DiscIntersection
+from .ellipses import intersect_ellipses
 
 Array = NDArray[np.float64]
-
-INTERPRETED_BELOW = 256
-"""Shapes (times rims) up to which compiling, or even loading compiled code, takes longer than it saves."""
 
 
 def rim_maps(
@@ -120,20 +115,20 @@ def tilted_microlens_images(
         mla_distance=mla_distance,
         sensor_distance=sensor_distance,
     )
-    lead, k = maps.shape[:-3], maps.shape[-3]
-    n = math.prod(lead)
-    maps = maps.reshape(n, k, 3, 3)
-    area, kept, lost = np.empty(n), np.empty(n), np.empty(n)
-    centroid, moments = np.empty((n, 2)), np.empty((n, 3))
-    status, clipping = np.empty(n, np.int8), np.empty((n, k), np.bool_)
-    run = _rims.rim_shapes.interpreted if n * k < INTERPRETED_BELOW else _rims.rim_shapes.compiled
-    run(maps, np.asarray(np.linalg.inv(maps), float), area, centroid, moments, kept, lost, status, clipping)
-    return DiscIntersection(
-        area.reshape(lead),
-        centroid.reshape(*lead, 2),
-        moments.reshape(*lead, 3),
-        kept.reshape(lead),
-        lost.reshape(lead),
-        status.reshape(lead),
-        clipping.reshape(*lead, k),
-    )
+    return intersect_ellipses(*_outlines(maps))
+
+
+def _outlines(maps: Array) -> tuple[Array, Array]:
+    """Centres (..., 2) and matrices (..., 3) of the ellipses that the unit circle becomes under projective maps.
+
+    The dual conic ``N diag(1, 1, -1) N^T`` of the circle's image, N the map with the image of the circle's centre as
+    the origin: nothing large cancels.
+    """
+    middle = maps[..., :2, 2] / maps[..., 2:, 2]
+    slant = maps[..., 2, :2] / maps[..., 2:, 2]
+    across = (maps[..., :2, :2] - middle[..., :, None] * maps[..., 2:, :2]) / maps[..., 2:, 2:]
+    size = 1 / (1 - np.sum(slant * slant, axis=-1))
+    aside = (across @ slant[..., None])[..., 0]
+    shape = across @ np.swapaxes(across, -1, -2) + size[..., None, None] * aside[..., :, None] * aside[..., None, :]
+    matrices = size[..., None] * np.stack([shape[..., 0, 0], shape[..., 0, 1], shape[..., 1, 1]], axis=-1)
+    return middle - size[..., None] * aside, matrices

@@ -25,7 +25,7 @@ from .study import CALIBRATION, FIELD_NAMES, Goal, Study, load_study, read_study
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from .study import Study
 from .summary import Distribution, Variant
 from .tally import Tally
 from .yields import Yield
+
+if TYPE_CHECKING:
+    from .trace_check import TraceCheck
 
 Array = NDArray[np.float64]
 
@@ -93,6 +96,8 @@ class StudyResult:
     warnings: tuple[str, ...]
     precision: Precision | None = None
     """Standard errors of the run; None where nobody asked."""
+    lens: TraceCheck | None = None
+    """How a real main lens was traced, and how exactly; None where it is ideal."""
 
     @property
     def final(self) -> Variant:
@@ -116,6 +121,7 @@ class StudyResult:
             "fields_mm": [list(field) for field in plan.question.fields],
             "object_distance_mm": plan.question.object_distance,
             "accuracy": None if self.precision is None else self.precision.to_dict(),
+            "real_lens": None if self.lens is None else self.lens.to_dict(),
             "yield": {"value": self.final.result.value, "interval_95": [low, high], "of": self.final.name},
             "perturbations": [_perturbation(p) for p in plan.draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in plan.draws.correlations],

@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from .study import Study
 from .summary import Variant, correlations, summarise
 from .tally import Tally, merged, npz_bytes
 from .yields import curve_trials, scale_for_yield, yield_at, yield_curve
+
+if TYPE_CHECKING:
+    from .trace_check import TraceCheck
 
 Progress = Callable[[int, int], None]
 """Told (trials done, trials in all)."""
@@ -100,7 +103,7 @@ def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple
     """Every analysis of a study whose trials have run."""
     variants = summarise(plan, tally)
     one_at_a_time = sensitivity(plan)
-    nominal = plan.nominal
+    nominal, lens = plan.nominal, _check_traced(plan)
     rss = tuple(
         RssRow(d.label, float(sigma), d.deviation, d.mean - d.nominal)
         for d, sigma in zip(variants[0].distributions, root_sum_square(plan, one_at_a_time), strict=True)
@@ -122,7 +125,8 @@ def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple
         grades=_grades(plan, study, grades),
         correlations=correlations(tally),
         worst=worst,
-        warnings=tuple(_warnings(plan, variants, rss, misses)),
+        warnings=(*_lens_notes(plan, lens), *_warnings(plan, variants, rss, misses)),
+        lens=lens,
     )
 
 
@@ -164,6 +168,27 @@ def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
         other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
         found.append(GradeYield(name, yield_at(other, 1.0, trials)))
     return tuple(found)
+
+
+def _check_traced(plan: Plan) -> TraceCheck | None:
+    if plan.question.design.lens is None:
+        return None
+    from .trace_check import check_traced
+
+    return check_traced(plan)
+
+
+def _lens_notes(plan: Plan, lens: TraceCheck | None) -> Iterator[str]:
+    if lens is None:
+        return
+    from .reference import reference
+
+    yield str(lens)
+    question = plan.question
+    folded = reference(question.design, question.fields, question.object_distance).folded
+    if folded.any():
+        where = ", ".join(f"{x:g}, {y:g} mm" for (x, y), bad in zip(question.fields, folded, strict=True) if bad)
+        yield f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
 
 
 def _warnings(plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: list[str]) -> Iterator[str]:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
+from ..microlens.discs import intersect
+from ..microlens.ellipses import intersect_ellipses
 from .camera import Camera
 from .decoder import (
     Belief,
@@ -21,7 +23,6 @@ from .decoder import (
     nominal_belief,
     scene_for,
 )
-from .ellipses import intersect_ellipses
 from .pencils import Ellipse, chief_point, rim_image, room
 
 Array = NDArray[np.float64]
@@ -133,20 +134,15 @@ class ThinBuilds:
         camera = self.camera
         images = [rim_image(camera, rim, self.microlens).ellipse(rim.radius) for rim in camera.rims]
         shape = (len(self.fields), len(camera.valid))
-        if not camera.tilted:
-            from ..microlens.discs import intersect
-
-            centres = np.stack([_spread([image.x, image.y], shape) for image in images], axis=-2)
+        centres = np.stack([_spread([image.x, image.y], shape) for image in images], axis=-2)
+        centres -= centres[..., :1, :]
+        if camera.tilted:
+            matrices = np.stack([_spread([image.xx, image.xy, image.yy], shape) for image in images], axis=-2)
+            found = intersect_ellipses(centres, matrices)
+        else:
             radii = np.stack([np.broadcast_to(np.sqrt(image.xx), shape) for image in images], axis=-1)
-            centres -= centres[..., :1, :]
             found = intersect(centres, radii)
-            return found.area, found.kept_fraction, np.where(found.lit, found.axis_ratio, np.nan)
-        centres = np.stack([_spread([image.x, image.y], shape) for image in images], axis=-2).reshape(
-            -1, len(images), 2
-        )
-        matrices = np.stack([_spread([image.xx, image.xy, image.yy], shape) for image in images], axis=-2)
-        common = intersect_ellipses(centres - centres[:, :1], matrices.reshape(-1, len(images), 3))
-        return common.area.reshape(shape), common.kept_fraction.reshape(shape), common.axis_ratio.reshape(shape)
+        return found.area, found.kept_fraction, np.where(found.lit, found.axis_ratio, np.nan)
 
     def _image_area_mm2(self) -> Any:
         return self.shapes[0]
