@@ -140,7 +140,7 @@ def exposed(image: NDArray[Any], seed: int) -> NDArray[np.uint16]:
     return np.asarray(np.clip(np.rint(noisy * FULL_SCALE), 0, 65535), np.uint16)
 
 
-def make(design: Design, out: Path, boards: int, seed: int = 0) -> Iterator[str]:
+def make(design: Design, out: Path, boards: int, seed: int = 0, cell: float = CELL) -> Iterator[str]:
     """Write the captures of both kinds into folders of `out`; whatever is there already is kept."""
     for kind, overrides in KINDS.items():
         (out / kind).mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def make(design: Design, out: Path, boards: int, seed: int = 0) -> Iterator[str]
         if all((out / kind / name).exists() for kind in KINDS):
             continue
         picture = out / f"board{number:02d}.png"
-        scene = scene_of(pose, picture, drawn_board(pose.turn, picture))
+        scene = scene_of(pose, picture, drawn_board(pose.turn, picture, cell=cell))
         for kind, image in capture(design, scene, seed=number):
             tifffile.imwrite(out / kind / name, exposed(image, number))
             yield f"{kind}/{name}"
