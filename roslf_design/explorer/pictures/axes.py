@@ -152,8 +152,8 @@ def frame(
 
     Labels stand below and, turned, to the left; leave 40 px below and 54 px to the left.
     """
-    across = list(plot.x.ticks(_room(plot, plot.width, 76)) if x_ticks is None else x_ticks)
-    up = list(plot.y.ticks(_room(plot, plot.height, 34)) if y_ticks is None else y_ticks)
+    across = list(plot.x.ticks(_room(plot.width, 62, 3)) if x_ticks is None else x_ticks)
+    up = list(plot.y.ticks(_room(plot.height, 34, 2)) if y_ticks is None else y_ticks)
     parts = []
     for value in across:
         px, _ = plot.at(value, plot.y.low)
@@ -179,8 +179,9 @@ def frame(
     return tag("g", "".join(parts))
 
 
-def _room(plot: Plot, length: float, each: float) -> int:
-    return max(2, int(length / each))
+def _room(length: float, each: float, least: int) -> int:
+    """How many ticks a length has room for."""
+    return max(least, int(length / each))
 
 
 def legend(entries: Iterable[tuple[str, str]], theme: Theme, width: float) -> tuple[str, float]:

@@ -83,7 +83,7 @@ def _entries(theme: Theme) -> list[tuple[str, str]]:
 def _right_axis(plot: Plot, colour: str) -> str:
     parts = [line((plot.right, plot.top), (plot.right, plot.bottom), colour)]
     wide = 0.0
-    for value in plot.y.ticks(max(2, int(plot.height / 34))):
+    for value in plot.y.ticks(max(2, int(plot.height / 44))):
         _, py = plot.at(plot.x.low, value)
         parts.append(line((plot.right, py), (plot.right + 4, py), colour))
         parts.append(text((plot.right + 7, py + 4), short(value), colour, SMALL))

@@ -125,6 +125,21 @@ def text(
     )  # fmt: skip
 
 
+def wrapped(content: str, width: float, size: float = SMALL, most: int = 99) -> list[str]:
+    """A text in lines no wider than `width` px; where there are more than `most`, the last ends in an ellipsis."""
+    lines = [""]
+    for word in content.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if text_width(longer, size) <= width or not lines[-1]:
+            lines[-1] = longer
+        elif len(lines) < most:
+            lines.append(word)
+        else:
+            lines[-1] = lines[-1].rstrip(" ,;:") + " …"
+            break
+    return lines
+
+
 def plated(at: Point, content: str, colour: str, ground: str, size: float = SMALL, anchor: str = "start") -> str:
     """A line of text on a plate of the ground's colour, for text on a line."""
     wide = text_width(content, size) + 6

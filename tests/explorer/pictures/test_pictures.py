@@ -267,5 +267,13 @@ def test_bars_of_effects_are_as_long_as_their_shares():
     )
 
 
+def test_reasons_are_told_where_there_is_room():
+    found = roslf.evaluate(DESIGNS["paper"]).effects
+    roomy, tight = (" ".join(ET.fromstring(effects(found, "light", (560, h)).svg).itertext()) for h in (640, 240))
+    assert "blur width" in roomy
+    assert "Of no size here: vignetting" in roomy
+    assert "blur width" not in tight
+
+
 def test_no_effect_at_all_is_said():
     assert "no effect has a size" in effects(()).svg

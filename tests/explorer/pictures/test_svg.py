@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.explorer.pictures.axes import Mapping, Scale, log_ticks, round_ticks
-from roslf_design.explorer.pictures.svg import px, short, tag, text
+from roslf_design.explorer.pictures.svg import SMALL, px, short, tag, text, text_width, wrapped
 from roslf_design.explorer.pictures.theme import THEMES, theme_named
 
 length = st.floats(-1e4, 1e4)
@@ -79,6 +79,17 @@ def _luminance(colour):
 def test_colours_of_text_have_the_contrast_that_wcag_asks_for(theme, hue):
     light, dark = sorted((_luminance(getattr(theme, hue)), _luminance(theme.ground)), reverse=True)
     assert (light + 0.05) / (dark + 0.05) >= 4.5
+
+
+@given(st.lists(st.text("abcdef_", min_size=1, max_size=12), min_size=1, max_size=30), st.integers(1, 5))
+def test_wrapped_lines_are_narrow_and_hold_the_text(words, most):
+    whole = wrapped(" ".join(words), 90)
+    assert " ".join(whole) == " ".join(words)
+    assert all(text_width(line, SMALL) <= 90 or " " not in line for line in whole)
+    short_ = wrapped(" ".join(words), 90, most=most)
+    assert len(short_) <= most
+    assert (short_ == whole) == (len(whole) <= most)
+    assert len(whole) <= most or short_[-1].endswith(" …")
 
 
 def test_an_unknown_theme_is_named():
