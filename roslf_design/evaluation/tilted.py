@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,24 +45,29 @@ def rays_for(accuracy: float) -> int:
 def count_fields(design: Design, axes: Sequence[tuple[float, float]], rays: int = RAYS) -> tuple[Field, ...]:
     """Shape and ray budget of the microlens at each place, every tilt included, from so many rays each."""
     system = System.from_design(design)
-    # One rim after the other, in the order of the budget: the FAP and the main lens, then each further stop.
-    behind = [replace(system, stops=system.stops[: 1 + count]) for count in range(len(system.stops))]
-    return tuple(_count(design, behind, axis, rays) for axis in axes)
+    return tuple(_count(design, system, axis, rays) for axis in axes)
 
 
-def _count(design: Design, behind: Sequence[System], axis: tuple[float, float], count: int) -> Field:
+def _count(design: Design, system: System, axis: tuple[float, float], count: int) -> Field:
     samples = pupil_samples(count)
-    traced = [trace_pupil(system, (samples[0], samples[1]), axis) for system in behind]
-    past = [np.isin(rays.status, (Status.KEPT, Status.NEIGHBOUR, Status.OFF_SENSOR)) for rays in traced]
-    kept, status = past[-1], traced[-1].status
-    landing = np.stack(traced[-1].sensor, -1)[kept] + np.asarray(design.sensor.decentre)
+    traced = trace_pupil(system, (samples[0], samples[1]), axis)
+    status = traced.status
+    # One rim after the other, in the order of the budget: the main lens, then each further stop.
+    taken = {int(np.asarray(code).item()): mask for mask, code in traced.taken}
+    clear = status != Status.UNTRACEABLE
+    past = []
+    for code in (Status.MAIN_LENS, *(Status.APERTURE + k for k in range(1, len(system.stops)))):
+        clear = clear & ~taken[code]
+        past.append(clear)
+    kept = past[-1]
+    landing = np.stack(traced.sensor, -1)[kept] + np.asarray(design.sensor.decentre)
     share = float(kept.mean())
     lit = bool(kept.any())
     centroid = landing.mean(axis=0) - axes_in_space(design, [axis])[0] if lit else None
     return Field(
         x_ml_mm=axis,
         status="full" if kept.all() else "clipped" if lit else "dark",
-        area_mm2=share * _pupil_image_area(behind[-1], axis),
+        area_mm2=share * _pupil_image_area(system, axis),
         kept_fraction=share,
         lost_fraction=float((~kept).mean()),
         centroid_mm=None if centroid is None else (float(centroid[0]), float(centroid[1])),

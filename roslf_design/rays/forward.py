@@ -27,6 +27,8 @@ class PupilRays(NamedTuple):
     """(x, y) where the object-side ray, prolonged, meets the plane z = 0 [mm]."""
     slope: tuple[Floats, Floats]
     """dx/dz and dy/dz in object space."""
+    taken: tuple[Mark, ...]
+    """What the main lens, then each stop, would take by itself, with the status that tells of it."""
 
     def at(self, distance: ArrayLike) -> tuple[Floats, Floats]:
         """Points at object distances Z [mm] from the lens; for Z = inf, x/Z and y/Z."""
@@ -68,18 +70,18 @@ def trace_pupil(system: System, pupil: Point, microlens: Point, offset: Point = 
         stops, forward = stop_marks(system, maps, (lx, ly, ox, oy), filled=ax * ax + ay * ay <= 1.0)
         good = good & front & forward & finite(lx, ly, px, py)
         own = kn.own_cell(cells(system, microlens), is_hexagonal(system), px, py)
+        taken: tuple[Mark, ...] = ((outside(lx, ly, k[kn.LENS_RADIUS]), Status.MAIN_LENS), *stops)
         marks: list[Mark] = [
             (~own, Status.NEIGHBOUR),
             (~((abs(px) <= half[0]) & (abs(py) <= half[1])), Status.OFF_SENSOR),
             (~kn.in_microlens(k, vx, vy), Status.MICROLENS),
-            (outside(lx, ly, k[kn.LENS_RADIUS]), Status.MAIN_LENS),
-            *stops,
+            *taken,
             (~good, Status.UNTRACEABLE),
         ]
     status = verdict(shape, marks)
     lit = status != Status.UNTRACEABLE
     sensor, height, slope = ((np.where(lit, x, 0.0), np.where(lit, y, 0.0)) for x, y in ((px, py), (hx, hy), (sx, sy)))
-    return PupilRays(status, sensor, height, slope)
+    return PupilRays(status, sensor, height, slope, taken)
 
 
 def cells(system: System, microlens: Point) -> Floats:
