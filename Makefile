@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
 
-.PHONY: report test lint bench docs clean
+.PHONY: bench-quick bench-compare report test lint bench docs clean
 
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
@@ -21,6 +21,13 @@ lint: $(INSTALLED_DEV)
 
 bench: $(INSTALLED_DEV)
 	$(BIN)/python -m benchmarks
+
+bench-quick: $(INSTALLED_DEV)
+	$(BIN)/python -m benchmarks --quick
+
+bench-compare: $(INSTALLED_DEV)
+	@test -n "$(REV)" || { echo "Say with what to compare: make bench-compare REV=HEAD~10"; exit 2; }
+	$(BIN)/python -m benchmarks.compare_revisions $(REV)
 
 docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build
