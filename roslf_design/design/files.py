@@ -31,12 +31,13 @@ def load(path: str | os.PathLike[str]) -> Design:
     place = Path(path)
     if not place.exists() and origin in preset_names():
         place = preset_path(origin)
-    return build(read_toml(place, origin), from_file=True, origin=origin, folder=place.parent)
+    data = read_toml(place, origin, "check the path, or see `roslf presets` for the designs that ship")
+    return build(data, from_file=True, origin=origin, folder=place.parent)
 
 
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> Design:
     """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from."""
-    return build(_parse(text, origin), from_file=True, origin=origin, folder=Path(folder))
+    return build(parse_toml(text, origin), from_file=True, origin=origin, folder=Path(folder))
 
 
 def dumps(design: Design) -> str:
@@ -63,8 +64,17 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     write_atomically(Path(path), dumps(design).encode())
 
 
-def read_toml(path: Path, origin: str) -> dict[str, Any]:
+def read_toml(path: Path, origin: str, missing: str = "check the path") -> dict[str, Any]:
     """The nested values of a TOML file, with one clear error for a file that cannot be read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    origin : str
+        What errors call it.
+    missing : str
+        What to do where there is no such file.
 
     Raises
     ------
@@ -74,19 +84,24 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     try:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
-        raise _failed(
-            origin, "no such file; check the path, or see `roslf presets` for the designs that ship"
-        ) from None
+        raise _failed(origin, f"no such file; {missing}") from None
     except IsADirectoryError:
-        raise _failed(origin, "is a folder; name the design file inside it") from None
+        raise _failed(origin, "is a folder; name the file inside it") from None
     except UnicodeDecodeError as error:
-        raise _failed(origin, f"is not UTF-8 text (byte {error.start}); a design file is TOML text") from None
+        raise _failed(origin, f"is not UTF-8 text (byte {error.start}); expected a TOML file") from None
     except OSError as error:
         raise _failed(origin, f"cannot be read: {error.strerror}; check its permissions") from None
-    return _parse(text, origin)
+    return parse_toml(text, origin)
 
 
-def _parse(text: str, origin: str) -> dict[str, Any]:
+def parse_toml(text: str, origin: str) -> dict[str, Any]:
+    """The nested values of TOML text; `origin` is what errors call it.
+
+    Raises
+    ------
+    DesignError
+        Not TOML.
+    """
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -25,7 +25,6 @@ import difflib
 import math
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
@@ -34,6 +33,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from ..design.files import parse_toml, read_toml
 from ..design.units import format_quantity, parse_quantity
 from ..errors import InputError, Problem
 from .glass import AIR, Glass, catalogue, find_glass, read_glass
@@ -59,16 +59,12 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
         from .zmx import read_zmx
 
         return read_zmx(place)
+    known = ", ".join(name.upper() for name in shipped_names())
     try:
-        text = place.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        known = ", ".join(name.upper() for name in shipped_names())
-        raise _failed(origin, f"no such file; check the path, or name a lens that ships: {known}") from None
-    except UnicodeDecodeError as error:
-        raise _failed(origin, f"is not UTF-8 text (byte {error.start}); a lens file is TOML or .zmx") from None
-    except OSError as error:
-        raise _failed(origin, f"cannot be read: {error.strerror}; name a lens file and check its permissions") from None
-    return loads_lens(text, origin)
+        data = read_toml(place, origin, f"check the path, or name a lens that ships: {known}")
+    except InputError as error:
+        raise LensError(error.problems, origin) from None
+    return lens_of(data, origin)
 
 
 @cache
@@ -85,15 +81,10 @@ def _shipped(name: str) -> str:
 def loads_lens(text: str, origin: str = "") -> Prescription:
     """Read a lens from TOML text; `origin` is what errors call it."""
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        detail = str(error)
-        raise _failed(origin, f"is not valid TOML: {detail[:1].lower()}{detail[1:]}; mend the line named") from None
+        data = parse_toml(text, origin)
+    except InputError as error:
+        raise LensError(error.problems, origin) from None
     return lens_of(data, origin)
-
-
-def _failed(origin: str, message: str) -> LensError:
-    return LensError((Problem("", message),), origin)
 
 
 def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:

@@ -241,7 +241,7 @@ def test_files_that_cannot_be_read(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(LensError, match="is not UTF-8"):
         load_lens(binary)
-    with pytest.raises(LensError, match="cannot be read"):
+    with pytest.raises(LensError, match="is a folder; name the file inside it"):
         load_lens(tmp_path)
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
+from roslf_design.cli import main
+from roslf_design.design import dumps, load
 from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens
@@ -211,7 +215,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_broken_files_name_the_line(case, tmp_path):
+def test_broken_files_name_the_line(case, tmp_path, capsys):
     text, told = BROKEN[case]
     path = tmp_path / "broken lens.zmx"
     path.write_text(text, "utf-8")
@@ -220,6 +224,13 @@ def test_broken_files_name_the_line(case, tmp_path):
     for line in str(caught.value).splitlines():
         assert line.startswith(f"{path}: ")
         assert len(line) < 400
+    design = tmp_path / "design.toml"
+    design.write_text(dumps(load("paper-singlet")).replace('"LA1050-A"', '"broken lens.zmx"'), "utf-8")
+    assert main(["evaluate", str(design)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.search(told, err.replace("\n", " "))
+    assert "Traceback" not in err
 
 
 @pytest.mark.parametrize(
