@@ -59,8 +59,10 @@ def instrument_scene(design: Design) -> Scene:
     end = design.d_1 + design.d_2
     front = max(stop.distance for stop in design.all_stops)
     start = -min(front + 0.22 * (front + end), design.d_f)
-    wall = _wall(design)
-    parts: list[dict[str, Any]] = [*_rays(design, start), *_elements(design, wall, front)]
+    rays = _rays(design, start)
+    inside = [math.hypot(x, y) for part in rays for line in part["lines"] for x, y, z in line if z >= -front]
+    wall = max(_wall(design), 1.02 * max(inside, default=0.0))
+    parts: list[dict[str, Any]] = [*rays, *_elements(design, wall, front)]
     around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
     corners = [(wall * math.cos(t), wall * math.sin(t), z) for z in (-front, end) for t in around]
     corners += [(0.0, 0.0, start)]
@@ -70,7 +72,7 @@ def instrument_scene(design: Design) -> Scene:
 
 
 def _wall(design: Design) -> float:
-    """Radius of the tube that all elements sit in [mm]."""
+    """Radius of a tube that all elements fit into [mm]."""
     radii = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
     radii += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
     return 1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2)
@@ -104,10 +106,8 @@ def _elements(design: Design, wall: float, front: float) -> list[dict[str, Any]]
             {"name": name, "kind": "plate", "centre": _vertex(pose), "normal": _normal(pose), "size": list(size),
              "colour": colour, "opacity": opacity}
         )  # fmt: skip
-    parts.append(
-        {"name": "tube", "kind": "tube", "centre": [0.0, 0.0, 0.0], "from": -front, "to": design.d_1 + design.d_2, "radius": wall,
-         "colour": "#9a9a9a", "opacity": 0.10}
-    )  # fmt: skip
+    tube = {"centre": [0.0, 0.0, 0.0], "from": -front, "to": design.d_1 + design.d_2, "radius": wall}
+    parts.append({"name": "tube", "kind": "tube", **tube, "colour": "#9a9a9a", "opacity": 0.10})
     rims = [[[wall * math.cos(t), wall * math.sin(t), z] for t in np.linspace(0, 2 * math.pi, 97)]
             for z in (-front, design.d_1 + design.d_2)]  # fmt: skip
     parts.append({"name": "tube ends", "kind": "lines", "lines": rims, "colour": "#8a8a8a", "width": 1.5})

@@ -77,12 +77,19 @@ class Scale(NamedTuple):
 
 
 def round_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten within the two ends, at most about `wanted` of them."""
+    """Multiples of 1, 2 or 5 times a power of ten within the two ends, about `wanted` of them and more than one."""
     rough = (high - low) / max(wanted, 1)
     if not (rough > 0 and math.isfinite(rough)):
         return [low]
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * (1 - 1e-9))
+    steps = [factor * power for factor in (0.1, 0.2, 0.5, 1, 2, 5, 10)]
+    wide = next(k for k, step in enumerate(steps) if step >= rough * (1 - 1e-9))
+    found = _multiples(low, high, steps[wide])
+    # One number alone on an axis tells no scale.
+    return found if len(found) > 1 else _multiples(low, high, steps[wide - 1])
+
+
+def _multiples(low: float, high: float, step: float) -> list[float]:
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [step * k for k in range(first, last + 1)]
 

@@ -96,7 +96,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: tuple[float, float]
     side = 16.0, 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     length = frame.right - frame.left
     across = max(size[0] - sum(side), 50.0)
-    below = DIMENSION_ROW * (2 if whole else 1) + 14
+    below = DIMENSION_ROW * 2 + 14
     rows, along = [0], across / length
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         top = 8 + NAME_ROW * (1 + max(rows))
@@ -205,8 +205,9 @@ def _names(design: Design, section: Section, theme: Theme, whole: bool) -> str:
 def _openings(design: Design, section: Section, theme: Theme) -> str:
     """Diameters of the FAP and the main lens as dimensions across."""
     plot, parts = section.plot, []
-    room = plot.at(design.d_1, 0.0)[0] - plot.at(0.0, 0.0)[0]
-    lens_side = 1 if room > text_width(f"D = {short(design.D)} mm", SMALL) + 34 else -1
+    before, lens, behind = (plot.at(z, 0.0)[0] for z in (-design.d_3, 0.0, design.d_1))
+    fits = behind - lens > text_width(f"D = {short(design.D)} mm", SMALL) + 34
+    lens_side = 1 if fits or behind - lens > lens - before else -1
     marks = (
         ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, -1),
         ("D", 0.0, design.main_lens.decentre[0], design.D, lens_side),

@@ -55,7 +55,7 @@ def mla_map(
         inside += _mark(selected, plot, colours)
     told = shares(seen, fields)
     body = [
-        text((plot.left, 16), f"images on the sensor: {told}", colours.ink, SMALL, data_testid="mla-shares"),
+        text((14, 16), f"on the sensor: {told}", colours.ink, SMALL, data_testid="mla-shares"),
         clipped("mla-map-window", plot.box, inside),
         frame(plot, colours, "x on the MLA [mm]", "y on the MLA [mm]", grid=False),
         moved(key, 14, size[1] - tall - 2),
