@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from .model_files import SOLID, design_in_3d, solid_files
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -56,7 +57,9 @@ def report(
     paper
         Size of the PDF's pages.
     figure
-        Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one.
+        Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one
+        of the page. Of one design also "model" (model.vtp, its parts in 3D for ParaView and PyVista) and "3d" (3d.png,
+        drawn by PyVista; wants OpenGL, and is left out with a note where there is none).
     seed
         Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
     accuracy
@@ -71,6 +74,8 @@ def report(
     check_count(len(others), compare)
     names = (design, *others)
     make = maker(names, compare, seed, accuracy)
+    solid = [name for name in figure or () if name in SOLID]
+    subject = design_in_3d(names, compare) if solid else None
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
     if pdf:
@@ -82,7 +87,11 @@ def report(
     command = shlex.join(["roslf", "report", *names, *options])
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
-        files = figure_files(content, figure or ()) | {PAGE: render_html(content).encode()}
+        drawn = figure_files(content, [name for name in figure or () if name not in SOLID])
+        files = drawn | {PAGE: render_html(content).encode()}
+        if subject is not None:
+            progress.tell("3D")
+            files |= solid_files(subject, solid)
         if pdf:
             from ..report.pdf import render_pdf
 
@@ -202,7 +211,10 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
         raise InputError(
-            tuple(Problem("--figure", f"'{name}' is not here; there are all, {', '.join(known)}") for name in unknown)
+            tuple(
+                Problem("--figure", f"'{name}' is not here; there are all, {', '.join((*known, *SOLID))}")
+                for name in unknown
+            )
         )
     chosen = known if "all" in wanted else {name: known[name] for name in wanted}
     return {
