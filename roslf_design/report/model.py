@@ -80,7 +80,9 @@ def plotter(design: Design, off_screen: bool = False) -> Plotter:
     import pyvista
 
     scene = instrument_scene(design)
-    shown: Plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(scene.data["window"]), lighting="light kit")
+    shown: Plotter = pyvista.Plotter(
+        off_screen=off_screen, window_size=list(scene.data["window"]), lighting="light kit"
+    )
     paper: Any = shown  # decorators hide the signatures of its methods
     paper.set_background("white")
     for part in scene.data["parts"]:
