@@ -28,6 +28,7 @@ class NearbyNames(PythonDomain):
     ) -> list[tuple[str, Any]]:
         """Find what a name may mean, at most one."""
         found = super().find_obj(env, modname, classname, name, type, searchmode)
+        found = found or super().find_obj(env, modname, classname, name, type, 1)
         exact = [match for match in found if match[0] in (name, f"{modname}.{name}", f"{modname}.{classname}.{name}")]
         if exact or not found:
             return exact[:1]

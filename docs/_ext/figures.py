@@ -52,8 +52,8 @@ def budget() -> Figure:
 def cats_eyes() -> Figure:
     """From a full disc to a cat's eye."""
     figure, axes = _new(3, height=3.1)
-    design = roslf.load("ear-speculum")
-    for ax, x in zip(axes, (0.0, 1.2, 2.4), strict=True):
+    design = roslf.load("paper").replace(D=16.0)
+    for ax, x in zip(axes, (0.0, 5.0, 6.2), strict=True):
         plot_microlens_image(design, (x, 0.0), ax)
         if ax is not axes[0]:
             ax.set_ylabel("")

@@ -263,8 +263,8 @@ def effects() -> str:
         home = importlib.import_module(effect.estimate.__module__)
         about = (effect.estimate.__doc__ or home.__doc__ or "").strip().split("\n\n")[0]
         switch = "always" if effect.always else "by its size"
-        rows.append((code(effect.name), plain(effect.title), effect.unit, switch, plain(" ".join(about.split()))))
-    return markdown(("effect", "called", "unit", "drawn", "size"), rows)
+        rows.append((f"{plain(effect.title)} {code(effect.name)}", effect.unit, switch, plain(" ".join(about.split()))))
+    return markdown(("effect", "unit", "drawn", "size"), rows)
 
 
 def grades() -> str:

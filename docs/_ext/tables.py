@@ -17,7 +17,7 @@ from roslf_design.design.real_lens import Lens
 from roslf_design.design.units import Angle, AnyLength, Distance, Length, format_quantity
 from roslf_design.tolerance.study import FieldPlace
 
-LENGTHS = ((Length, "length > 0"), (Distance, "length ≥ 0"), (AnyLength, "length"))
+LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 
 
 class UndescribedError(ValueError):
@@ -153,7 +153,7 @@ def takes(hint: Any) -> str:
         words = takes(parts[0])
         if parts[-1] is Ellipsis:
             return "tables" if words == "table" else f"list of {words}"
-        return f"[{words}, the same]" if set(parts) == {parts[0]} else f"[{', '.join(map(takes, parts))}]"
+        return f"[{words}, {words}]" if set(parts) == {parts[0]} else f"[{', '.join(map(takes, parts))}]"
     if origin is dict:
         return "table"
     if isinstance(hint, type) and issubclass(hint, BaseModel):
@@ -168,7 +168,7 @@ def _limits(constraints: Iterable[Any]) -> str:
     for constraint in constraints:
         for part in getattr(constraint, "metadata", [constraint]):
             found += [
-                f"{s} {_number(getattr(part, n))}" for n, s in signs.items() if getattr(part, n, None) is not None
+                f"{s}\u00a0{_number(getattr(part, n))}" for n, s in signs.items() if getattr(part, n, None) is not None
             ]
     return ", ".join(found)
 
