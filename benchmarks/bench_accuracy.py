@@ -7,7 +7,7 @@ from statistics import median
 import roslf_design as roslf
 from roslf_design.accuracy.honesty import try_choice
 
-JOBS = 105
+JOBS = 108
 
 
 def main() -> None:

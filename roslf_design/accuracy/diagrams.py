@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..report.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILLION, WIDTH
 from .choice import Answer
+from .jobs import LENS
 from .measure import WorkDiagram
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ LOOKS = {
     "exact arc-pixel area": (INK, "D"),
     "harmonic series": (INK, "s"),
     "Gauss panels": (BLUE, "o"),
+    "arc integrals": (INK, "D"),
     "adaptive quadrature": (SKY, "v"),
     "grid": (ORANGE, "s"),
     "Monte Carlo": (VERMILLION, "x"),
@@ -25,10 +27,16 @@ LOOKS = {
     "rays (Sobol)": (GREEN, "^"),
     "FFT": (BLUE, "P"),
     "direct Huygens": (PURPLE, "o"),
+    "exact trace": (INK, "D"),
+    "polynomial surrogate": (BLUE, "o"),
+    "thin lens": (GREY, "*"),
     "rays alone": (GREY, "*"),
     "first order": (GREY, "*"),
 }
 """Colour and marker of each method: told apart by either."""
+
+FLOORS = {LENS: "thin lens against the real one"}
+"""What the floor's line is called, where it is not rays against waves."""
 
 LEAST = 1e-17
 COLUMNS = 2
@@ -84,7 +92,8 @@ def plot_diagram(ax: Axes, diagram: WorkDiagram, answer: Answer | None = None) -
             elinewidth=0.6, label=name, clip_on=False,
         )  # fmt: skip
     if diagram.floor is not None:
-        ax.axhline(diagram.floor, color=GREY, linestyle="--", linewidth=1.0, label="rays against waves")
+        name = FLOORS.get(diagram.job.quantity, "rays against waves")
+        ax.axhline(diagram.floor, color=GREY, linestyle="--", linewidth=1.0, label=name)
     if answer is not None:
         _mark(ax, diagram, answer)
     ax.set_xscale("log")

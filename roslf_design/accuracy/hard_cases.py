@@ -161,11 +161,12 @@ def share(judged: Judged, budget: Budget) -> float:
 
 
 def all_cases() -> tuple[HardCase, ...]:
-    """Every row: closed forms, shapes, pictures, fits."""
+    """Every row: closed forms, shapes, waves, fits."""
     from .fit_cases import FITS
     from .shape_cases import SHAPES
+    from .wave_cases import WAVES
 
-    return (*FORMS, *SHAPES, *FITS)
+    return (*FORMS, *SHAPES, *WAVES, *FITS)
 
 
 def run_hard_cases(

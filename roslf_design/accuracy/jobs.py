@@ -16,7 +16,17 @@ from ..evaluation.fields import field_discs
 
 Floats = NDArray[np.float64]
 
-Quantity = Literal["kept fraction", "centroid", "area", "pixel image", "diffraction image", "textured image", "depth"]
+Quantity = Literal[
+    "kept fraction",
+    "centroid",
+    "area",
+    "pixel image",
+    "diffraction image",
+    "cut diffraction image",
+    "textured image",
+    "real lens",
+    "depth",
+]
 
 QUANTITIES: dict[str, str] = {
     "kept fraction": "share of the pupil's light that one microlens gets; error absolute",
@@ -24,10 +34,15 @@ QUANTITIES: dict[str, str] = {
     "area": "area of the microlens image; error relative",
     "pixel image": "light of each pixel behind one microlens, by rays; largest error, 1 is a fully lit pixel",
     "diffraction image": "the same with the microlens's diffraction and all neighbours alike; largest error",
-    "textured image": "the same by rays, of a sinusoid off the focal plane; largest error",
+    "cut diffraction image": "diffraction image of one microlens alone behind a pupil that rims cut; largest error",
+    "textured image": "pixels by rays, of a sinusoid off the focal plane; largest error",
+    "real lens": "rays of one microlens through a real lens; largest miss on the focal plane over its sample there",
     "depth": "half of the range of depths that holds 68.3 % of measurements; error relative",
 }
 """Each quantity, and what its error means."""
+
+CUT = "cut diffraction image"
+LENS = "real lens"
 
 SIGMA_DISPARITY = 0.1
 """Disparity error of `depth` [pitches]."""
@@ -116,6 +131,8 @@ class Job:
 
     def error(self, value: Floats, truth: Floats) -> float:
         """How far a result is off, as `QUANTITIES` tells."""
+        if self.quantity == LENS:
+            return self._lens_error(value, truth)
         off = float(np.max(np.abs(np.asarray(value) - truth)))
         if self.quantity == "centroid":
             return off / self.radius
@@ -123,6 +140,12 @@ class Job:
             top = float(np.max(np.abs(truth)))
             return off / top if top > 0 else (0.0 if off == 0 else math.inf)
         return off
+
+    def _lens_error(self, value: Floats, truth: Floats) -> float:
+        """Rays that many digits are known of; in units of d d_f/d_1, what one microlens sees of the focal plane."""
+        ends, known = np.reshape(value, (-1, 2)), np.reshape(truth, (-1, 2))
+        off = np.hypot(*(ends[:: len(ends) // len(known)] - known).T)
+        return float(np.max(off)) / (self.design.d * self.design.d_f / self.design.d_1)
 
 
 def panels(design: Design) -> dict[str, Design]:
@@ -154,6 +177,12 @@ def panel_axis(name: str, design: Design) -> tuple[float, float]:
 
 def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
     """Jobs of one quantity, one a panel that it differs on."""
+    if quantity == CUT:
+        return _cut_jobs(design)
+    if quantity == LENS:
+        from .lens_jobs import panels_of
+
+        return {name: Job(LENS, camera, axis) for name, camera, axis in panels_of(design)}
     waves = quantity == "diffraction image"
     found = {}
     for name, camera in panels(design).items():
@@ -164,4 +193,23 @@ def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
             continue
         axis = panel_axis(name, camera) if not waves else (0.0, 0.0)
         found[name] = Job(quantity, camera, axis)
+    return found
+
+
+def _cut_jobs(design: Design) -> dict[str, Job]:
+    """Cat's eyes from coarse to fine waves; one almost closed; one that the rim almost misses."""
+    made = panels(design)
+    edge = design.sensor_size[0] / 2
+    gap = design.d_f - design.d_3
+    off, radius = edge * design.d_f / design.d_1 * design.d_3 / gap, design.D_F / 2 * design.d_f / gap
+    if "cat's eye" not in made:
+        return {"round": Job(CUT, design, panel_axis("round", design))}
+    found = {}
+    eye = made["cat's eye"]
+    for number in (0.9, 4.0, 24.0):
+        wave = made[f"N_F {number:g}"].wavelength
+        found[f"cat's eye, N_F {number:g}"] = Job(CUT, eye.replace({"light.wavelength": wave}), (edge, 0.0))
+    for name, reach in (("almost closed", off - 0.96 * radius), ("barely cut", off + (1 - 1e-6) * radius)):
+        if 2 * reach > design.D_F:
+            found[name] = Job(CUT, design.replace({"main_lens.diameter": 2 * reach}), (edge, 0.0))
     return found

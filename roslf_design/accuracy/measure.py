@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .jobs import Job
+from .jobs import LENS, Job
 from .methods import Method, methods
 from .references import reference
 from .table import timed
@@ -45,7 +45,7 @@ class WorkDiagram:
     job: Job
     points: tuple[WorkPoint, ...]
     floor: float | None
-    """By how much rays alone miss the wave image, where the quantity is one of rays; None where that is no matter."""
+    """What a simpler model leaves out: waves where rays are traced, a real lens where it is thin; or None."""
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -109,6 +109,9 @@ def _points(method: Method, job: Job, seed: int, repeats: int) -> list[WorkPoint
 
 def model_error(job: Job) -> float | None:
     """Largest difference between the ray image and the wave image of a white scene, neighbours alike."""
+    if job.quantity == LENS:
+        thin = next(method for method in methods(LENS) if method.name == "thin lens")
+        return job.error(thin.compute(job, 0, 0), reference(job))
     if job.quantity not in ("pixel image", "textured image"):
         return None
     alike = Job("diffraction image", job.design)

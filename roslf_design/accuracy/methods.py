@@ -14,7 +14,9 @@ from .jobs import Job
 
 Floats = NDArray[np.float64]
 
-Kind = Literal["exact", "panels", "adaptive", "grid", "random", "sobol", "series", "fft", "huygens", "first order"]
+Kind = Literal[
+    "exact", "panels", "adaptive", "grid", "random", "sobol", "series", "fft", "huygens", "fit", "first order"
+]
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,16 @@ def methods(quantity: str) -> tuple[Method, ...]:
     ValueError
         No such quantity.
     """
+    from .cut_methods import CUTS
     from .depth_methods import DEPTH
     from .image_methods import IMAGES
+    from .lens_methods import LENSES
     from .shape_methods import SHAPES
     from .wave_methods import WAVES
 
-    found = tuple(method for method in (*SHAPES, *IMAGES, *WAVES, *DEPTH) if method.quantity == quantity)
+    found = tuple(
+        method for method in (*SHAPES, *IMAGES, *WAVES, *CUTS, *LENSES, *DEPTH) if method.quantity == quantity
+    )
     if not found:
         from .jobs import QUANTITIES
 

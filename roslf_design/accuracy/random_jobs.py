@@ -8,7 +8,8 @@ import numpy as np
 
 from .. import theory
 from ..design import Design, DesignError
-from .jobs import QUANTITIES, Job
+from .jobs import LENS, QUANTITIES, Job
+from .lens_jobs import random_lens_design
 
 
 def random_job(design: Design, quantity: str, rng: np.random.Generator) -> Job:
@@ -22,6 +23,10 @@ def random_job(design: Design, quantity: str, rng: np.random.Generator) -> Job:
         One of `jobs.QUANTITIES`.
     rng : numpy.random.Generator
     """
+    if quantity == LENS:
+        camera = random_lens_design(design, rng)
+        x, y = (float(rng.uniform(-0.22, 0.22)) * side for side in camera.microlens_array.size)
+        return Job(LENS, camera, (x, y))
     while True:
         d_3 = float(rng.uniform(0, 0.75)) * design.d_f
         x, y = (float(rng.uniform(-0.5, 0.5)) * side for side in design.sensor_size)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lenses.of_design import camera_of
 from .depth_methods import spread
 from .digits import many_digits
-from .jobs import Job
+from .jobs import CUT, LENS, Job
 from .wave_methods import centres
 
 Floats = NDArray[np.float64]
@@ -23,6 +24,7 @@ Floats = NDArray[np.float64]
 SHAPE_DIGITS = 32
 PIXEL_DIGITS = 22
 WAVE_DIGITS = 50
+LENS_DIGITS = 30
 
 
 def reference(job: Job) -> Floats:
@@ -41,11 +43,25 @@ def _remembered(job: Job) -> Floats:
     mp = many_digits()
     if job.quantity == "diffraction image":
         return _waves(job, mp)
+    if job.quantity == CUT:
+        from .cut_reference import huygens_image
+
+        return huygens_image(job)
+    if job.quantity == LENS:
+        return _lens(job)
     if job.quantity == "depth":
         return _depth(job, mp)
     if job.quantity in ("pixel image", "textured image"):
         return _pixels(job, mp)
     return _shape(job, mp)
+
+
+def _lens(job: Job) -> Floats:
+    from .lens_jobs import EVERY, exact_ends, microlens_rays
+
+    place, slope = microlens_rays(job.design, job.axis)
+    ends = exact_ends(camera_of(job.design), place[:, ::EVERY], slope[:, ::EVERY], LENS_DIGITS)
+    return np.array([[float(x), float(y)] for x, y in ends]).ravel()
 
 
 def _discs(job: Job, mp: Any) -> list[tuple[Any, Any, Any]]:

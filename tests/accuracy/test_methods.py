@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.accuracy.jobs import QUANTITIES, Job, panel_jobs
+from roslf_design.accuracy.jobs import CUT, QUANTITIES, Job, panel_jobs
 from roslf_design.accuracy.measure import model_error
 from roslf_design.accuracy.methods import methods
 from roslf_design.accuracy.random_jobs import random_job, random_jobs
@@ -32,6 +32,9 @@ BEST = {
     "exact arc-pixel area": (0, 2e-13),  # 2e-16 times the square of a radius of up to 15 pixels, several discs
     "harmonic series": (100, 2e-14),
     "Gauss panels": (24, 1e-6),
+    "arc integrals": (24, 1e-12),
+    "exact trace": (0, 2e-12),
+    "polynomial surrogate": (4, 1e-3),
     "adaptive quadrature": (8, 1e-4),
     "grid": (64, 0.05),
     "Monte Carlo": (4096, 0.2),
@@ -40,16 +43,22 @@ BEST = {
     "direct Huygens": (0, 2e-2),
 }
 """Level and error that each method must at least reach on panels that are not near tangent."""
+CUT_BEST = BEST | {
+    "Gauss panels": (16, 1e-8), "FFT": (4, 5e-3), "Monte Carlo": (4096, 0.7), "scrambled Sobol": (4096, 0.2),
+}  # fmt: skip
+"""The same of cut diffraction images, whose levels count from elsewhere; a pixel's light comes from the few points of
+the pupil within a blur width of it, (w/2r)^2 of them all, so that samples scatter more."""
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_every_method_comes_to_the_same(quantity):
     for name, job in panel_jobs(PAPER, quantity).items():
-        if name in ("near tangent", "N_F 24"):
+        if name == "near tangent" or name.endswith("N_F 24"):
             continue
+        best = CUT_BEST if quantity == CUT else BEST
         for one in methods(quantity):
-            if one.name in BEST and one.tested_on(job):
-                level, most = BEST[one.name]
+            if one.name in best and one.tested_on(job):
+                level, most = best[one.name]
                 assert job.error(one.compute(job, level, 5), reference(job)) <= most, (name, one.name)
 
 
@@ -175,7 +184,7 @@ def test_model_error_is_that_of_the_paper_camera():
 
 
 def test_random_jobs_are_of_every_quantity_and_repeat_themselves():
-    first, again = list(random_jobs(PAPER, 21, 4)), list(random_jobs(PAPER, 21, 4))
+    first, again = list(random_jobs(PAPER, 27, 4)), list(random_jobs(PAPER, 27, 4))
     assert first == again
     assert {job.quantity for job, _ in first} == set(QUANTITIES)
     assert all(1e-9 <= accuracy <= 1e-1 for _, accuracy in first)
