@@ -148,7 +148,7 @@ def start(side: Side, pythons: Mapping[str, Path | None]) -> Runner:
     if python is None:
         raise SideError("")
     if side.command:
-        words = [word.format(python=python, sides=SIDES) for word in side.command]
+        words = [word.replace("{python}", str(python)).replace("{sides}", str(SIDES)) for word in side.command]
         return Command(words, side.threads, side.python_path)
     return Worker(python, side.threads, side.python_path)
 
