@@ -27,13 +27,10 @@ OWN = ("closed-forms", "shapes", "coverage", "rays", "white", "textured", "trial
 """Beginnings of the cases that have no peer."""
 
 REASONS = {
-    "ideal-lens": "A ray here is four numbers read and two numbers and a byte written, 49 bytes; the arithmetic "
-    "between takes less than fetching them. Two threads share one memory, so the bandwidth printed below sets the "
-    "rate, whatever the code.",
-    "singlet": "The profile is one compiled loop. Three divisions and three square roots a surface and ray, in double "
-    "precision, are what is left; both programs wait for the same units.",
-    "tolerance": "The profile shows builds made one by one as Python objects around short compiled loops: 127 rays "
-    "are too few for the loop to count.",
+    "ideal-lens": "A ray is four numbers read, two numbers and a byte written; the arithmetic between takes less than "
+    "fetching them, and threads share one memory. Optiland's arrays take the same way, several times over.",
+    "singlet": "The profile is one compiled loop: in double precision, divisions and square roots at each surface.",
+    "tolerance": "The profile tells compiled loops from what builds the lenses.",
     "first-answer": "What is left is Python, numpy and loading compiled code.",
     "white-floor": "What is left is the sum of harmonics for each pixel, beside one write.",
 }
@@ -60,7 +57,7 @@ def benchmark_report(data: Mapping[str, Any]) -> Report:
         sections.append(Section("Scaling", tuple(scaling_blocks(data))))
     behind = [goal for goal in data["goals"] if goal["met"] is False]
     if behind:
-        sections.append(Section("What is behind, and why", tuple(behind_blocks(behind))))
+        sections.append(Section("What is behind, and why", tuple(behind_blocks(behind, data))))
     if data["topics"]:
         sections.append(Section("Topics in full", tuple(topic_blocks(data["topics"]))))
     sections.append(Section("Peers", (peer_table(data["peers"]), Paragraph(PEER_TEXT))))
@@ -220,12 +217,14 @@ def scaling_blocks(data: Mapping[str, Any]) -> list[Block]:
     ]
 
 
-def behind_blocks(goals: Sequence[Mapping[str, Any]]) -> list[Block]:
+def behind_blocks(goals: Sequence[Mapping[str, Any]], data: Mapping[str, Any]) -> list[Block]:
     """Each goal missed, with where the time goes."""
     blocks: list[Block] = []
     for goal in goals:
         name = goal["case"].split("-")[0] if goal["case"].startswith("centres") else goal["case"]
-        blocks.append(Paragraph(f"{_capital(goal['text'])}: reached {digits(goal['ratio'])}. {REASONS.get(name, '')}"))
+        reached = f"{_capital(goal['text'])}: reached {digits(goal['ratio'])}."
+        share = memory_share(next(case for case in data["cases"] if case["name"] == goal["case"]), data["bandwidth"])
+        blocks.append(Paragraph(" ".join(filter(None, [reached, share, REASONS.get(name, "")]))))
         rows = tuple(
             (row["function"], f"{100 * row['share']:.0f} %", str(row["calls"])) for row in goal.get("profile", ())
         )
@@ -234,6 +233,19 @@ def behind_blocks(goals: Sequence[Mapping[str, Any]]) -> list[Block]:
                 Table(rows, "lrr", ("function", "of the time", "calls"), f"Profile of {_human(goal['case'])}")
             )
     return blocks
+
+
+def memory_share(case: Mapping[str, Any], bandwidth: Mapping[str, float]) -> str:
+    """How much of the memory's speed our side uses, where it is known what must be moved."""
+    ours = case["sides"][0]
+    if not case["bytes_each"] or ours["rate"] is None:
+        return ""
+    speed = bandwidth.get(str(ours["threads"])) or next(iter(bandwidth.values()))
+    moved = ours["rate"] * case["bytes_each"]
+    return (
+        f"Here {moved / 1e9:.1f} GB/s are read and written, {digits(100 * moved / speed)} % of the {speed / 1e9:.1f} "
+        "GB/s at which memory copies."
+    )
 
 
 def topic_blocks(topics: Mapping[str, Mapping[str, Any]]) -> list[Block]:

@@ -87,6 +87,8 @@ class Case:
     """Numbers that tell how good a result is, smaller is better; for the page."""
     goals: tuple[Goal, ...] = ()
     note: str = ""
+    bytes_each: float | None = None
+    """Memory that one unit of work reads and writes, at least."""
     fast: bool = True
     """Whether `--quick` and comparisons of revisions run it."""
 

@@ -23,6 +23,7 @@ def case_dict(found: CaseResult) -> dict[str, Any]:
         "unit": case.unit,
         "count": case.count,
         "note": case.note,
+        "bytes_each": case.bytes_each,
         "sides": [side_dict(side) for side in found.sides],
     }
 

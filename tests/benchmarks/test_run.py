@@ -5,6 +5,7 @@ import re
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
@@ -119,7 +120,7 @@ def test_every_side_has_its_work():
 def test_errors_of_centres_are_those_put_in():
     _, truth = white_image("square", 0.7, (80, 90))
     nodes = truth.nodes(*truth.inside((80, 90), margin=14.07).T)
-    found = centre_errors(truth, (80, 90), {"centres": nodes + (0.03, -0.04)})
+    found = centre_errors(truth, (80, 90), {"centres": np.add(nodes, (0.03, -0.04))})
     assert found["RMS error [px]"] == pytest.approx(0.05 / 2**0.5, rel=1e-9)  # per axis
     assert found["lenses not found [%]"] == 0
     half = centre_errors(truth, (80, 90), {"centres": nodes[::2]})
