@@ -95,9 +95,15 @@ def _patches(
             for n in range(places.shape[0]):
                 x = slopes[q] * places[n, 0] - neighbours[m, 0] - ideal[v, q, 0]
                 y = slopes[q] * places[n, 1] - neighbours[m, 1] - ideal[v, q, 1]
-                column = math.floor((normals[0, 0] * x + normals[0, 1] * y + reach) * fine)
-                row = math.floor((normals[1, 0] * x + normals[1, 1] * y + reach) * fine)
-                held[min(max(row, 0), bins - 1) + 1, min(max(column, 0), bins - 1) + 1] += shares[v, m, n]
+                # Shared among the four nearest bins, so that the mean stays where it is.
+                a = min(max((normals[0, 0] * x + normals[0, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
+                b = min(max((normals[1, 0] * x + normals[1, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
+                column, row = math.floor(a), math.floor(b)
+                fa, fb = a - column, b - row
+                held[row + 1, column + 1] += shares[v, m, n] * (1 - fa) * (1 - fb)
+                held[row + 1, column + 2] += shares[v, m, n] * fa * (1 - fb)
+                held[row + 2, column + 1] += shares[v, m, n] * (1 - fa) * fb
+                held[row + 2, column + 2] += shares[v, m, n] * fa * fb
         for row in range(1, bins + 1):
             for column in range(1, bins + 1):
                 held[row, column] += held[row, column - 1]

@@ -23,6 +23,7 @@ from .board import Board, Observations
 from .calibrate import Calibration, calibrate
 from .corners import fit_window
 from .datasheet import DataSheet
+from .errors import CalibrationError
 from .lattice import Array, CentreLattice
 from .lines import fit_lines
 from .model import Camera
@@ -58,10 +59,10 @@ class Diffraction:
     """RMS difference between the white image's cell and `image`, relative to the mean."""
     largest: float = 0.0
     """Longest displacement taken off a corner [pitches]."""
-    baseline: float = 1.0
-    """Length of the views' baseline over what pixels say, by the fitted d_2."""
+    baseline: float | None = None
+    """Length of the views' baseline over what pixels say, by the d_2 fitted with and without; None as `before`."""
     before: Camera | None = None
-    """The joint fit without the correction."""
+    """The joint fit without the correction; None where there was none to make, or it fails."""
     rms_before: float = 0.0
     """Its reprojection RMS [pitches]."""
     shifts: Array | None = None
@@ -121,27 +122,31 @@ def calibrate_corrected(
     CalibrationError
         As `calibrate`.
     """
-    plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
     seen = _looked_at(design, white, dark, lattice, wish)
     if not seen.corrected or seen.image is None:
+        plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
         return Corrected(_with_systematic(plain, view_disagreement(observations, plain, sheet, distortion)), seen)
     straight = _straightened(observations, board, seen.image)
+    shifts = observations.uv - straight.uv
     found = calibrate(straight, sheet, distortion=distortion, guess=guess)
     predicted = _predicted(design, found.joint.camera, seen.image)
-    other = calibrate(
-        _straightened(observations, board, predicted, start=straight), sheet, distortion=distortion, guess=guess
+    others = (
+        replace(straight, uv=straight.uv + SHARE * shifts),
+        _straightened(observations, board, predicted, start=straight),
     )
-    change = camera_vector(found) - camera_vector(plain)
-    own = np.stack([SHARE * change, camera_vector(other) - camera_vector(found)])
+    moved = [calibrate(other, sheet, distortion=distortion, guess=found.fit.camera.A) for other in others]
+    own = np.stack([camera_vector(other) - camera_vector(found) for other in moved])
     systematic = np.concatenate([own, view_disagreement(straight, found, sheet, distortion)])
-    shifts = observations.uv - straight.uv
+    said = replace(seen, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
+    try:
+        plain = calibrate(observations, sheet, distortion=distortion, guess=found.fit.camera.A)
+    except CalibrationError:  # left in, diffraction can spoil a fit that without it stands
+        return Corrected(_with_systematic(found, systematic), said)
     said = replace(
-        seen,
-        largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))),
+        said,
         baseline=plain.joint.camera.inverse_d_2 / found.joint.camera.inverse_d_2,
         before=plain.joint.camera,
         rms_before=plain.joint.rms,
-        shifts=shifts,
     )
     return Corrected(_with_systematic(found, systematic), said)
 

@@ -132,8 +132,11 @@ def statements(result: Outcome) -> Iterator[Statement]:
 def _diffraction(result: Outcome) -> Statement:
     found = result.diffraction
     assert found is not None
-    if found.before is None:
+    if not found.corrected:
         return Statement("plain", f"{found.reason}.")
+    taken = f"{found.reason}: up to {found.largest:.2g} pitches from a corner."
+    if found.before is None:
+        return Statement("plain", taken, "Left in, it would leave no calibration at all.")
     best = derived(found.before.vector(), result.sheet, np.asarray(result.sheet.f))
     changes = ", ".join(
         f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
@@ -141,7 +144,7 @@ def _diffraction(result: Outcome) -> Statement:
     )
     return Statement(
         "plain",
-        f"{found.reason}: up to {found.largest:.2g} pitches from a corner.",
+        taken,
         f"Left in, it would change the results by {changes}.",
     )
 

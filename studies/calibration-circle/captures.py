@@ -53,7 +53,9 @@ class Pose:
     """[mm]"""
 
 
-def poses(boards: int, seed: int = 0, distance: float = 350.0, reach: float = 40.0, tilt: float = 25.0) -> list[Pose]:
+def poses(
+    boards: int, seed: int = 0, distance: float = 350.0, reach: float = 40.0, tilt: float = 25.0, cell: float = CELL
+) -> list[Pose]:
     """Poses as a person would choose them: distances spread evenly, tilts in every direction up to `tilt` degrees."""
     rng = np.random.default_rng(seed)
     spread = 2 * (np.arange(boards) + 0.5) / boards - 1
@@ -63,7 +65,7 @@ def poses(boards: int, seed: int = 0, distance: float = 350.0, reach: float = 40
         size = math.radians(tilt) * math.sqrt(rng.uniform(0.2, 1))
         lean = (size * math.cos(towards), size * math.sin(towards))
         turn = math.radians(90 + rng.uniform(-12, 12))
-        aside = (float(rng.uniform(-3, 3)), float(rng.uniform(-1.5, 1.5)))
+        aside = (float(rng.uniform(-0.5, 0.5)) * cell, float(rng.uniform(-0.25, 0.25)) * cell)
         found.append(Pose(distance + reach * float(away), lean, turn, aside))
     return found
 
@@ -140,7 +142,9 @@ def exposed(image: NDArray[Any], seed: int) -> NDArray[np.uint16]:
     return np.asarray(np.clip(np.rint(noisy * FULL_SCALE), 0, 65535), np.uint16)
 
 
-def make(design: Design, out: Path, boards: int, seed: int = 0, cell: float = CELL) -> Iterator[str]:
+def make(
+    design: Design, out: Path, boards: int, seed: int = 0, cell: float = CELL, tilt: float = 25.0
+) -> Iterator[str]:
     """Write the captures of both kinds into folders of `out`; whatever is there already is kept."""
     for kind, overrides in KINDS.items():
         (out / kind).mkdir(parents=True, exist_ok=True)
@@ -148,7 +152,7 @@ def make(design: Design, out: Path, boards: int, seed: int = 0, cell: float = CE
             white = render(design, overrides=[line for line in overrides if "object" not in line])
             tifffile.imwrite(out / kind / "white.tif", exposed(white.pixels, 1_000_000))
             yield f"{kind}/white.tif"
-    for number, pose in enumerate(poses(boards, seed), 1):
+    for number, pose in enumerate(poses(boards, seed, tilt=tilt, cell=cell), 1):
         name = f"board{number:02d}.tif"
         if all((out / kind / name).exists() for kind in KINDS):
             continue

@@ -1,6 +1,6 @@
 """Full circle: render the paper's camera, calibrate it blind, compare.
 
-Run: python studies/calibration-circle/study.py
+Run: python studies/calibration-circle/full_circle.py
 """
 
 from __future__ import annotations

@@ -1,0 +1,126 @@
+"""Do a calibration's intervals hold what they promise? Run: python studies/calibration-coverage/coverage_study.py."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from roslf_design.calibration import Captures, Coverage, DataSheet, coverage, sheet_of
+from roslf_design.design import load
+from roslf_design.design.write import write_atomically
+from roslf_design.report.figures.style import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
+
+NAMES = ("H", "d_3", "d_1", "d_f", "d_2")
+CAPTURES = Captures(boards=12, views=3)
+"""12 boards of 4 x 5 cells of 6 mm, 350 +- 30 mm from the lens, tilted up to 20 degrees, corners to 0.06 pitches."""
+WANTED = (0.61, 0.75)
+"""Shares of 68 % intervals that hold the truth between which the claim stands."""
+
+
+class Case(NamedTuple):
+    """One way to make intervals."""
+
+    name: str
+    sheet: DataSheet
+    method: Literal["fisher", "ensembles"]
+
+
+def cases() -> tuple[Case, ...]:
+    """The sampled posterior, and the Fisher matrix with f known as on a data sheet and almost exactly."""
+    sheet = sheet_of(load("paper"))
+    return (
+        Case("posterior, f to 1 %", sheet, "ensembles"),
+        Case("Fisher matrix, f to 1 %", sheet, "fisher"),
+        Case("Fisher matrix, f to 0.01 %", replace(sheet, f_sigma=0.01), "fisher"),
+    )
+
+
+def studied(case: Case, trials: int, seed: int) -> Coverage:
+    """Calibrate synthetic cameras of the paper's lengths."""
+    paper = load("paper")
+    return coverage(
+        paper.d_1, paper.d_2, paper.d_3, case.sheet, CAPTURES, trials=trials, seed=seed, method=case.method, names=NAMES
+    )
+
+
+def told(case: Case, found: Coverage) -> dict[str, Any]:
+    """As JSON's types."""
+    return {
+        "intervals": case.name,
+        "f_sigma_mm": case.sheet.f_sigma,
+        "level": found.level,
+        "trials": found.trials,
+        "failed": found.failed,
+        "share_held": found.share,
+        "binomial_99": list(found.expected),
+        "pull_mean": {name: float(pulls.mean()) for name, pulls in found.pulls.items()},
+        "pull_sigma": {name: float(pulls.std(ddof=1)) for name, pulls in found.pulls.items()},
+    }
+
+
+def figure(results: list[tuple[Case, Coverage]]) -> Figure:
+    """Shares held beside what was promised, and the errors in units of their sigma."""
+    shown = Figure(figsize=(8.4, 3.6), layout="constrained")
+    shares, errors = shown.subplots(1, 2, width_ratios=(1.5, 1))
+    colours, marks = (BLUE, VERMILLION, GREEN), "os^"
+    level = results[0][1].level
+    low, high = results[0][1].expected
+    shares.axhspan(100 * low, 100 * high, color=PALE, label="99 of 100 honest studies")
+    for end, label in zip(WANTED, ("61 to 75 %", None), strict=True):
+        shares.axhline(100 * end, color=GREY, linestyle=(0, (4, 3)), linewidth=0.8, label=label)
+    shares.axhline(100 * level, color=INK, linewidth=0.8)
+    for k, (case, found) in enumerate(results):
+        at = np.arange(len(NAMES)) + 0.18 * (k - 1)
+        shares.plot(at, [100 * found.share[n] for n in NAMES], marks[k], color=colours[k], label=case.name)
+    shares.set_xticks(range(len(NAMES)), [n.replace("_", "$_{") + "}$" if "_" in n else n for n in NAMES])
+    shares.set(ylabel="68 % intervals that hold the truth [%]", ylim=(54, 92), xlim=(-0.6, len(NAMES) - 0.4))
+    shares.set_yticks([60, 68, 75, 80])
+    shares.legend(loc="upper left", ncols=2, fontsize=8)
+    edges = np.linspace(-3.5, 3.5, 29)
+    middle = (edges[1:] + edges[:-1]) / 2
+    case, found = results[-1]
+    for name, colour, style in (("H", BLUE, "-"), ("d_3", VERMILLION, "--")):
+        heights, _ = np.histogram(found.pulls[name], edges, density=True)
+        errors.stairs(heights, edges, color=colour, linestyle=style, label=f"${name}$")
+    errors.plot(middle, np.exp(-(middle**2) / 2) / np.sqrt(2 * np.pi), color=INK, linewidth=1, label="normal law")
+    errors.set(xlabel="error over its sigma", ylabel="density of trials", ylim=(0, 0.68))
+    errors.set_title(case.name, fontsize=9)
+    errors.legend(loc="upper right", fontsize=8)
+    return shown
+
+
+def main() -> None:
+    """Study, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=Path("reports/calibration-coverage"))
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    results = []
+    for case in cases():
+        found = studied(case, options.trials, options.seed)
+        results.append((case, found))
+        shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.share.items())
+        print(f"{case.name}: {found.trials} trials, {found.failed} failed; held {shares}", flush=True)
+    facts = {
+        "trials": options.trials,
+        "seed": options.seed,
+        "captures": "12 boards of 4 x 5 cells of 6 mm, 350 +- 30 mm, tilts to 20 degrees, corners to 0.06 pitches",
+        "wanted": list(WANTED),
+        "cases": [told(case, found) for case, found in results],
+    }
+    with drawing():
+        picture = to_png(figure(results))
+    options.output.mkdir(parents=True, exist_ok=True)
+    write_atomically(options.output / "coverage.json", (json.dumps(facts, indent=1) + "\n").encode())
+    write_atomically(options.output / "coverage.png", picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,214 @@
+"""Microlens diffraction: read from white images, computed for corners, taken off a rendered calibration."""
+
+import importlib.util
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from roslf_design.calibration.apparent_corners import apparent_shifts
+from roslf_design.calibration.centres import find_centres
+from roslf_design.calibration.diffraction import calibrate_corrected
+from roslf_design.calibration.planning import camera_of, sheet_of
+from roslf_design.calibration.pupil_image import PupilImage, ViewWeights, view_weights
+from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
+from roslf_design.calibration.white_cell import fit_cell, white_cell
+from roslf_design.cli import main
+from roslf_design.design import load, save
+from roslf_design.effects.field import image_diameter, image_pitch
+from roslf_design.imaging.render import render
+
+PAPER = load("paper")
+VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
+IMAGE = PupilImage(6.5, 3.6, 12.94)
+
+
+def pupil_of(design):
+    blur = design.wavelength * design.d_2 / design.d / design.q
+    array = design.microlens_array
+    pitch = abs(image_pitch(design)) / design.q
+    return PupilImage(image_diameter(design) / 2 / design.q, blur, pitch, array.layout, array.lens_shape == "circular")
+
+
+@pytest.mark.parametrize(
+    ("layout", "shape", "slower"),
+    [("square", "square", 1.0), ("square", "circular", 0.9), ("hexagonal", "circular", 0.8)],
+)
+def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slower):
+    design = PAPER.replace(
+        {"microlens_array.layout": layout, "microlens_array.lens_shape": shape}, D_F=PAPER.D_F * slower
+    )
+    pixels = render(design, region=(2100, 1340, 400, 400)).pixels
+    lattice = find_centres(pixels, layout=layout).lattice
+    cell, true = white_cell(pixels, lattice), pupil_of(design)
+    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape == "circular")
+    found = fit_cell(cell, start, blurred=True)
+    # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
+    assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
+    assert found.image.blur == pytest.approx(true.blur, rel=1e-2)
+    assert found.misfit < 5e-3
+    assert fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
+
+
+def test_a_white_image_without_diffraction_shows_none():
+    pixels = render(
+        PAPER, overrides=["-microlens_diffraction", "-microlens_defocus"], region=(2100, 1340, 400, 400)
+    ).pixels
+    lattice = find_centres(pixels, layout="square").lattice
+    cell, true = white_cell(pixels, lattice), pupil_of(PAPER)
+    sharp, blurred = (fit_cell(cell, true, blurred=b) for b in (False, True))
+    assert sharp.image.radius == pytest.approx(true.radius, rel=2e-3)
+    assert sharp.misfit < 0.02
+    assert blurred.image.blur < 0.1 * true.blur
+
+
+def brute_baseline(s, image):
+    """Mean place along s of the light that the view (s, 0) gets through its own microlens, by sums over fine grids."""
+    step = 0.02
+    x = np.arange(-40, 40, step) + step / 2
+    lens = np.sinc(x / image.blur) ** 2
+    pixel = (np.abs(x) < 0.5).astype(float)
+    size = np.abs(x)
+    cubic = np.where(size < 1, (1.5 * size - 2.5) * size**2 + 1, ((-0.5 * size + 2.5) * size - 4) * size + 2)
+    cubic = np.where(size < 2, cubic, 0)
+    side = np.convolve(np.convolve(lens, pixel, "same"), cubic, "same")
+
+    def blur(at):
+        return np.interp(at, x, side)
+
+    grid = np.linspace(-image.radius, image.radius, 401)
+    across, along = np.meshgrid(grid, grid)
+    inside = np.hypot(across, along) < image.radius
+    light = blur(s - across) * blur(-along) * inside
+    return (light * across).sum() / light.sum()
+
+
+def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
+    weights = view_weights(IMAGE, VIEWS, points=2000)
+    np.testing.assert_allclose(weights.shares.sum(axis=(1, 2)), 1, rtol=1e-12)
+    found = weights.baseline
+    np.testing.assert_allclose(found[0], 0, atol=0.02)
+    assert found[1, 0] == pytest.approx(brute_baseline(3.0, IMAGE), abs=0.02)  # 2000 places: a hundredth of a pixel
+    np.testing.assert_allclose(found[1], -found[2], atol=0.03)
+    assert found[3, 1] == pytest.approx(brute_baseline(4.0, IMAGE), abs=0.02)
+    assert 2.0 < found[1, 0] < 2.8
+    sharp = view_weights(PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000).baseline
+    np.testing.assert_allclose(sharp[[0, 1, 4]], VIEWS[[0, 1, 4]], atol=0.05)  # inside the rim nothing moves
+
+
+def as_weights(places, shares, neighbours=((0.0, 0.0),)):
+    shares = np.asarray(shares, float).reshape(1, len(neighbours), len(places))
+    return ViewWeights(np.array([[3.0, -2.0]]), shares, np.array(neighbours), np.array(places, float))
+
+
+EDGES = (0.15, 0.15 + math.pi / 2)
+
+
+def test_light_from_elsewhere_on_the_pupil_moves_corners_by_the_slope():
+    slopes = np.array([-0.2, 0.0, 0.25])
+    nominal = apparent_shifts(as_weights([(3.0, -2.0)], [1.0]), slopes, EDGES, 8)
+    np.testing.assert_allclose(nominal, 0, atol=5e-3)  # bins of an eighth of a pitch
+    inside = apparent_shifts(as_weights([(2.0, -1.5)], [1.0]), slopes, EDGES, 8)
+    np.testing.assert_allclose(inside[0], slopes[:, None] * [-1.0, 0.5], atol=5e-3)
+    both = apparent_shifts(as_weights([(2.0, -2.0), (4.0, -2.0)], [0.5, 0.5]), slopes, EDGES, 8)
+    np.testing.assert_allclose(both, 0, atol=5e-3)
+
+
+def test_a_neighbour_s_light_moves_corners_by_less_than_its_share():
+    next_door = as_weights([(3.0, -2.0)], [0.8, 0.2], ((0.0, 0.0), (1.0, 0.0)))
+    shift = apparent_shifts(next_door, np.array([0.0]), EDGES, 8)[0, 0]
+    assert -0.2 < shift[0] < -0.1
+    assert abs(shift[1]) < 0.02
+    far = as_weights([(3.0, -2.0)], [0.8, 0.2], ((0.0, 0.0), (3.0, 0.0)))
+    assert abs(apparent_shifts(far, np.array([0.0]), EDGES, 8)[0, 0, 0]) < 0.3  # its mean displacement is 0.6
+
+
+@pytest.fixture(scope="module")
+def circle(root, tmp_path_factory):
+    """Four boards by a corner of the paper's sensor, by rays and by waves; the design file beside."""
+    pytest.importorskip("cv2")
+    place = tmp_path_factory.mktemp("circle")
+    script = root / "studies" / "calibration-circle" / "captures.py"
+    spec = importlib.util.spec_from_file_location("circle_captures", script)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    size = (900 * PAPER.q, 740 * PAPER.q)
+    design = PAPER.replace(
+        {"name": "small sensor", "sensor.size": size, "microlens_array.size": (size[0] + 0.2, size[1] + 0.2)}
+    )
+    save(design, place / "small.toml")
+    written = list(module.make(design, place, boards=4, cell=1.8, tilt=35.0))
+    assert len(written) == 10
+    return place
+
+
+def calibrated(capsys, circle, kind, out, *options):
+    arguments = ["calibrate", circle / kind, "--design", circle / "small.toml", "--board", "4x5 1.8 mm", "-o", out]
+    code = main([str(a) for a in (*arguments, "--no-posterior", "--json", *options)])
+    said, err = capsys.readouterr()
+    assert (code, err) == (0, "")
+    return json.loads(said)
+
+
+TRUTH = {"H": 140 / 92, "d_3": 120.0, "d_1": 140.0, "d_f": 350.0, "d_2": 2.0, "A": 92.0, "m": 0.4}
+
+
+def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path):
+    rays = calibrated(capsys, circle, "rays", tmp_path / "rays")
+    waves = calibrated(capsys, circle, "waves", tmp_path / "waves")
+    for found in (rays, waves):
+        assert len(found["images_used"]) == 4
+        assert found["reprojection_rms_pitches"] < 0.06  # the paper's
+        for name, true in TRUTH.items():
+            low, high = found["quantities"][name]["interval_95"]
+            assert low < true < high, name
+    assert rays["diffraction"]["corrected"] is False
+    assert "shows no microlens diffraction" in rays["diffraction"]["reason"]
+    told = waves["diffraction"]
+    assert told["corrected"] is True
+    assert told["seen_blur_px"] == pytest.approx(told["expected_blur_px"], rel=0.01)
+    assert told["without"]["d_2"] > 1.08 * TRUTH["d_2"]
+    assert waves["quantities"]["d_2"]["estimate"] == pytest.approx(TRUTH["d_2"], rel=0.015)
+    assert waves["quantities"]["m"]["estimate"] == pytest.approx(TRUTH["m"], rel=1e-3)
+    assert waves["quantities"]["d_2"]["variance_shares"]["systematic"] > 0.3  # the correction's own uncertainty
+
+
+def test_left_in_diffraction_spoils_d_2(capsys, circle, tmp_path):
+    off = calibrated(capsys, circle, "waves", tmp_path / "off", "--diffraction", "off")
+    assert off["diffraction"]["corrected"] is False
+    assert off["quantities"]["d_2"]["estimate"] > 1.08 * TRUTH["d_2"]
+    assert off["systematic_sigma"]["inverse_d_2"] > 0  # inner and outer views do not agree
+
+
+def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
+    captures = Captures(boards=3, views=3, reach=3.0, noise=0.01)
+    rng = np.random.default_rng(0)
+    camera = camera_of(PAPER)
+    observations = observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
+
+    def looked(overrides, wish, design=PAPER):
+        white = render(PAPER, overrides=overrides, region=(2100, 1340, 300, 300)).pixels
+        lattice = find_centres(white, layout="square").lattice
+        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), design, white, lattice, wish=wish)
+        return found.diffraction, found.calibration
+
+    rays = ["-microlens_diffraction", "-microlens_defocus"]
+    asked, _ = looked(rays, "on")
+    assert asked.corrected
+    assert "where the design's diffraction makes 3.60 px" in asked.warning
+    assert not looked(rays, "auto")[0].corrected
+    left, plain = looked([], "off")
+    assert (left.corrected, left.image) == (False, None)
+    seen, found = looked([], "auto")
+    assert seen.corrected
+    assert seen.warning == ""
+    # Corners that nobody displaced: taking off what diffraction would do makes d_2 too small, by the bias it has.
+    assert found.joint.camera.inverse_d_2 > 1.05 * plain.joint.camera.inverse_d_2
+    fine = PAPER.replace({"light.wavelength": 1e-5})
+    small, _ = looked(rays, "auto", fine)
+    assert "too small to matter" in small.reason
+    foreign = looked([], "auto", PAPER.replace({"light.wavelength": 900e-6}))[0]
+    assert "are its wavelength, its d_2 and its pixel those of this camera?" in foreign.warning
