@@ -14,11 +14,15 @@ if TYPE_CHECKING:
     from ..tolerance_run import Offender, Share, Spread, ToleranceResult
 
 ROW = 24.0
-"""Height of a bar's row [px]."""
+"""Height of a bar's row, its text beside it [px]."""
+TALL_ROW = 36.0
+"""The same with the text above the bar [px]."""
+SIDE = 14.0
+"""Margin on either side of bars with their text above [px]."""
 RIGHT, BELOW = 16.0, 42.0
 """Margins [px]."""
-LARGEST = 5.0
-"""Times the limit beyond which bars of offenders are cut off."""
+LARGEST = 3.0
+"""Times the way to the limit beyond which bars are cut off."""
 
 
 def yield_bars(found: ToleranceResult, theme: ThemeName = "light", size: tuple[float, float] = (420, 170)) -> Picture:
@@ -92,33 +96,30 @@ def offender_bars(
         How many are shown.
     """
     colours, shown = theme_named(theme), [row for row in offenders if row.used > 1e-3][:most]
-    names = [f"{row.place} ±{row.tolerance}" for row in shown]
-    left = 14 + max((text_width(name, SMALL) for name in names), default=40.0)
     high = min(max([1.0, *(row.used for row in shown)]) * 1.05, LARGEST)
-    notes = [_used(row) for row in shown]
-    room = max((text_width(note, SMALL) for note in notes), default=0.0) + 14
-    width = max(size[0] - left - RIGHT, 100.0)
-    # Notes stand within the bars' end or behind it: short bars have the room.
-    high *= max(1.0, width / max(width - room, 60.0))
-    plot = Plot(left, 24, width, ROW * max(len(shown), 1), Scale(0, 100 * high), Scale(0, 1))
+    width = max(size[0] - 2 * SIDE, 100.0)
+    plot = Plot(SIDE, 24, width, TALL_ROW * max(len(shown), 1), Scale(0, 100 * high), Scale(0, 1))
     parts = [_percent_axis(plot, colours, "part of the way to a limit that it uses alone [%]")]
-    for k, (row, name) in enumerate(zip(shown, names, strict=True)):
-        y = plot.top + k * ROW
-        x, _ = plot.at(100 * min(row.used, LARGEST), 0)
-        parts.append(
-            tag("rect", x=left, y=y + 4, width=x - left, height=ROW - 8,
-                fill=colours.vermillion if row.used > 1 else colours.blue, data_testid=f"offender-{k}")
-        )  # fmt: skip
-        parts.append(text((left - 7, y + ROW / 2 + 4), name, colours.ink, SMALL, "end"))
+    for k, row in enumerate(shown):
+        y, hue = plot.top + k * TALL_ROW, colours.vermillion if row.used > 1 else colours.blue
+        x, _ = plot.at(100 * min(row.used, high), 0)
+        bar = {"fill": hue, "data_testid": f"offender-{k}"}
+        parts.append(tag("rect", x=SIDE, y=y + 20, width=x - SIDE, height=10, **bar))
+        if row.used > high:  # cut off
+            parts.append(path(f"M{x - 11:.1f},{y + 18:.1f}l-6,14h4l6,-14Z", fill=colours.ground))
     limit, _ = plot.at(100.0, 0)
     parts.append(line((limit, plot.top - 4), (limit, plot.bottom), colours.orange, 2))
     parts.append(text((limit, plot.top - 9), "limit", colours.orange, SMALL, "middle", bold=True))
-    for k, (row, note) in enumerate(zip(shown, notes, strict=True)):
-        x = min(plot.at(100 * min(row.used, LARGEST), 0)[0] + 7, plot.right - text_width(note, SMALL) - 4)
-        parts.append(plated((x, plot.top + (k + 0.5) * ROW + 4), note, colours.ink, colours.ground))
+    told = []
+    for k, row in enumerate(shown):
+        y, name = plot.top + k * TALL_ROW + 14, f"{row.place} ±{row.tolerance}"
+        note = next((note for note in _used(row) if text_width(f"{name} {note}", SMALL) + 12 < width), _used(row)[-1])
+        parts.append(plated((SIDE, y), name, colours.ink, colours.ground))
+        parts.append(plated((plot.right, y), note, colours.ink, colours.ground, anchor="end"))
+        told.append(f"{name} uses {_used(row)[0]}")
     if not shown:
-        parts.append(text((left + width / 2, plot.top + 16), "no tolerance matters", colours.ink, PLAIN, "middle"))
-    title = "Worst offenders: " + "; ".join(f"{name} uses {note}" for name, note in zip(names, notes, strict=True))
+        parts.append(text((size[0] / 2, plot.top + 16), "no tolerance matters", colours.ink, PLAIN, "middle"))
+    title = f"Worst offenders: {'; '.join(told)}"
     return Picture(document("offenders", title, (size[0], max(size[1], plot.bottom + BELOW)), colours, parts))
 
 
@@ -147,7 +148,7 @@ def spread_bars(
         Scale(-100 * reach, 100 * reach),
         Scale(0, 1),
     )
-    parts = [_percent_axis(plot, colours, "90 % of builds, on the way from nominal to the limit [%]")]
+    parts = [_percent_axis(plot, colours, "way from nominal to limit: 90 % of builds [%]")]
     parts.append(line(plot.at(0, 0), (plot.at(0, 0)[0], plot.top), colours.grey, 1.2))
     for k, (name, low, high) in enumerate(rows):
         y = plot.top + k * ROW
@@ -158,11 +159,12 @@ def spread_bars(
                 fill=colours.vermillion if worst > 1 else colours.blue, data_testid=f"spread-{k}")
         )  # fmt: skip
         parts.append(text((left - 7, y + ROW / 2 + 4), name, colours.ink, SMALL, "end"))
-    for sign in (-1, 1):
-        x, _ = plot.at(100.0 * sign, 0)
-        parts.append(line((x, plot.top - 4), (x, plot.bottom), colours.orange, 2))
-        told = "upper limit" if sign > 0 else "lower limit"
-        parts.append(text((x, plot.top - 9), told, colours.orange, SMALL, "middle", bold=True))
+    ends = [plot.at(100.0 * sign, 0)[0] for sign in (-1, 1)]
+    parts += [line((x, plot.top - 4), (x, plot.bottom), colours.orange, 2) for x in ends]
+    apart = ends[1] - ends[0] > text_width("lower limit", SMALL) + 16
+    marks = [(ends[0], "lower limit"), (ends[1], "upper limit")] if apart else [(sum(ends) / 2, "limits")]
+    edge = size[0] - 0.55 * text_width("upper limit", SMALL) - 2
+    parts += [text((min(x, edge), plot.top - 9), told, colours.orange, SMALL, "middle", bold=True) for x, told in marks]
     title = f"Scatter of {len(rows)} limited numbers over the builds, as shares of the way from nominal to their limits"
     return Picture(document("spread", title, (size[0], max(size[1], plot.bottom + BELOW)), colours, parts))
 
@@ -181,10 +183,13 @@ def _ends(row: Spread) -> tuple[float, float]:
     return share(row.low), share(row.high)
 
 
-def _used(row: Offender) -> str:
+def _used(row: Offender) -> tuple[str, ...]:
+    """What it uses of which limit, from long to short."""
+    label = row.limited_by.split(",")[0]
     if math.isinf(row.used):
-        return f"{row.limited_by} undefined"
-    return f"{short(100 * row.used, 2)} %: {row.limited_by}"
+        return f"{row.limited_by} undefined", f"{label} undefined", "undefined"
+    part = f"{short(100 * row.used, 2)} %"
+    return f"{part}: {row.limited_by}", f"{part}: {label}", part
 
 
 def _percent_axis(plot: Plot, theme: Theme, label: str) -> str:
@@ -194,7 +199,10 @@ def _percent_axis(plot: Plot, theme: Theme, label: str) -> str:
         parts.append(line((x, plot.top), (x, plot.bottom), theme.grid))
         parts.append(text((x, plot.bottom + 16), short(value), theme.ink, SMALL, "middle"))
     parts.append(line((plot.left, plot.bottom), (plot.right, plot.bottom), theme.grey))
-    parts.append(text((plot.left + plot.width / 2, plot.bottom + 33), label, theme.ink, PLAIN, "middle"))
+    half = text_width(label, PLAIN) / 2
+    # Long labels end where the plot does.
+    middle = min(plot.left + plot.width / 2, max(plot.right + RIGHT / 2 - half, half + 4))
+    parts.append(text((middle, plot.bottom + 33), label, theme.ink, PLAIN, "middle"))
     return "".join(parts)
 
 

@@ -91,6 +91,9 @@ def test_offenders_that_break_a_limit_alone_look_different_and_small_ones_are_le
     assert [len(bar) for bar in bars] == [1, 1, 1, 0]
     assert bars[0][0].attrib["fill"] == bars[1][0].attrib["fill"] != bars[2][0].attrib["fill"]
     assert float(bars[1][0].attrib["width"]) == pytest.approx(10 * float(bars[2][0].attrib["width"]), rel=1e-2)
+    narrow = " ".join(ET.fromstring(offender_bars(TOLERANCE.offenders, "light", (210, 300)).svg).itertext())
+    assert "250 %" in narrow
+    assert "250 %: fill" not in narrow.split("uses")[-1]
     told = " ".join(ET.fromstring(svg).itertext())
     assert "kept fraction, corner undefined" in told
     assert "no tolerance matters" in offender_bars(()).svg
