@@ -78,6 +78,7 @@ def ideal_lens(rays: int) -> Case:
         goals=(Goal("Optiland", 20.0, "20 times Optiland's ready-made rays, two threads"),),
         note="From the array backward through lens and stop to the focal plane; each side writes end points and says "
         "which rays were stopped. Optiland's numpy backend uses one thread whatever it is allowed.",
+        bytes_each=49.0,
     )
 
 
@@ -116,7 +117,7 @@ def singlet(rays: int) -> Case:
 
 def tolerance(quick: bool) -> Case:
     """A biconvex lens, eight perturbations, RMS spot size of three fields."""
-    here, there = (2_000, 15) if quick else (20_000, 40)
+    here, there = (20_000, 15) if quick else (200_000, 40)
 
     def inputs() -> Mapping[str, Any]:
         from roslf_design.lenses.glass import find_glass

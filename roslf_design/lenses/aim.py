@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .build_kernels import LOST, aim, land
+from .._jit import THREADS
+from .build_kernels import aim, land, spots, spots_on_all_threads
 from .builds import LensBuilds
 from .camera import LensCamera, views
 from .images import sensor_of_pupil
@@ -194,42 +195,80 @@ def cut_shapes(rim: Aimed, inner: Aimed, found: Outlines) -> tuple[Array, Array]
     return shape, share
 
 
-def landings(
-    lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike, *, clip: bool = False
-) -> tuple[Array, Array]:
+def landings(lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
     """Where rays from object points through FAP points meet the array, then the sensor, in their own coordinates.
 
     Parameters
     ----------
     lens, planes
         T builds.
-    world : ndarray, (T, 2)
+    world : ndarray, (T, 3)
         What the object points' frame is shifted by against the lens's [mm].
     point : array_like, (n, 3)
         [mm].
     pupil : array_like, (n, 2)
         In units of the FAP's radius.
-    clip : bool
-        Whether the lens's and the stops' rims stop rays.
 
     Returns
     -------
-    tuple of ndarray
-        Points (T, n, 4) [mm], nan for a ray that was stopped; whether it was not, (T, n).
+    ndarray
+        Points (T, n, 4) [mm], nan for a ray that does not come through; rims stop none.
     """
     x, a = np.ascontiguousarray(point, float), np.ascontiguousarray(pupil, float)
     trials, n = len(world), len(x)
     landed, lost = np.empty((trials, n, 4)), np.empty((trials, n), bool)
     count = lens.media.shape[1] - 1
-    land.compiled(
-        lens.table, count, lens.media, planes.array, planes.sensor, planes.rims, clip, world, x, a, landed, lost
-    )
+    land.compiled(lens.table, count, lens.media, planes.array, planes.sensor, planes.rims, world, x, a, landed, lost)
     landed[lost] = np.nan
-    return landed, ~lost
+    return landed
+
+
+def spot_radii(
+    lens: LensBuilds,
+    plane: Array,
+    rims: Array,
+    world: Array,
+    point: ArrayLike,
+    pupil: ArrayLike,
+    weight: ArrayLike,
+    *,
+    threads: bool = False,
+) -> Array:
+    """Root-mean-square radii on a plane of the light from object points, about its centroid.
+
+    Parameters
+    ----------
+    lens : LensBuilds
+        T builds.
+    plane, rims : ndarray, (T, 12), (T, R, 13)
+        Where the spots are seen, and what rays pass, as `Planes` has them.
+    world : ndarray, (T, 3)
+        What the object points' frame is shifted by against the lens's [mm].
+    point : array_like, (F, 3)
+        Object points [mm].
+    pupil, weight : array_like, (P, 2), (P,)
+        Points of the FAP in units of its radius, and how much of the light each stands for.
+    threads : bool
+        Whether all of the process's threads share the work; the numbers are the same.
+
+    Returns
+    -------
+    ndarray
+        (T, F) [mm], of the rays that no rim stops; nan where none comes through.
+    """
+    x, a, w = np.atleast_2d(np.asarray(point, float)), np.asarray(pupil, float), np.ascontiguousarray(weight, float)
+    size = np.empty((len(world), len(x)))
+    rays = (np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1)), w)
+    arguments = (lens.table, lens.media.shape[1] - 1, lens.media, plane, rims, world, *rays, size)
+    if threads:
+        with THREADS:
+            spots_on_all_threads.compiled(*arguments)
+    else:
+        spots.compiled(*arguments)
+    return size
 
 
 __all__ = [
-    "LOST",
     "Aimed",
     "Aims",
     "Outlines",
@@ -240,4 +279,5 @@ __all__ = [
     "landings",
     "outlines",
     "pupil_points",
+    "spot_radii",
 ]

@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from .._jit import kernel
+from .._jit import kernel, prange
 from .kernels import BLOCK, COLUMNS, CONIC, ROWS, SPHERE, meet_asphere, meet_conic, meet_sphere, turn
 
 PLANE, RIM = 12, 13
 """Numbers of a plane (origin, x, y, normal) and of a rim (the same and its radius)."""
+PIECE = 64
+"""Builds that a thread takes at once."""
 LOST = 1e300
 """Size of the miss of a ray that did not come through the lens."""
 
@@ -175,19 +177,49 @@ def aim(
 
 
 @kernel()
-def land(
-    table: Any, count: int, index: Any, array: Any, sensor: Any, rims: Any, clip: bool, world: Any, point: Any,
-    pupil: Any, landed: Any, lost: Any,
+def send(
+    t: int, table: Any, count: int, media: Any, rims: Any, world: Any, point: Any, pupil: Any, first: int, m: int,
+    buffer: Any, radii: Any, cut: Any,
 ) -> None:  # fmt: skip
-    """Send rays from object points through FAP points to the array and the sensor.
+    """Send `m` rays of build `t` from object points through FAP points and the lens; `cut` tells what rims stop."""
+    lens, fap, stops = table[t], rims[t, 0], rims.shape[1]
+    for i in range(m):
+        u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[12]
+        x = fap[0] + u * fap[3] + v * fap[6]
+        y = fap[1] + u * fap[4] + v * fap[7]
+        z = fap[2] + u * fap[5] + v * fap[8]
+        ax, ay = x - (point[first + i, 0] + world[t, 0]), y - (point[first + i, 1] + world[t, 1])
+        az = z - (point[first + i, 2] + world[t, 2])
+        shrink = 1.0 / sqrt(ax * ax + ay * ay + az * az)
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = ax * shrink, ay * shrink, az * shrink
+        buffer[6 * BLOCK + i] = 0.0
+        cut[i] = 0.0
+    for k in range(1, stops):
+        rim = rims[t, k]
+        for i in range(m):
+            x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+            up = buffer[5 * BLOCK + i]
+            hx, hy = crossing(x, y, z, buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up, rim)
+            cut[i] = 1.0 if hx * hx + hy * hy > rim[12] * rim[12] else cut[i]
+    through(buffer, m, lens, count, media[t], False, radii)
+    for k in range(count):
+        for i in range(m):
+            cut[i] = 1.0 if radii[k * BLOCK + i] > lens[k * COLUMNS + 5] else cut[i]
+
+
+@kernel()
+def land(
+    table: Any, count: int, media: Any, array: Any, sensor: Any, rims: Any, world: Any, point: Any, pupil: Any,
+    landed: Any, lost: Any,
+) -> None:  # fmt: skip
+    """Send rays from object points through FAP points to the array and the sensor; rims stop none.
 
     Parameters
     ----------
-    table, index, array, sensor, rims : (T, ...)
+    table, media, array, sensor, rims : (T, ...)
         As for `aim`.
-    clip : bool
-        Whether the lens's and the stops' rims stop rays.
-    world : (T, 2)
+    world : (T, 3)
         What the object points' frame is shifted by against the lens's.
     point : (n, 3)
         Object points [mm].
@@ -196,44 +228,91 @@ def land(
     landed : (T, n, 4)
         Gets points of the array, then of the sensor, each in its own coordinates.
     lost : (T, n)
-        Gets whether the ray was stopped.
+        Gets whether the ray did not come through the lens.
     """
-    n, stops = landed.shape[1], rims.shape[1]
-    buffer, radii = np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
-    cut = np.empty(BLOCK)
+    n = landed.shape[1]
+    buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
     for t in range(len(landed)):
-        lens, media, fap = table[t], index[t], rims[t, 0]
         for first in range(0, n, BLOCK):
             m = min(BLOCK, n - first)
+            send(t, table, count, media, rims, world, point, pupil, first, m, buffer, radii, cut)
             for i in range(m):
-                u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[12]
-                x = fap[0] + u * fap[3] + v * fap[6]
-                y = fap[1] + u * fap[4] + v * fap[7]
-                z = fap[2] + u * fap[5] + v * fap[8]
-                ax, ay = x - (point[first + i, 0] + world[t, 0]), y - (point[first + i, 1] + world[t, 1])
-                az = z - point[first + i, 2]
-                shrink = 1.0 / sqrt(ax * ax + ay * ay + az * az)
-                buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
-                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = (
-                    ax * shrink,
-                    ay * shrink,
-                    az * shrink,
-                )
-                buffer[6 * BLOCK + i] = 0.0
-                cut[i] = 0.0
-                for k in range(1, stops):
-                    rim = rims[t, k]
-                    hx, hy = crossing(x, y, z, ax / az, ay / az, rim)
-                    if hx * hx + hy * hy > rim[12] * rim[12]:
-                        cut[i] = 1.0
-            through(buffer, m, lens, count, media, False, radii)
-            for i in range(m):
-                for k in range(count):
-                    if radii[k * BLOCK + i] > lens[k * COLUMNS + 5]:
-                        cut[i] = 1.0
                 up = buffer[5 * BLOCK + i]
                 ox, oy = buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up
                 x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
                 landed[t, first + i, 0], landed[t, first + i, 1] = crossing(x, y, z, ox, oy, array[t])
                 landed[t, first + i, 2], landed[t, first + i, 3] = crossing(x, y, z, ox, oy, sensor[t])
-                lost[t, first + i] = buffer[6 * BLOCK + i] != 0.0 or (clip and cut[i] != 0.0)
+                lost[t, first + i] = buffer[6 * BLOCK + i] != 0.0
+
+
+@kernel()
+def spot_sizes(
+    t: int, table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
+    buffer: Any, radii: Any, cut: Any, lx: Any, ly: Any, size: Any,
+) -> None:  # fmt: skip
+    """Root-mean-square radii of the spots of build `t`: see `spots`; the last arrays before `size` are room to work."""
+    each = len(weight)
+    total = len(point)
+    for first in range(0, total, BLOCK):
+        m = min(BLOCK, total - first)
+        send(t, table, count, media, rims, world, point, pupil, first, m, buffer, radii, cut)
+        for i in range(m):
+            up = buffer[5 * BLOCK + i]
+            ox, oy = buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up
+            x, y = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, plane[t])
+            stopped = cut[i] != 0.0 or buffer[6 * BLOCK + i] != 0.0
+            lx[first + i], ly[first + i] = (LOST, LOST) if stopped else (x, y)
+    for field in range(total // each):
+        begin = field * each
+        share, mx, my = 0.0, 0.0, 0.0
+        for i in range(each):
+            w = weight[i] if lx[begin + i] < LOST else 0.0
+            share += w
+            mx += w * (lx[begin + i] if w != 0.0 else 0.0)
+            my += w * (ly[begin + i] if w != 0.0 else 0.0)
+        mx, my = mx / share, my / share
+        square = 0.0
+        for i in range(each):
+            x, y = lx[begin + i] - mx, ly[begin + i] - my
+            square += weight[i] * (x * x + y * y) if lx[begin + i] < LOST else 0.0
+        size[t, field] = sqrt(square / share)
+
+
+@kernel()
+def spots(
+    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
+    size: Any,
+) -> None:  # fmt: skip
+    """Root-mean-square radii on a plane of the light from object points, about its centroid.
+
+    Parameters
+    ----------
+    table, media, plane, rims, world
+        T builds, as for `land`; `plane` is where the spots are seen.
+    point, pupil : (F * P, 3), (F * P, 2)
+        Rays, the P of each object point together.
+    weight : (P,)
+        Of the rays; those that a rim stops do not count.
+    size : (T, F)
+        Gets the radii [mm]; nan where no ray comes through.
+    """
+    buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
+    lx, ly = np.empty(len(point)), np.empty(len(point))
+    for t in range(len(size)):
+        spot_sizes(t, table, count, media, plane, rims, world, point, pupil, weight, buffer, radii, cut, lx, ly, size)
+
+
+@kernel(parallel=True)
+def spots_on_all_threads(
+    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
+    size: Any,
+) -> None:  # fmt: skip
+    """`spots` with the builds shared out over threads; the same numbers."""
+    pieces = (len(size) + PIECE - 1) // PIECE
+    for piece in prange(pieces):
+        buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
+        lx, ly = np.empty(len(point)), np.empty(len(point))
+        for t in range(piece * PIECE, min(len(size), (piece + 1) * PIECE)):
+            spot_sizes(
+                t, table, count, media, plane, rims, world, point, pupil, weight, buffer, radii, cut, lx, ly, size
+            )

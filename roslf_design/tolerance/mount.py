@@ -28,7 +28,7 @@ class Mounted(NamedTuple):
     camera: Camera
     """Their thin twins: what closed forms of axial distances take."""
     world: Array
-    """What the system's frame is shifted by against the lens's [mm], (T, 2)."""
+    """What the system's frame is shifted by against the lens's [mm], (T, 3)."""
 
 
 def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
@@ -84,7 +84,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
     for stop in stops:
         clear &= places[stop] <= np.minimum(lens.front, camera.front)
     valid = thin.valid & clear
-    return Mounted(lens, planes, replace(thin, valid=valid), -np.stack([lens_x, lens_y], axis=-1))
+    return Mounted(lens, planes, replace(thin, valid=valid), -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
 
 
 def _row(stands: Frame, trials: int) -> Array:

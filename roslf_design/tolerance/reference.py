@@ -198,7 +198,7 @@ def epi_slopes(
     """
     cos, sin = azimuth
     way = np.concatenate([cos, sin], axis=1)
-    found, _ = landings(
+    found = landings(
         mount.lens, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way])
     )
     u, v, x, y = np.moveaxis(found, (0, 1), (2, 1))

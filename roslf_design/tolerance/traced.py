@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
-from ..lenses.aim import Aimed, Aims, Outlines, aimed, cut_shapes, landings, outlines
+from ..lenses.aim import Aimed, Aims, Outlines, aimed, cut_shapes, outlines, spot_radii
 from ..lenses.kernels import BLOCK
 from .decoder import fractional
 from .mount import Mounted, mounted
@@ -183,21 +183,13 @@ class TracedBuilds(ThinBuilds):
         return epi_slopes(self.mount, points, azimuth, centre)
 
     def _blur_pitches(self) -> Any:
-        mount, fields = self.mount, len(self.fields)
+        mount = self.mount
         nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
         radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
         pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
-        points = np.repeat(self.known.points, len(pupil), axis=0)
-        found, kept = landings(mount.lens, mount.planes, mount.world, points, np.tile(pupil, (fields, 1)), clip=True)
-        place = found[..., :2].reshape(self.trials, fields, -1, 2)
-        share = weight * kept.reshape(self.trials, fields, -1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            total = share.sum(axis=-1)
-            place = np.where(share[..., None] > 0, place, 0.0)
-            mean = np.einsum("tfr,tfra->tfa", share, place) / total[..., None]
-            square = np.einsum("tfr,tfra->tf", share, place * place) / total - np.sum(mean * mean, axis=-1)
-        return np.sqrt(np.maximum(square, 0.0)).T / self.camera.d
+        planes, points = mount.planes, self.known.points
+        return spot_radii(mount.lens, planes.array, planes.rims, mount.world, points, pupil, weight).T / self.camera.d
 
 
 def _crossing(point: Array, slope: Array, plane: Array) -> Array:

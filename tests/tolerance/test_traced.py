@@ -5,13 +5,22 @@ import pytest
 from numpy.testing import assert_allclose
 
 from roslf_design.design import load
+from roslf_design.lenses.aim import spot_radii
+from roslf_design.lenses.camera import Plane
 from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.images import FULL, real_images
-from roslf_design.lenses.of_design import camera_of, microlenses
+from roslf_design.lenses.of_design import camera_of, microlenses, real_field
+from roslf_design.lenses.trace import Rays, trace
+from roslf_design.rays.sampling import sunflower
+from roslf_design.tolerance.chunk import one_trial
 from roslf_design.tolerance.grades import load_grades
 from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
 from roslf_design.tolerance.mount import as_built, mounted
 from roslf_design.tolerance.places import LENS, nominal_values, perturbable
+from roslf_design.tolerance.plan import plan_from
+from roslf_design.tolerance.reference import reference
+from roslf_design.tolerance.run import Where, run_trials
+from roslf_design.tolerance.trace_check import check_traced
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 
@@ -162,6 +171,89 @@ def test_depth_errors_are_those_of_the_focal_length_to_first_order():
     )[0]
     # The principal planes move too, and the pencil of 2.9 mm has some spherical aberration.
     assert_allclose(np.diff(real), np.diff(thin), rtol=0.05)
+
+
+def test_blur_is_that_of_rays_traced_one_build_at_a_time():
+    """Against some thousand rays evenly over the FAP of each build, sent one build after the other."""
+    design = DESIGNS["bore"]
+    values = builds(design, 3, 7)
+    found = evaluate_builds(Question(design, ("blur_pitches",), FIELDS, 340.0), values, 3)
+    known = reference(design, FIELDS, 340.0)
+    for trial in range(3):
+        one = as_built(design, one_of(values, trial))
+        camera, fap = camera_of(one), camera_of(one).fap
+        disc = np.concatenate([sunflower(4000), np.zeros((1, 4000))]) * one.D_F / 2
+        pupil = np.moveaxis(np.array([fap.x, fap.y, fap.z]) + disc.T @ Plane(tilt=fap.tilt).axes, -1, 0)
+        # The points stand in the system's frame, which the nominal lens's first vertex counts from.
+        shift = [*np.negative(one.main_lens.decentre), 0.0]
+        for field, point in enumerate(known.points + shift):
+            rays = Rays(pupil, Rays.between(point[:, None], pupil).direction)
+            traced = trace(camera.lens, rays, one.wavelength, plane=camera.mla)
+            lit = traced.kept
+            for stop in camera.rims[1:]:
+                ahead = stop.z - rays.position[2]
+                slope = rays.direction[:2] / rays.direction[2]
+                where = Plane(stop.x, stop.y, stop.tilt).crossed(rays.position[:2] + slope * ahead, slope, 0.0)
+                lit &= np.hypot(*(where - [[stop.x], [stop.y]])) <= stop.diameter / 2
+            x, y, _ = traced.rays.position
+            slope = traced.rays.direction[:2] / traced.rays.direction[2]
+            place = camera.array.crossed(np.stack([x, y]), slope, 0.0)[:, lit]
+            rms = np.sqrt(np.sum(np.var(place, axis=1)))
+            # 48 rays and 4000, both cut by rims here and there.
+            assert found[field, trial] == pytest.approx(rms / one.d, rel=2e-3 if lit.all() else 0.05)
+
+
+def test_spots_are_the_same_on_all_threads():
+    design = DESIGNS["singlet"]
+    mount, known = mounted(design, builds(design, 130, 8), 130), reference(design, FIELDS, 350.0)
+    pupil, weight = sunflower(37).T, np.ones(37)
+    sizes = [
+        spot_radii(
+            mount.lens, mount.planes.array, mount.planes.rims, mount.world, known.points, pupil, weight, threads=on
+        )
+        for on in (False, True)
+    ]
+    assert np.array_equal(*sizes)
+
+
+def test_studies_give_the_same_bytes_for_any_number_of_workers(tmp_path):
+    data = {
+        "name": "n",
+        "design": "paper-singlet",
+        "grade": "high",
+        "goals": [{"metric": "kept_fraction", "min": 0.5}, {"metric": "centre_error_px", "max": 1.0}],
+        "fields": [["0 mm", "0 mm"], ["9 mm", "0 mm"]],
+        "trials": 40_000,
+        "keep_trials": 5,
+    }
+    plan = plan_from(data)
+    contents = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        run_trials(plan, folder, Where(workers))
+        contents.append([path.read_bytes() for path in sorted((folder / "chunks").iterdir())])
+    assert len(contents[0]) == 2
+    assert contents[0] == contents[1]
+    design, measured = one_trial(plan, 33_000)
+    again = evaluate_builds(plan.question, plan.draws.values(measured.deviations), 1)
+    assert_allclose(measured.variants[0], again, rtol=1e-12)
+    assert real_field(design, [(9.0, 0.0)]).images.kept_fraction[0] == pytest.approx(again[1, 0], abs=1e-9)
+
+
+def test_a_study_says_how_exactly_it_traced():
+    data = {
+        "name": "n",
+        "design": "paper-singlet",
+        "grade": "high",
+        "goals": [{"metric": "fill_factor", "min": 0.5}],
+        "fields": [["0 mm", "0 mm"], ["10 mm", "0 mm"]],
+    }
+    found = check_traced(plan_from(data))
+    assert found.builds == 4
+    assert found.centre_px < 1e-9
+    assert found.diameter < 1e-8
+    assert "builds traced one at a time differ by up to" in str(found)
+    assert check_traced(plan_from({**data, "design": "paper"})) is None
 
 
 def test_impossible_builds_are_undefined():
