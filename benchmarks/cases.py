@@ -21,7 +21,7 @@ def peer_cases(quick: bool = False) -> list[Case]:
     """The comparisons with peers, in the order of the page."""
     rays = 200_000 if quick else 1_000_000
     found = [ideal_lens(rays), singlet(rays), tolerance(quick), optimise(), geometry()]
-    shape = (600, 800) if quick else (1500, 2000)
+    shape = (600, 800) if quick else (1000, 1400)
     for layout, fill in (("hexagonal", 0.7), ("square", 0.7), ("hexagonal", 0.95), ("square", 0.95)):
         found.append(centres(layout, fill, shape, fast=layout == "hexagonal" and fill < 0.9))
     return [*found, white_floor(), first_answer(quick), imports()]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,16 +14,18 @@ from typing import Any
 from .cases import peer_cases
 from .harness.comparison import SIDES, Case, CaseResult, Tell, compare
 from .harness.machine import bandwidth, describe
-from .harness.peers import PEERS, REPOSITORY, Installed, install
+from .harness.peers import PEERS, REPOSITORY, Installed, cache_folder, install
 from .harness.process import SideError, Worker, store_arrays
 from .harness.scaling import axes, measure
 from .harness.store import SCHEMA, case_dict, goal_dicts
 from .harness.words import case_lines
 from .own_cases import own_cases
 
-ROUNDS = {True: 2.0, False: 15.0}
+ROUNDS = {True: 2.0, False: 8.0}
 """Seconds of rounds for each comparison, quick or not."""
 THREADS = 2
+TOPIC_SECONDS = 300.0
+"""Longest time for one topic; what it printed until then is kept."""
 
 
 def run_all(
@@ -114,8 +118,6 @@ def _profile(found: CaseResult, goal: Mapping[str, Any]) -> dict[str, Any]:
     side = found.case.sides[0]
     if goal["met"] is not False or side.command or found.case.inputs is None:
         return {}
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         stored = Path(folder) / "inputs.npz"
         store_arrays(stored, found.case.inputs())
@@ -134,10 +136,28 @@ def topic(name: str, tell: Tell = print) -> dict[str, Any]:
     """What a topic prints, and how long it took; a topic that fails is told so."""
     tell(f"topic {name}")
     start = time.perf_counter()
-    words = [sys.executable, "-m", "benchmarks", name]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=REPOSITORY)
-    text = done.stdout
-    if done.returncode:
-        text += f"\nfailed: {(done.stderr.strip().splitlines() or ['without a word'])[-1]}\n"
-    text = text.replace(str(Path.home()), "~").replace(str(REPOSITORY), ".")
-    return {"seconds": round(time.perf_counter() - start, 1), "failed": bool(done.returncode), "text": text}
+    words = [sys.executable, "-u", "-m", "benchmarks", name]
+    peer = cache_folder() / "optiland" / "bin" / "python"
+    surroundings = {**os.environ, **({"OPTILAND_PYTHON": str(peer)} if peer.exists() else {})}
+    with tempfile.TemporaryFile("w+") as printed:
+        wrong = ""
+        try:
+            done = subprocess.run(
+                words,
+                stdout=printed,
+                stderr=subprocess.PIPE,
+                text=True,
+                check=False,
+                cwd=REPOSITORY,
+                env=surroundings,
+                timeout=TOPIC_SECONDS,
+            )
+            if done.returncode:
+                wrong = f"failed: {(done.stderr.strip().splitlines() or ['without a word'])[-1]}"
+        except subprocess.TimeoutExpired:
+            wrong = f"stopped after {TOPIC_SECONDS:.0f} s"
+        printed.seek(0)
+        text = printed.read() + wrong
+    for path, word in ((REPOSITORY, "."), (Path.home(), "~")):
+        text = text.replace(str(path), word)
+    return {"seconds": round(time.perf_counter() - start, 1), "failed": bool(wrong), "text": text}

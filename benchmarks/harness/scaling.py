@@ -105,7 +105,7 @@ def axes(quick: bool) -> list[Axis]:
             threads=1,
             options={"workers": 2},
             note="15 perturbations, 5 metrics at 5 fields, closed forms; start of the processes and files included.",
-            limit=200.0,
+            limit=100.0,
         ),
         Axis("pixels", "White image with diffraction", "pixels", "pixels", pixels, bytes_each=4.0),
         Axis(
