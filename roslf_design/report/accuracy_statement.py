@@ -36,8 +36,8 @@ def accuracy_section(design: Design, result: Evaluation, asked: float | None = N
     table, corner = shipped_table(), result.fields[-1].x_ml_mm
     rows = []
     for quantity, meaning in QUANTITIES.items():
-        if not table.of(quantity):
-            continue  # not measured yet
+        if not table.of(quantity) or (quantity == "real lens" and design.lens is None):
+            continue  # not measured yet, or not of this design
         choice = choose(quantity, WANTED, design, corner, table)
         expected = "rounding, below 1e-12" if choice.expected_error < 1e-12 else f"{choice.expected_error:.1e}"
         rows.append((quantity, choice.method, expected, meaning))

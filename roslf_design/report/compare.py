@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
-from .. import __version__
 from ..evaluation import evaluate
-from ..evaluation.show import FIELD_HEADINGS, field_row, table_groups
+from ..evaluation.show import FIELD_HEADINGS, effect_rows, field_row, table_groups
 from . import comparison_sheets as sheets
-from .blocks import Block, Bullets, Code, Report, Section, Table
-from .content import parameter_rows, verdicts
+from .blocks import Report, Section, Table
+from .content import FOOTER, making, misalignments, parameter_rows, verdicts
+from .parts_list import length
 
 if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
 
-DIFFERENT, SAME = "≠", ""
+DIFFERENT, SAME, ABSENT = "≠", "", "-"
 MOST = 3
 """Designs that fit beside each other."""
 LETTERS = "ABC"
@@ -55,14 +56,14 @@ def comparison_report(
     corners = [result.fields[-1].x_ml_mm for result in results]
     sections = (
         Section("Verdicts", tuple(verdicts(result, f"{letter}: ") for letter, _, result in named)),
-        Section("What differs", (_parameters(designs), *_numbers(results), *_fields(results))),
+        Section("What differs", (_parameters(designs), *_numbers(results), *_fields(results), _effects(results))),
         Section("Rays", tuple(sheets.ray_sheet(letter, design) for letter, design, _ in named)),
         Section("Microlens images", (sheets.image_sheet(letters, designs, corners),)),
         Section("Depth", (sheets.depth_sheet(letters, designs),)),
-        Section("How this report was made", _making(command, stamp)),
+        making(command, (), stamp),
     )
     title = ", ".join(f"{letter}: {design.name}" for letter, design, _ in named)
-    return Report(title, "Designs side by side; ≠ marks what differs.", sections, f"roslf_design {__version__}")
+    return Report(title, "Designs side by side; ≠ marks what differs.", sections, FOOTER)
 
 
 def _parameters(designs: Sequence[Design]) -> Table:
@@ -74,19 +75,47 @@ def _parameters(designs: Sequence[Design]) -> Table:
     others: list[tuple[str, Callable[[Design], str]]] = [
         ("array", lambda d: f"{d.microlens_array.layout}, {d.microlens_array.lens_shape} lenses"),
         ("pixels", lambda d: "{} x {}".format(*d.pixels)),
+        ("main lens", lambda d: "ideal" if d.lens is None else d.lens.name),
         ("further stops", lambda d: str(len(d.stops))),
     ]
+    most = max(len(design.stops) for design in designs)
+    others += [(f"stop {k + 1}", partial(_stop, number=k)) for k in range(most)]
+    others.append(("misalignments", _misaligned))
     rows += [(name, *(tell(design) for design in designs)) for name, tell in others]
     return _marked("Parameters", rows, len(designs))
 
 
+def _stop(design: Design, number: int) -> str:
+    if number >= len(design.stops):
+        return ABSENT
+    stop = design.stops[number]
+    return f"{length(stop.diameter)} at {length(stop.distance)}"
+
+
+def _misaligned(design: Design) -> str:
+    moved = misalignments(design)
+    return "; ".join(f"{part} {pose}" for part, pose in moved) if moved else "none"
+
+
 def _numbers(results: Sequence[Evaluation]) -> list[Table]:
-    groups = [list(table_groups(result)) for result in results]
+    """The evaluations' tables side by side, by the names of their rows: a real lens has more than an ideal one."""
+    groups = [{title: {row[0]: row[1] for row in rows} for title, rows in table_groups(result)} for result in results]
     tables = []
-    for i, (title, rows) in enumerate(groups[0]):
-        together = [(row[0], *(group[i][1][j][1] for group in groups)) for j, row in enumerate(rows)]
+    for title in dict.fromkeys(title for group in groups for title in group):
+        names = dict.fromkeys(name for group in groups for name in group.get(title, {}))
+        together = [(name, *(group.get(title, {}).get(name, ABSENT) for group in groups)) for name in names]
         tables.append(_marked(title, together, len(results)))
     return tables
+
+
+def _effects(results: Sequence[Evaluation]) -> Table:
+    """Every effect's size, and whether the plan has it on."""
+    found = [{effect_row[0]: effect_row for effect_row in effect_rows(result)} for result in results]
+    names = dict.fromkeys(name for rows in found for name in rows)
+    together = [
+        (name, *(f"{rows[name][1]}, {rows[name][3]}" if name in rows else ABSENT for rows in found)) for name in names
+    ]
+    return _marked("Effects for a white scene, and whether a simulation must have them on", together, len(results))
 
 
 def _fields(results: Sequence[Evaluation]) -> list[Table]:
@@ -106,10 +135,3 @@ def _marked(title: str, rows: Sequence[tuple[str, ...]], count: int) -> Table:
     return Table(
         marked, "ll" + "d" * count, ("", "", *LETTERS[:count]), title, faint=faint, widths=(1.5, 18, *([13] * count))
     )
-
-
-def _making(command: str, stamp: tuple[str, ...]) -> tuple[Block, ...]:
-    blocks: list[Block] = [Bullets((f"roslf_design {__version__}", *stamp))]
-    if command:
-        blocks.append(Code(command, "The command that makes this report again"))
-    return tuple(blocks)

@@ -173,6 +173,14 @@ def _stops(design: Design) -> tuple[Block, ...]:
         ]
         headings = ("", "diameter", "in front of the lens", "decentre x, y; tilt")
         blocks.append(Table(tuple(rows), "lddl", headings, "Further stops of the bore"))
+    moved = misalignments(design)
+    if moved:
+        blocks.append(Table(tuple(moved), "ll", ("part", "decentre x, y; tilt"), "Misalignments"))
+    return tuple(blocks)
+
+
+def misalignments(design: Design) -> list[tuple[str, str]]:
+    """Parts that are decentred, tilted or turned, and by how much."""
     parts: dict[str, MainLens | MicrolensArray | Sensor | Stop] = {
         "main lens": design.main_lens,
         "FAP": design.aperture,
@@ -182,9 +190,7 @@ def _stops(design: Design) -> tuple[Block, ...]:
     moved = [(name, _pose(part)) for name, part in parts.items() if _pose(part) != "-"]
     if design.microlens_array.rotation:
         moved.append(("microlens array, rotation", format_quantity(design.microlens_array.rotation, "angle")))
-    if moved:
-        blocks.append(Table(tuple(moved), "ll", ("part", "decentre x, y; tilt"), "Misalignments"))
-    return tuple(blocks)
+    return moved
 
 
 def _pose(part: MainLens | MicrolensArray | Sensor | Stop) -> str:

@@ -35,7 +35,7 @@ def quick_tolerances(
     Parameters
     ----------
     design : Design
-        A real main lens counts as its thin twin.
+        Behind a real main lens, builds are what `roslf tolerance` makes of them.
     seed : int
     progress : callable, optional
         Told (trials done, trials in all).
@@ -66,12 +66,14 @@ def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
         "keep_trials": 0,
     }
     plan, *_ = tolerance_plan(data, design)
-    goals = list(data["goals"])
+    goals: list[dict[str, Any]] = []
     for column, nominal in zip(plan.columns, plan.nominal.tolist(), strict=True):
         if not math.isfinite(nominal):
-            continue
+            continue  # a field without light
         at = {} if column.field is None else {"fields": [column.field]}
-        if column.metric == "fill_factor":
+        if column.metric == "centre_error_px":
+            goals.append({"metric": "centre_error_px", "max": CENTRE} | at)
+        elif column.metric == "fill_factor":
             ends = sorted(((1 - FILL) * nominal, (1 + FILL) * nominal))
             goals.append({"metric": "fill_factor", "min": ends[0], "max": ends[1]} | at)
         elif column.metric == "kept_fraction":

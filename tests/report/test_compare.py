@@ -34,6 +34,28 @@ def test_differences_are_marked(pair):
     assert all(len(set(row[2:])) == 1 for row in found.values() if not row[0])
 
 
+@pytest.mark.parametrize("order", [("paper", "paper-singlet"), ("paper-singlet", "paper")])
+def test_a_real_lens_beside_an_ideal_one(order):
+    found = rows(comparison_report([load(name) for name in order]))
+    lens = found["Parameters", "main lens"]
+    assert (lens[0], set(lens[2:])) == ("≠", {"ideal", "LA1050-A reversed"})
+    traced = [row for (title, _), row in found.items() if title.startswith("Real main lens")]
+    assert len(traced) == 5
+    assert all("-" in row[2:] and row[0] for row in traced)
+
+
+def test_stops_misalignments_and_effects_are_compared_one_by_one():
+    paper = load("paper")
+    one = paper.replace({"stops": [{"diameter": 10.0, "distance": 60.0}]})
+    other = paper.replace({"stops": [{"diameter": 11.0, "distance": 60.0}], "sensor.decentre": (0.1, 0.0)})
+    found = rows(comparison_report([one, other, paper]))
+    assert found["Parameters", "stop 1"] == ("≠", "stop 1", "10 mm at 60 mm", "11 mm at 60 mm", "-")
+    assert found["Parameters", "misalignments"][2:] == ("none", "sensor 0.1 mm, 0 mm", "none")
+    effects = {name: row for (title, name), row in found.items() if title.startswith("Effects")}
+    assert effects["microlens diffraction"][0] == ""
+    assert effects["decentres"][0] == "≠"
+
+
 def test_a_design_is_like_itself():
     assert not any(row[0] for row in rows(comparison_report([load("pipe-bore")] * 2)).values())
 
