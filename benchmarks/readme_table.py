@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -50,6 +51,7 @@ def readme_table(data: Mapping[str, Any]) -> str:
     ]
     cases = {case["name"]: case for case in data["cases"]}
     lines += [row(cases[name]) for name in ROWS if name in cases]
+    lines += explorer_row(data["topics"].get("explorer", {}).get("text", ""))
     return "\n".join(lines) + "\n"
 
 
@@ -71,6 +73,17 @@ def row(case: Mapping[str, Any]) -> str:
         else:
             others.append(f"{side['label']}: {side['state']}")
     return f"| {case['title']} | {here} | {'; '.join(others)} |"
+
+
+SLIDER = re.compile(r"slider to picture, (\w+) +([\d.]+) ms median .*?([\d.]+) ms 95th percentile")
+"""What the explorer's topic prints for each view."""
+
+
+def explorer_row(text: str) -> list[str]:
+    """The explorer's row from its topic's own words; none where it was not measured."""
+    views = [f"{view} {float(median):.0f} ms ({float(late):.0f})" for view, median, late in SLIDER.findall(text)]
+    what = "Explorer, slider to changed picture, median (95th percentile)"
+    return [f"| {what} | {'; '.join(views)} | |"] if views else []
 
 
 def main() -> int:

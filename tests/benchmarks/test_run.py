@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import compare_revisions, run
+from benchmarks import bench_explorer, compare_revisions, run
 from benchmarks.cases import centre_errors, peer_cases, white_image
 from benchmarks.harness import scaling
 from benchmarks.harness.comparison import Case, Check, Goal, Side
@@ -94,6 +94,15 @@ def test_readme_table_has_ratios_only_of_results_that_agree(data):
     assert "Wrong:" in row
     assert "Optiland: missing" in row
     assert data["machine"]["date"][:10] in readme_table(data)
+
+
+def test_the_explorers_own_words_make_a_row(data):
+    line = bench_explorer._line("camera", [80.0, 90.0, 100.0])
+    data["topics"] = {"explorer": {"seconds": 1.0, "failed": False, "text": f"before\n{line}\n"}}
+    assert readme_table(data).splitlines()[-1].startswith("| Explorer, slider to changed picture")
+    assert "camera 90 ms (" in readme_table(data).splitlines()[-1]
+    data["topics"]["explorer"]["text"] = "no chromium on this machine"
+    assert "Explorer" not in readme_table(data)
 
 
 def test_names_of_cases():
