@@ -24,8 +24,8 @@ Texture = Callable[[Floats, Floats], Floats]
 def gauss(count: int) -> tuple[Floats, Floats]:
     """Nodes and weights of Gauss's rule on [0, 1], weights right to some 1e-14 of themselves.
 
-    numpy's lose two more digits at the ends, where 1 - x^2 cancels. Here the angle whose cosine a node is gets found, by
-    Newton's method on ``P_n(cos t)``, from which both follow without a difference.
+    numpy's lose two more digits at the ends, where 1 - x^2 cancels. Here Newton's method on ``P_n(cos t)`` finds the
+    angle whose cosine a node is, from which both follow without a difference.
     """
     t = math.pi * (np.arange(count, 0, -1) - 0.25) / (count + 0.5)
     for _ in range(6):

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable
 from decimal import Decimal
+from numbers import Real
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo
@@ -61,7 +62,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
         Says what is wrong and what to write instead.
     """
     example, base = _EXAMPLE[dimension], "mm" if dimension == "length" else "rad"
-    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+    if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):
         if unit_required:
