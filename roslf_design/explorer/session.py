@@ -78,7 +78,7 @@ class Session:
         self._space_sent: dict[str, Any] = {}
         self._serial = 0
         self._proposed: tuple[Design, tuple[Fix, ...]] | None = None
-        self._timers: dict[str, asyncio.TimerHandle] = {}
+        self._timers: dict[str, tuple[asyncio.TimerHandle, Design]] = {}
         self._last = Seen(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
@@ -124,8 +124,9 @@ class Session:
 
     def close(self) -> None:
         """End all that runs for this tab."""
-        for timer in self._timers.values():
+        for timer, _ in self._timers.values():
             timer.cancel()
+        self._timers.clear()
         for run in self._runs.values():
             if run is not None:
                 run.job.cancel()
@@ -332,7 +333,7 @@ class Session:
             self._soon("runs", self._look_after_runs, TICK)
 
     def _soon(self, name: str, work: Callable[[], object], pause: float = PAUSE) -> None:
-        """Do what takes longer than a slider may wait, and show it, once nothing has changed for a while."""
+        """Do what takes longer than a slider may wait, and show it, once the design has not changed for a while."""
 
         def run() -> None:
             del self._timers[name]
@@ -340,8 +341,11 @@ class Session:
             self.on_news()
 
         if name in self._timers:
-            self._timers[name].cancel()
-        self._timers[name] = asyncio.get_running_loop().call_later(pause, run)
+            timer, design = self._timers[name]
+            if design == self.design:
+                return
+            timer.cancel()
+        self._timers[name] = (asyncio.get_running_loop().call_later(pause, run), self.design)
 
     def _space(self) -> dict[str, Any]:
         """The 3D scene: what of it has changed since it was last sent."""
@@ -403,7 +407,8 @@ class Session:
         if wanted != before:
             try:
                 picture = drawing.make(*wanted)
-            except InputError as error:
+            except (ValueError, ArithmeticError, MemoryError) as error:
+                # Some designs that can be written down cannot be drawn: a pitch wider than the array.
                 self._tell(f"{drawing.label} cannot be drawn: {error}")
             self._drawn[name] = (wanted, picture)
         return "" if picture is None else picture.svg
