@@ -86,8 +86,8 @@ def case_table(found: HardCases) -> Table:
                 result.case.name,
                 worst.function,
                 unbroken(worst.gap),
-                f"{worst.judged.ulps:.3g}",
-                f"{worst.judged.condition:.2g}",
+                minus(f"{worst.judged.ulps:.3g}"),
+                conditioned(worst.judged.condition),
                 percent(worst.share),
                 number(ours),
                 number(_shown_naive(result)),
@@ -98,7 +98,9 @@ def case_table(found: HardCases) -> Table:
     caption = (
         "Of each case the function that uses most of its budget, 4 ulp (1 + condition) unless the last table says "
         "otherwise. Ours, textbook: largest relative errors on the walk of the function that the figure shows, by the "
-        "form used and by the textbook formula, in the same double precision."
+        "form used and by the textbook formula, in the same double precision; where ours is large the quantity is "
+        "ill-conditioned, and no formula does better with rounded arguments. No condition is told where errors stay "
+        "below half an ulp or the budget does not ask for it."
     )
     return Table(tuple(rows), "llrrrrrrl", headings, "", caption)
 
@@ -110,7 +112,17 @@ def _shown_naive(result: CaseResult) -> float:
 
 def unbroken(gap: float) -> str:
     """A power of ten with a minus sign, at which no browser ends a line."""
-    return f"{gap:.0e}".replace("-", "−")
+    return minus(f"{gap:.0e}")
+
+
+def minus(text: str) -> str:
+    """With a proper minus sign in the exponent."""
+    return text.replace("e-", "e−").replace("e+", "e")
+
+
+def conditioned(value: float) -> str:
+    """A condition number; a dash where it was not asked for."""
+    return minus(f"{value:.2g}") if value else "–"
 
 
 def percent(share: float) -> str:
@@ -122,7 +134,7 @@ def number(value: float) -> str:
     """An error for a table."""
     if math.isnan(value):
         return "-"
-    return f"{value:.1e}" if math.isfinite(value) else "no number"
+    return minus(f"{value:.1e}") if math.isfinite(value) else "none"
 
 
 def tangency_table(found: HardCases) -> Table:
@@ -137,7 +149,7 @@ def tangency_table(found: HardCases) -> Table:
     for gap in (1e-4, 1e-6, 1e-8):
         given = {"r": r, "R": R, "x": r + R - gap, "y": 0.0}
         point = _run(Trial("overlap", gap, given, _area, _exact_area, _naive_area), case)
-        rows.append((f"{gap:.0e}", f"{_area(**given):.6g}", f"{point.ours.ulps:.2g}", number(point.naive)))
+        rows.append((unbroken(gap), minus(f"{_area(**given):.6g}"), f"{point.ours.ulps:.2g}", number(point.naive)))
     return Table(
         tuple(rows),
         "rrrr",
@@ -154,18 +166,22 @@ def function_table(found: HardCases) -> Table:
             result.case.name,
             one.function,
             unbroken(one.gap),
-            f"{one.judged.ulps:.3g}",
-            f"{one.judged.condition:.2g}",
+            minus(f"{one.judged.ulps:.3g}"),
+            conditioned(one.judged.condition),
             percent(one.share),
             number(one.naive),
-            one.budget.text,
-            one.budget.reason or "-",
+            f"{one.budget.text}: {one.budget.reason}" if one.budget.reason else "",
         )
         for result in found.results
         for one in result.functions
     ]
-    headings = ("case", "function", "at gap", "ulps", "condition", "of budget", "textbook", "budget [ulp]", "why")
-    return Table(tuple(rows), "llrrrrrll", headings, "", "Of each function the place where it uses most of its budget.")
+    headings = ("case", "function", "at gap", "ulps", "condition", "of budget", "textbook", "other budget")
+    caption = (
+        "Of each function the place where it uses most of its budget, which is 4 ulp (1 + condition) unless the last "
+        "column says otherwise [ulp], and why. Textbook: largest relative error of that formula; none where it gave no "
+        "number."
+    )
+    return Table(tuple(rows), "llrrrrrl", headings, "", caption)
 
 
 def _points(found: HardCases) -> Bullets:
@@ -202,8 +218,9 @@ def _figure(found: HardCases) -> Figure:
         "Dots: the forms this program uses. Crosses: the textbook formula of the same quantity, in the same double "
         "precision; those on the upper edge gave no number, or one wrong by more than 1e4. Dots on the lower edge are "
         "right to the last bit. Where dots rise with the crosses (images just touch, calibration from near depths) the "
-        "quantity is ill-conditioned: no formula can do better with rounded arguments. Where crosses stay low the "
-        "textbook formula fails at the point alone.",
+        "quantity is ill-conditioned: no formula can do better with rounded arguments. A pixel's coverage is right to "
+        "the last digits of a whole pixel, and not of the little that is covered. Where crosses stay low the textbook "
+        "formula fails at the point alone.",
         svg,
         "Small panels, one a hard case, logarithmic in both directions; dots stay near 1e-16 where crosses rise to 1",
     )

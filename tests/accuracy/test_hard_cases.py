@@ -36,7 +36,7 @@ def test_discs_of_the_bench_at_three_gaps():
     assert [point.ours.ulps <= 16 for point in first] == [True] * 3
     for point, textbook in zip(first, (5.6e-5, 0.18, 1.9e3), strict=True):
         assert 0.2 * textbook < point.naive < 5 * textbook  # its last digits depend on the libm
-    assert [row[0] for row in tangency_table(found).rows] == ["1e-04", "1e-06", "1e-08"]
+    assert [row[0] for row in tangency_table(found).rows] == ["1e−04", "1e−06", "1e−08"]
 
 
 @pytest.mark.parametrize("gap", [1e-4, 1e-6, 1e-8])
