@@ -29,6 +29,7 @@ def report(
     paper: Literal["a4", "letter"] = "a4",
     compare: Annotated[bool, Parameter(negative=())] = False,
     figure: Annotated[list[str] | None, Parameter(negative=())] = None,
+    calibration: Path | None = None,
     seed: int | None = None,
     accuracy: float | None = None,
     stamp: Annotated[bool, Parameter(negative=())] = False,
@@ -60,6 +61,8 @@ def report(
         Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one
         of the page. Of one design also "model" (model.vtp, its parts in 3D for ParaView and PyVista) and "3d" (3d.png,
         drawn by PyVista; wants OpenGL, and is left out with a note where there is none).
+    calibration
+        Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan.
     seed
         Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
     accuracy
@@ -73,7 +76,7 @@ def report(
 
     check_count(len(others), compare)
     names = (design, *others)
-    make = maker(names, compare, seed, accuracy)
+    make = maker(names, compare, seed, accuracy, calibration)
     solid = [name for name in figure or () if name in SOLID]
     subject = design_in_3d(names, compare) if solid else None
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
@@ -82,6 +85,7 @@ def report(
         check_typst()
     options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
     options += [part for name in figure or () for part in ("--figure", name)]
+    options += [] if calibration is None else ["--calibration", str(calibration)]
     options += [] if seed is None else ["--seed", str(seed)]
     options += [] if accuracy is None else ["--accuracy", f"{accuracy:g}"]
     command = shlex.join(["roslf", "report", *names, *options])
@@ -103,7 +107,13 @@ def report(
         print(folder / name)
 
 
-def maker(names: Sequence[str], compare: bool, seed: int | None, accuracy: float | None) -> Callable[..., Report]:
+def maker(
+    names: Sequence[str],
+    compare: bool,
+    seed: int | None,
+    accuracy: float | None,
+    calibration: Path | None = None,
+) -> Callable[..., Report]:
     """What makes the report of these inputs, each read and found good.
 
     Raises
@@ -117,6 +127,9 @@ def maker(names: Sequence[str], compare: bool, seed: int | None, accuracy: float
 
     if seed is not None and seed < 0:
         raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
+    refused = Problem("--calibration", "goes with the report of one design; leave it out, or name it in the story")
+    if calibration is not None and compare:
+        raise InputError((refused,))
     if compare:
         from ..report.compare import comparison_report
 
@@ -127,18 +140,25 @@ def maker(names: Sequence[str], compare: bool, seed: int | None, accuracy: float
     from ..report.story import full_report, load_story_or_study, story_report, study_report
 
     (name,) = names
+    known = None
+    if calibration is not None:
+        from ..report.calibrated import read_calibration
+
+        known = read_calibration(calibration)
     if name in preset_names() and not Path(name).exists():
         check_evaluation_accuracy(load(name), accuracy)
-        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy)
+        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy, calibrated=known)
     kind, story = load_story_or_study(Path(name))
     if accuracy is not None and kind != "design":
         message = f"goes with designs, and {name} is a {kind} study; ask it of roslf {kind}"
         raise InputError((Problem("--accuracy", message.replace("story study; ask it of roslf story", "story")),))
+    if known is not None and kind != "design":
+        raise InputError((refused,))
     if story is not None:
         return partial(story_report, story, seed=seed)
     if kind == "design":
         check_evaluation_accuracy(load(name), accuracy)
-        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy)
+        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy, calibrated=known)
     return partial(study_report, kind, Path(name), seed=seed)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .blocks import Section, Statement
+from .calibrated import Calibrated, calibrated_section, calibrated_statement
 
 if TYPE_CHECKING:
     from ..calibration.planning import Plan
@@ -21,8 +22,8 @@ class Evidence:
 
     optimisation: Result | None = None
     tolerances: StudyResult | None = None
-    calibration: Plan | str | None = None
-    """A plan, or why there is none."""
+    calibration: Plan | Calibrated | str | None = None
+    """A plan, what was calibrated, or why there is no plan."""
     f_known: str = "1 %"
     """How well the plan takes f to be known."""
 
@@ -35,7 +36,9 @@ class Evidence:
             yield replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
         if self.tolerances is not None:
             yield yield_statement(self.tolerances)
-        if self.calibration is not None and not isinstance(self.calibration, str):
+        if isinstance(self.calibration, Calibrated):
+            yield calibrated_statement(self.calibration)
+        elif self.calibration is not None and not isinstance(self.calibration, str):
             from .calibration_plans import plan_statement
 
             yield plan_statement(self.calibration)
@@ -53,7 +56,9 @@ class Evidence:
             from ..tolerance.section import tolerance_section
 
             yield Section("Tolerances and yield", tolerance_section(self.tolerances).blocks, "tolerances")
-        if self.calibration is not None:
+        if isinstance(self.calibration, Calibrated):
+            yield calibrated_section(design, self.calibration)
+        elif self.calibration is not None:
             from .calibration_plans import calibration_section, no_plan
 
             plan = self.calibration

@@ -10,6 +10,7 @@ from ..calibration import CalibrationError
 from ..design.files import read_toml
 from ..errors import InputError, Problem
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
+from .calibrated import Calibrated
 from .calibration_plans import calibration_plan
 from .content import FOOTER, design_report, making
 from .evidence import Evidence
@@ -55,7 +56,14 @@ def kind_of(data: Mapping[str, Any], origin: str) -> Kind:
     raise InputError((Problem("", f"is neither a design nor a study: none of {looked} is in it{held}"),), origin)
 
 
-def full_report(design: Design, *, seed: int = 0, progress: Tell | None = None, **told: Any) -> Report:
+def full_report(
+    design: Design,
+    *,
+    seed: int = 0,
+    calibrated: Calibrated | None = None,
+    progress: Tell | None = None,
+    **told: Any,
+) -> Report:
     """A design's report with a first look at tolerances and a calibration plan.
 
     Parameters
@@ -63,6 +71,8 @@ def full_report(design: Design, *, seed: int = 0, progress: Tell | None = None, 
     design : Design
     seed : int
         Of builds and boards' poses.
+    calibrated : Calibrated, optional
+        What a calibration found, instead of the plan of one.
     progress : callable, optional
         Told what is being made.
     **told
@@ -76,8 +86,9 @@ def full_report(design: Design, *, seed: int = 0, progress: Tell | None = None, 
     tell = progress or (lambda _: None)
     found = quick_tolerances(design, seed, _counted(tell, "tolerances"))
     tell("calibration plan")
-    evidence = Evidence(tolerances=found, calibration=_planned(design, CalibrationPart(seed=seed)))
-    seeds = (f"Seed of the calibration boards' poses: {seed}.",)
+    plan = _planned(design, CalibrationPart(seed=seed)) if calibrated is None else calibrated
+    evidence = Evidence(tolerances=found, calibration=plan)
+    seeds = (f"Seed of the calibration boards' poses: {seed}.",) if calibrated is None else ()
     return design_report(design, evidence=evidence, seeds=seeds, progress=progress, **told)
 
 
@@ -184,6 +195,10 @@ def story_report(
             )
             seeds.append(f"Seed of the calibration boards' poses: {asked.seed}.")
             steps.append(f"Calibration plan, for {design.name}.")
+        elif part.calibrated is not None:
+            known = story.calibrations[index]
+            evidence = Evidence(evidence.optimisation, evidence.tolerances, known)
+            steps.append(f"Calibration of a camera built to {known.data['design']}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)

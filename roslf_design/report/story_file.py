@@ -20,7 +20,8 @@
 Parts run in their order. The first gets the story's design, each later one what the part before it passes on: an
 optimisation what it found, the others what they were given. A `design` in a study's own file counts only where that
 study runs alone. What `calibration` leaves out is chosen to suit the design: `board`, `boards`, `tilt`, `distance`,
-`range`, `noise` (of a corner, in microlens pitches), `f_sigma` (how well f is known) and `seed`.
+`range`, `noise` (of a corner, in microlens pitches), `f_sigma` (how well f is known) and `seed`. Instead of a plan,
+`calibrated = "FOLDER"` takes what `roslf calibrate` found.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from ..design.files import read_toml
 from ..design.messages import problems_of
 from ..design.units import Angle, Length
 from ..errors import InputError, Problem
+from .calibrated import Calibrated, read_calibration
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 
@@ -90,11 +92,13 @@ class CalibrationPart(Table):
 
 
 class Part(Table):
-    """One of `[[parts]]`: exactly one of the three studies."""
+    """One of `[[parts]]`: exactly one study."""
 
     optimize: str | None = None
     tolerance: str | None = None
     calibration: CalibrationPart | None = None
+    calibrated: str | None = None
+    """Folder of a calibration that was made, relative to the story."""
     take: str = "best"
     """Of an optimisation: which of its designs goes on."""
 
@@ -107,10 +111,12 @@ class Part(Table):
 
     @model_validator(mode="after")
     def _one(self) -> Part:
-        given = [key for key in ("optimize", "tolerance", "calibration") if getattr(self, key) is not None]
+        given = [
+            key for key in ("optimize", "tolerance", "calibration", "calibrated") if getattr(self, key) is not None
+        ]
         if len(given) != 1:
             found = " and ".join(given) or "nothing"
-            raise ValueError(f"has {found}; give each part one of optimize, tolerance or calibration")
+            raise ValueError(f"has {found}; give each part one of optimize, tolerance, calibration or calibrated")
         if "take" in self.model_fields_set and self.optimize is None:
             raise ValueError("take goes with optimize only; leave it out")
         return self
@@ -138,6 +144,8 @@ class Story:
     """What each part's file says; empty for a part without one."""
     folder: Path
     origin: str
+    calibrations: Mapping[int, Calibrated]
+    """By the part's index."""
 
     def folder_of(self, index: int) -> Path:
         """Where files named by a part's study are looked for."""
@@ -182,6 +190,13 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
         except InputError as error:
             key = f"parts.{index}.{'optimize' if part.optimize else 'tolerance'}"
             faults += [Problem(key, f"{part.file}: {fault}") for fault in error.problems]
+    calibrations: dict[int, Calibrated] = {}
+    for index, part in enumerate(table.parts):
+        if part.calibrated is not None:
+            try:
+                calibrations[index] = read_calibration(folder / part.calibrated)
+            except InputError as error:
+                faults += [Problem(f"parts.{index}.calibrated", fault.message) for fault in error.problems]
     if faults or design is None:
         raise InputError(tuple(faults), origin)
-    return Story(table, design, tuple(studies), folder, origin)
+    return Story(table, design, tuple(studies), folder, origin, calibrations)

@@ -1,0 +1,101 @@
+"""A calibration's folder in a report: its numbers, its drawings, and what is no calibration."""
+
+import json
+
+import pytest
+
+from roslf_design.cli import main
+from roslf_design.design import load
+from roslf_design.errors import InputError
+from roslf_design.report.blocks import Figure, Report, Statements, Table
+from roslf_design.report.calibrated import calibrated_section, read_calibration
+from roslf_design.report.figures.style import standalone
+from roslf_design.report.html import render_html
+from roslf_design.report.story_file import read_story
+
+SHARES = {"images": 0.25, "f": 0.75, "q": 0.0, "d": 0.0, "board": 0.0}
+
+
+def row(estimate, sigma, unit):
+    return {
+        "estimate": estimate,
+        "unit": unit,
+        "sigma": sigma,
+        "interval_68": [estimate - sigma, estimate + sigma],
+        "interval_95": [estimate - 2 * sigma, estimate + 2 * sigma],
+        "r_hat": 1.001,
+        "ess": 2000.0,
+        "variance_shares": SHARES,
+    }
+
+
+DATA = {
+    "schema": "roslf.calibration/1",
+    "design": "Zhou 2023 bench system",
+    "intervals_from": "posterior",
+    "quantities": {"H": row(1.5234, 0.0123, ""), "d_3": row(120.456, 2.34, "mm"), "d_2": row(2.00123, 0.00456, "mm")},
+    "converged": True,
+    "posterior": {"message": "converged: R-hat 1.001"},
+    "images_used": ["a.tif", "b.tif"],
+    "warnings": [],
+}
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
+
+
+def written(folder, **changes):
+    (folder / "calibration.json").write_text(json.dumps({**DATA, **changes}))
+    (folder / "posterior.svg").write_bytes(standalone(SVG))
+    return folder
+
+
+def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
+    section = calibrated_section(load("paper"), read_calibration(written(tmp_path)))
+    said, quantities, shares, figure = section.blocks
+    assert isinstance(said, Statements)
+    assert (
+        said.items[0].text == "Calibrated from 2 images: H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
+    )
+    assert [item.tone for item in said.items] == ["good", "good"]
+    assert isinstance(quantities, Table)
+    assert quantities.rows[1] == ("d_3", "120.5", "mm", "2.3", "118.116 to 122.796", "115.776 to 125.136")
+    assert shares.rows[0] == ("H", "25.0 %", "75.0 %", "0.0 %", "0.0 %", "0.0 %")
+    assert isinstance(figure, Figure)
+    assert figure.content == SVG
+    assert "ridge" in render_html(Report("a", "", (section,)))
+
+
+def test_warnings_lost_convergence_and_another_design_are_told(tmp_path):
+    found = read_calibration(written(tmp_path, converged=False, warnings=["dim"], design="another"))
+    said = calibrated_section(load("paper"), found).blocks[0]
+    assert [item.tone for item in said.items] == ["caution", "bad", "caution"]
+    assert "another design: another" in said.items[2].text
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (None, "no such file"),
+        ("{", "no JSON"),
+        ('{"schema": "roslf.evaluation/1"}', "is no calibration"),
+        ("[1]", "is no"),
+    ],
+)
+def test_what_is_no_calibration_is_told(tmp_path, capsys, content, complaint):
+    if content is not None:
+        (tmp_path / "calibration.json").write_text(content)
+    with pytest.raises(InputError, match=complaint):
+        read_calibration(tmp_path)
+    assert main(["report", "paper", "--calibration", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert complaint in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_story_may_end_in_a_calibration(tmp_path):
+    written(tmp_path)
+    data = {"story": {"title": "t", "design": "paper"}, "parts": [{"calibrated": "."}]}
+    story = read_story(data, tmp_path, "story.toml")
+    assert story.calibrations[0].data["quantities"]["d_3"]["sigma"] == 2.34
+    with pytest.raises(InputError, match=r"story.toml: parts.0.calibrated: .*no such file"):
+        read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
