@@ -130,6 +130,8 @@ def precision(
 
 def shapes_text(plan: Plan) -> str:
     """How each build is computed: always the exact way, as that is the quicker one, too."""
+    if plan.question.design.lens is not None:
+        return "each by exact rays through its own lens, shapes by series along the pupil's rim"
     shaped = any(column.metric in ("kept_fraction", "image_area_mm2", "axis_ratio") for column in plan.columns)
     if not shaped:
         return "each by closed forms"

@@ -8,7 +8,7 @@ import pytest
 
 from roslf_design.cli import main
 from roslf_design.tolerance.plan import plan_from
-from roslf_design.tolerance.precision import precision, trials_for
+from roslf_design.tolerance.precision import precision, shapes_text, trials_for
 from roslf_design.tolerance.run import run_trials
 from roslf_design.tolerance.summary import summarise
 
@@ -123,3 +123,23 @@ def test_trials_and_accuracy_exclude_each_other(tmp_path, capsys):
     line = ["tolerance", str(study), "-o", str(tmp_path / "out"), "--accuracy", "0.1", "--trials", "10"]
     assert main(line) == 2
     assert "--trials" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("design", "goal", "place", "says"),
+    [
+        ("paper", "fill_factor", "sensor.distance", "closed forms"),
+        ("paper", "kept_fraction", "sensor.distance", "discs"),
+        ("paper", "kept_fraction", "aperture.tilt.0", "ellipses"),
+        ("paper-singlet", "kept_fraction", "sensor.distance", "its own lens"),
+    ],
+)
+def test_the_way_builds_are_computed_is_told(design, goal, place, says):
+    tolerance = "0.01 mm" if place == "sensor.distance" else "3 mrad"
+    plan = plan_from(
+        {
+            "name": "s", "design": design, "goals": [{"metric": goal, "min": 0.5}], "trials": 10,
+            "perturb": [{"place": place, "tolerance": tolerance}],
+        }
+    )  # fmt: skip
+    assert says in shapes_text(plan)
