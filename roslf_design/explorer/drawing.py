@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ..design import Design
 from ..evaluation import Evaluation, evaluate
-from .link import Look
+from .link import WHOLE, Look
 from .optimise_run import OptimiseResult
 from .pictures.axes import Picture
 from .pictures.depth import depth_precision
@@ -67,6 +67,11 @@ class Drawing(NamedTuple):
     """The inputs, theme and size to a picture."""
 
 
+def _section(inputs: tuple[Design, bool | None], theme: ThemeName, size: Size) -> Picture:
+    design, whole = inputs
+    return meridional(design, theme, size, whole=whole)
+
+
 def _image(inputs: tuple[Design, tuple[float, float], bool, bool], theme: ThemeName, size: Size) -> Picture:
     design, place, diffraction, pixels = inputs
     return microlens_image(design, place, theme, size, diffraction=diffraction, pixels=pixels)
@@ -83,7 +88,11 @@ def _plane(inputs: tuple[Design, tuple[float, float] | None], theme: ThemeName, 
 
 DRAWINGS: dict[str, Drawing] = {
     "meridional": Drawing(
-        "camera", "Rays in the meridional section", (1040, 240), lambda seen: seen.design, meridional
+        "camera",
+        "Rays in the meridional section",
+        (1040, 240),
+        lambda seen: (seen.design, WHOLE[seen.look.whole]),
+        _section,
     ),
     "microlens": Drawing(
         "camera",

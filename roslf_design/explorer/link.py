@@ -6,7 +6,7 @@ import base64
 import binascii
 import json
 import zlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, cast
 
 from ..design import Design, DesignError, dumps, loads
@@ -28,6 +28,10 @@ TABS = {
 """Views of the explorer with their labels, first the one it opens with."""
 
 
+WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
+"""What the meridional section shows: what suits, from the object plane on, or from the outermost stop on."""
+
+
 @dataclass(frozen=True)
 class Look:
     """What of a design is looked at; not part of what undo takes back."""
@@ -37,6 +41,8 @@ class Look:
     """The microlens whose image is shown."""
     diffraction: bool = True
     pixels: bool = True
+    whole: str = "auto"
+    """How much the meridional section shows, a key of `WHOLE`."""
 
 
 class LinkError(ValueError):
@@ -45,7 +51,7 @@ class LinkError(ValueError):
 
 def encode(state: State, look: Look) -> str:
     """Text of letters, digits, - and _ that `decode` turns into an equal design, follower and look."""
-    content = {"design": dumps(state.design), "follows": state.follows, "look": _plain(look)}
+    content = {"design": dumps(state.design), "follows": state.follows, "look": asdict(look)}
     if state.reference != state.design:
         content["reference"] = dumps(state.reference)
     packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
@@ -96,12 +102,8 @@ def _follower(text: Any) -> Follower:
     return cast("Follower", text)
 
 
-def _plain(look: Look) -> dict[str, Any]:
-    return {"tab": look.tab, "place": look.place, "diffraction": look.diffraction, "pixels": look.pixels}
-
-
 def _look(data: Any) -> Look:
-    place, tab = data["place"], data["tab"]
-    if tab not in TABS:
-        raise ValueError(f"no page {tab!r}")
-    return Look(tab, read_place(place), bool(data["diffraction"]), bool(data["pixels"]))
+    place, tab, whole = data["place"], data["tab"], data["whole"]
+    if tab not in TABS or whole not in WHOLE:
+        raise ValueError(f"no view {tab!r} or {whole!r}")
+    return Look(tab, read_place(place), bool(data["diffraction"]), bool(data["pixels"]), whole)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from ..design import Design
 from ..errors import InputError, Problem
@@ -211,4 +211,4 @@ def kind_of(text: str) -> Kind:
     """
     if text not in KINDS:
         raise ValueError(f"there is no run called {text!r}")
-    return cast("Kind", text)
+    return text

@@ -17,14 +17,14 @@ from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals
 from .history import History, record, redo, undo
 from .jobs import Progress
-from .link import TABS, LinkError, Look, decode
+from .link import TABS, WHOLE, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
 from .places import on_array, place_on_mla, read_place
 from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, told
 from .scene3d import Scene3D, changed, scene
 from .state import State
-from .view import controls, header, looked_at, proposed, verdicts
+from .view import controls, glance, header, looked_at, proposed, verdicts
 
 PAUSE = 0.3
 """How long a design must stand still before what takes about as long is done for it [s]."""
@@ -60,7 +60,7 @@ class Session:
     requests = (
         *("opened", "restore", "slide", "write", "follow", "undo", "redo", "preset", "load_text", "load_path", "fix"),
         *("dismiss", "show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme", "space_again"),
-        *("start_run", "cancel_run", "take_optimum"),
+        *("show_whole", "start_run", "cancel_run", "take_optimum"),
     )
     """Methods that the page may call."""
 
@@ -104,6 +104,7 @@ class Session:
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
+            "glance": glance(self._seen().evaluation) if self._opened else [],
             "lights": self._lights() if self._opened else [],
             "fixes": self._fixes() if self._opened else [],
             "space": self._space() if self._opened and self._look.tab == "space" else self._space_sent,
@@ -253,6 +254,11 @@ class Session:
         elif picture == "matching-plane":
             across, high = (drawn.mapping.x1 / 100, drawn.mapping.y1 / 100)
             self._move_pupil(self.design.d_3 + across * right, self.design.D_F + high * up, "")
+
+    def show_whole(self, whole: str) -> None:
+        """How much the meridional section shows: the object plane too, the instrument alone, or what suits."""
+        if whole in WHOLE:
+            self._look = replace(self._look, whole=whole)
 
     def switch(self, what: str, on: bool) -> None:
         """Diffraction or pixels, on or off."""

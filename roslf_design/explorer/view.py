@@ -12,6 +12,7 @@ from .fields import CONJUGATE, FIELDS, STEPS, Field, position, reach, show
 from .fixes import Fix
 from .history import History
 from .link import Look, encode
+from .pictures.svg import short
 from .places import place_on_mla
 from .state import State, changeable, followers
 from .verdicts import verdict_lights
@@ -90,6 +91,28 @@ def verdicts(evaluation: Evaluation) -> list[dict[str, str]]:
     ]
 
 
+def glance(evaluation: Evaluation) -> list[dict[str, str]]:
+    """What one asks of a camera first, in numbers."""
+    number, field, image = evaluation.f_number, evaluation.non_distortion, evaluation.microlens_image
+    sampling, depth, light = evaluation.sampling, evaluation.depth, evaluation.diffraction
+    rows = (
+        ("aperture constant H", short(evaluation.aperture_constant)),
+        ("f-number of microlens and pupil", f"{short(number.microlens)}, {short(number.pupil)}"),
+        ("fill factor", short(number.fill_factor, 5)),
+        ("object radius undistorted", f"{short(field.x0_max_mm)} mm"),
+        ("object half width seen", f"{short(field.field_half_width_mm)} mm"),
+        ("microlens image across", f"{short(image.diameter_px)} px"),
+        (
+            "views across: pixels, independent",
+            f"{short(sampling.views_geometric, 3)}, {short(sampling.views_independent, 3)}",
+        ),
+        ("object sample", f"{short(sampling.object_sample_mm)} mm"),
+        ("depth precision in focus", f"{short(depth.sigma_z_mm)} mm"),
+        ("Airy radius of a microlens", f"{short(light.airy_radius_px, 3)} px"),
+    )
+    return [{"label": to_html(label), "value": value} for label, value in rows]
+
+
 def proposed(fixes: Iterable[Fix]) -> list[dict[str, str]]:
     """What would mend the design, in words; its numbers stay on the server."""
     return [
@@ -107,6 +130,7 @@ def looked_at(state: State, look: Look) -> dict[str, Any]:
         "place_text": f"x {_mm(x)}, y {_mm(y)} mm",
         "diffraction": look.diffraction,
         "pixels": look.pixels,
+        "whole": look.whole,
         "link": encode(state, look),
     }
 

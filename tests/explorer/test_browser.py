@@ -294,6 +294,12 @@ def test_microlenses_are_chosen_by_name_click_and_key_and_shown_with_and_without
         idle(page)
         seen[what] = picture(page, "microlens")
     assert len(set(seen.values())) == len(seen)
+    whole = {}
+    for label in ("instrument", "with object"):
+        page.click(f".card-meridional button:text-is('{label}')")
+        idle(page)
+        whole[label] = "object plane" in picture(page)
+    assert whole == {"instrument": False, "with object": True}
 
 
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (1920, 1080), (420, 900)])

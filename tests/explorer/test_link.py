@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.design import load, preset_names
-from roslf_design.explorer.link import LIMIT, TABS, LinkError, Look, decode, encode
+from roslf_design.explorer.link import LIMIT, TABS, WHOLE, LinkError, Look, decode, encode
 from roslf_design.explorer.state import edit, follow, start
 
 places = st.sampled_from(["centre", "edge", "corner"]) | st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
-looks = st.builds(Look, st.sampled_from(list(TABS)), places, st.booleans(), st.booleans())
+looks = st.builds(Look, st.sampled_from(list(TABS)), places, st.booleans(), st.booleans(), st.sampled_from(list(WHOLE)))
 
 
 @pytest.mark.parametrize("name", preset_names())
