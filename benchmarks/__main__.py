@@ -69,7 +69,9 @@ def side_by_side(chosen: argparse.Namespace, parser: argparse.ArgumentParser) ->
         try:
             data = json.loads((output / DATA).read_text())
             check(data)
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            parser.error(f"{output / DATA}: {error.strerror}; a run without --redraw writes it")
+        except ValueError as error:
             parser.error(f"{output / DATA}: {error}")
     else:
         names = [] if chosen.quick or chosen.no_topics or chosen.only else topics()

@@ -44,7 +44,8 @@ def relative(allowed: Mapping[str, float], ours: Arrays, theirs: Arrays) -> Sequ
         a, b = (np.atleast_1d(np.asarray(side[name], float)) for side in (ours, theirs))
         if a.shape != b.shape:
             raise ValueError(f"{name} has {b.size} values, not {a.size}")
-        found.append(Check(f"{name}, relative", float(np.abs(a - b).max() / np.abs(a).max()), limit))
+        word = name if len(name) <= 3 else name.replace("_", " ")  # symbols keep their subscripts
+        found.append(Check(f"{word}, relative", float(np.abs(a - b).max() / np.abs(a).max()), limit))
     return tuple(found)
 
 
@@ -251,8 +252,8 @@ def centres(layout: str, fill: float, shape: tuple[int, int], fast: bool) -> Cas
     def judge(ours: Arrays, theirs: Arrays) -> Sequence[Check]:
         found = quality(theirs)
         return (
-            Check("centres against the truth [px]", found["RMS error [px]"], 0.5),
-            Check("lenses not found [%]", found["lenses not found [%]"], 10.0),
+            Check("error [px]", found["RMS error [px]"], 0.5),
+            Check("not found [%]", found["lenses not found [%]"], 10.0),
         )
 
     gap = "room between images" if fill < 0.9 else "images nearly touch"

@@ -55,7 +55,7 @@ def plot_ratios(cases: Sequence[Mapping[str, Any]], goals: Sequence[Mapping[str,
     ax.set_xscale("log")
     ax.set_yticks(range(len(rows)), [f"{_short(title)}: {label}" for title, label, _, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.set_xlabel("time of the other over time here (1: as fast; right: slower than here)")
+    ax.set_xlabel("time of the other over time here (right of 1: slower)")
     ax.grid(True, axis="x")
     if rows:
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

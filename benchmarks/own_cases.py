@@ -23,7 +23,7 @@ def own_cases(quick: bool = False) -> list[Case]:
         *images(),
         *trials(),
         *searches(),
-        commands(),
+        *commands(),
     ]
     return found
 
@@ -155,14 +155,12 @@ def searches() -> list[Case]:
     ]
 
 
-def commands() -> Case:
+def commands() -> list[Case]:
     """Whole commands."""
-    words = (
-        ("roslf evaluate", "evaluate", "paper"),
-        ("roslf --help", "--help"),
-        ("roslf report", "report", "paper", "-o", "report"),
-    )
-    sides = tuple(
-        Side(label, "here", threads=2, command=("{python}", "-m", "roslf_design", *rest)) for label, *rest in words
-    )
-    return Case("commands", "Whole commands, from start to exit", "runs", 1, sides, fast=False)
+    found = []
+    for name, *words in (("help", "--help"), ("evaluate", "evaluate", "paper"), ("report", "report", "paper")):
+        rest = (*words, "-o", "report") if name == "report" else tuple(words)
+        side = Side("here", "here", threads=2, command=("{python}", "-m", "roslf_design", *rest))
+        title = f"roslf {' '.join(words)}, from start to exit"
+        found.append(Case(f"commands-{name}", title, "runs", 1, (side,), fast=name != "report"))
+    return found

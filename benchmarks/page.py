@@ -52,7 +52,7 @@ def benchmark_report(data: Mapping[str, Any]) -> Report:
     if left_out:
         sections.append(Section("Without a ratio", (left_out_table(left_out),)))
     if own:
-        sections.append(Section("What no peer offers", (Paragraph(OWN_TEXT), case_table(own))))
+        sections.append(Section("What no peer offers", (Paragraph(OWN_TEXT), own_table(own))))
     if data["scaling"]:
         sections.append(Section("Scaling", tuple(scaling_blocks(data))))
     behind = [goal for goal in data["goals"] if goal["met"] is False]
@@ -69,8 +69,8 @@ def benchmark_report(data: Mapping[str, Any]) -> Report:
 
 
 OWN_TEXT = (
-    "Nothing on the market does these, so they stand beside plain numpy doing the same work where one would write it "
-    "by hand, or alone. Results are compared there too."
+    "None of the peers offers these, so they stand beside plain numpy doing the same work where one would write it by "
+    "hand, or alone. Results are compared there too."
 )
 PEER_TEXT = (
     "Each peer lives in a Python environment of its own, made by the script with the versions above, and runs as a "
@@ -123,30 +123,41 @@ def side_blocks(cases: Sequence[Mapping[str, Any]], goals: Sequence[Mapping[str,
         "Red ticks are goals."
     )
     words = "Ratios of times with intervals, a row for each comparison, logarithmic"
-    return [reading, Figure("ratios", "How many times as long", caption, svg, words), case_table(cases)]
+    return [reading, Figure("ratios", "How many times as long", caption, svg, words), *case_tables(cases)]
 
 
-def case_table(cases: Sequence[Mapping[str, Any]]) -> Table:
-    """A row for each side."""
+WIDTHS = (17.0, 5.0, 11.0, 9.0, 10.0, 15.0)
+"""Of the columns of a case's table [em], so that tables below each other align."""
+
+
+def case_tables(cases: Sequence[Mapping[str, Any]]) -> list[Block]:
+    """A table for each case, a row for each side."""
+    headings = ("who", "threads", "median", "quartiles", "times as long", "results differ by")
+    found: list[Block] = []
+    for case in cases:
+        rows = []
+        for index, side in enumerate(case["sides"]):
+            checks = [f"{check['name']} {_small(check['difference'])}" for check in side["checks"] if index]
+            rows.append((*_timed(case, side), "; ".join(checks)))
+        found.append(Table(tuple(rows), "lrrrrl", headings, case["title"], case["note"], widths=WIDTHS))
+    return found
+
+
+def own_table(cases: Sequence[Mapping[str, Any]]) -> Table:
+    """All cases without a peer in one table."""
     rows = []
     for case in cases:
         for index, side in enumerate(case["sides"]):
-            agreed = "; ".join(f"{c['name']} {_small(c['difference'])}" for c in side["checks"]) if index else ""
-            timed = side["state"] == "timed"
-            rows.append(
-                (
-                    case["title"] if index == 0 else "",
-                    side["label"],
-                    str(side["threads"]),
-                    per(case, side) if timed else side["state"],
-                    spread(side),
-                    interval(side["ratio"]),
-                    agreed,
-                )
-            )
-    headings = ("work", "who", "threads", "median", "quartiles", "times as long", "results differ by")
-    notes = " ".join(f"{case['title'].split(',')[0]}: {case['note']}" for case in cases if case["note"])
-    return Table(tuple(rows), "llrrrrl", headings, "", notes)
+            rows.append((case["title"] if index == 0 else "", *_timed(case, side)))
+    notes = " ".join({case["note"]: f"{case['title']}: {case['note']}" for case in cases if case["note"]}.values())
+    return Table(tuple(rows), "llrrrr", ("work", "who", "threads", "median", "quartiles", "times as long"), "", notes)
+
+
+def _timed(case: Mapping[str, Any], side: Mapping[str, Any]) -> tuple[str, ...]:
+    """Who, threads, median, quartiles, ratio; numbers are not broken at the end of a line."""
+    told = per(case, side) if side["state"] == "timed" else side["state"]
+    numbers = (told, spread(side), interval(side["ratio"]))
+    return (side["label"], str(side["threads"]), *(text.replace(" ", "\u00a0") for text in numbers))
 
 
 def _small(value: float | None) -> str:

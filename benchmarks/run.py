@@ -54,10 +54,10 @@ def run_all(
         Instead of all.
     """
     began = time.perf_counter()
+    wanted = chosen(quick, only, cases)
     machine = describe(REPOSITORY)
     installed = install_peers(quick, tell) if peers is None else list(peers())
     speed = {str(threads): bandwidth(threads) for threads in (1, THREADS)}
-    wanted = chosen(quick, only, cases)
     pythons = {one.peer.key: one.python for one in installed}
     reasons = {one.peer.key: one.reason for one in installed}
     results: list[CaseResult] = []

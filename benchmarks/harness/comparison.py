@@ -58,6 +58,12 @@ class Check:
         """Whether the difference is allowed; a difference that is no number is not."""
         return self.difference <= self.allowed
 
+    @property
+    def words(self) -> str:
+        """What is wrong."""
+        off = f"off by {self.difference:.3g}" if math.isfinite(self.difference) else "no number"
+        return f"{self.name} {off}, allowed {self.allowed:.3g}"
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -237,7 +243,7 @@ def _judge(case: Case, answers: Mapping[str, Arrays], results: dict[str, SideRes
             results[label] = replace(results[label], state="mismatch", reason=f"results cannot be compared: {error}")
             continue
         wrong = [check for check in checks if not check.ok]
-        words = "; ".join(f"{check.name} off by {check.difference:.3g}, allowed {check.allowed:.3g}" for check in wrong)
+        words = "; ".join(check.words for check in wrong)
         state = "mismatch" if wrong else results[label].state
         results[label] = replace(results[label], state=state, reason=words, checks=checks)
 
