@@ -347,11 +347,30 @@ def _headed(name: str, line: str) -> str:
     return f"{found[1]} {code(' '.join(whole))}"
 
 
+def story_file() -> str:
+    """Every table of a story."""
+    from roslf_design.report.story_file import CalibrationPart, Opening, Part
+
+    own: dict[type, dict[str, str]] = {
+        Opening: {"title": "Of the report.", "question": "What it asks."},
+        Part: {
+            "optimize": "A study of `roslf optimize`, relative to the story.",
+            "tolerance": "A study of `roslf tolerance`, relative to the story.",
+            "calibration": "Table of what one means to capture; `{}` chooses all of it to suit the design.",
+            "take": 'Of an optimisation: which of its designs goes on, "best", "robust", or "parts-01" and so on.',
+        },
+        CalibrationPart: {"seed": "Of random poses."},
+    }
+    heads = (("`[story]`", Opening), ("`[[parts]]`, one study each", Part), ("`calibration`", CalibrationPart))
+    return "\n".join(f"### {head}\n\n{keys_table(kind, own[kind])}" for head, kind in heads)
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "design-file": design_file,
     "scene-file": scene_file,
     "tolerance-study": tolerance_study,
     "optimise-study": optimise_study,
+    "story-file": story_file,
     "evaluation-json": evaluation_json,
     "effects": effects,
     "grades": grades,

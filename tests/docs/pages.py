@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from roslf_design.cli import main
+from roslf_design.cli import build_app, main
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -94,6 +94,9 @@ def steps(text: str) -> list[tuple[str, str]]:
 def run(command: str, folder: Path) -> tuple[int, str]:
     """Exit code and output (stdout and stderr) of one command; `roslf` runs in this process."""
     words = shlex.split(command)
+    if words[:2] == ["roslf", "explore"]:  # serves until it is stopped: read, not run
+        build_app().parse_args(words[1:], exit_on_error=False, print_error=False)
+        return 0, ""
     if words[0] == "roslf":
         stream = io.StringIO()
         with contextlib.redirect_stdout(stream), contextlib.redirect_stderr(stream):
