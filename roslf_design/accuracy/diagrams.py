@@ -25,7 +25,7 @@ LOOKS = {
     "Monte Carlo": (VERMILLION, "x"),
     "scrambled Sobol": (GREEN, "^"),
     "rays (Sobol)": (GREEN, "^"),
-    "FFT": (BLUE, "P"),
+    "FFT": (ORANGE, "P"),
     "direct Huygens": (PURPLE, "o"),
     "exact trace": (INK, "D"),
     "polynomial surrogate": (BLUE, "o"),
@@ -39,6 +39,8 @@ FLOORS = {LENS: "thin lens against the real one"}
 """What the floor's line is called, where it is not rays against waves."""
 
 LEAST = 1e-17
+MOST = {LENS: 30.0}
+"""Errors above this are not drawn; of most quantities 3, where 1 is everything."""
 COLUMNS = 2
 
 
@@ -74,8 +76,10 @@ def plot_diagrams(diagrams: Sequence[WorkDiagram], answers: Sequence[Answer | No
 
 def plot_diagram(ax: Axes, diagram: WorkDiagram, answer: Answer | None = None) -> None:
     """One job."""
-    for name in dict.fromkeys(point.method for point in diagram.points):
-        mine = [point for point in diagram.points if point.method == name]
+    most = MOST.get(diagram.job.quantity, 3.0)
+    drawn = [point for point in diagram.points if point.error_range[1] <= most]
+    for name in dict.fromkeys(point.method for point in drawn):
+        mine = [point for point in drawn if point.method == name]
         colour, marker = LOOKS[name]
         seconds = [point.seconds for point in mine]
         errors = [max(point.error, LEAST) for point in mine]
@@ -98,7 +102,7 @@ def plot_diagram(ax: Axes, diagram: WorkDiagram, answer: Answer | None = None) -
         _mark(ax, diagram, answer)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_ylim(LEAST, 3)
+    ax.set_ylim(LEAST, most)
     ax.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
     ax.minorticks_off()
     ax.grid(True)

@@ -13,7 +13,7 @@ from .jobs import Job
 from .methods import methods
 from .random_jobs import random_jobs
 from .references import reference
-from .table import LONGEST, Table
+from .table import LONGEST, Table, load_kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,7 @@ def try_choice(
     progress : callable
         Told how far it is.
     """
+    load_kernels()
     found = []
     for n, (job, accuracy) in enumerate(random_jobs(design, count, seed + 7919)):
         progress(f"job {n + 1} of {count}")

@@ -33,7 +33,7 @@ QUANTITIES: dict[str, str] = {
     "centroid": "centroid of the microlens image; error over the radius of the pupil's image",
     "area": "area of the microlens image; error relative",
     "pixel image": "light of each pixel behind one microlens, by rays; largest error, 1 is a fully lit pixel",
-    "diffraction image": "the same with the microlens's diffraction and all neighbours alike; largest error",
+    "diffraction image": "pixels with the microlens's diffraction, all neighbours alike; largest error",
     "cut diffraction image": "diffraction image of one microlens alone behind a pupil that rims cut; largest error",
     "textured image": "pixels by rays, of a sinusoid off the focal plane; largest error",
     "real lens": "rays of one microlens through a real lens; largest miss on the focal plane over its sample there",

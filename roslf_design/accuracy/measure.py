@@ -12,10 +12,13 @@ import numpy as np
 from .jobs import LENS, Job
 from .methods import Method, methods
 from .references import reference
-from .table import timed
+from .table import load_kernels, timed
 from .wave_methods import WAVES, geometric
 
 SEEDS = 3
+
+REPEATS = 9
+"""Runs that each time is the median of, as far as they fit in a quarter of a second."""
 
 SLOWEST = 0.12
 """Levels slower than this are left out of diagrams [s]."""
@@ -68,7 +71,7 @@ class WorkDiagram:
 
 
 def work_diagram(
-    title: str, job: Job, *, seed: int = 0, repeats: int = 3, progress: Callable[[str], None] = lambda what: None
+    title: str, job: Job, *, seed: int = 0, repeats: int = REPEATS, progress: Callable[[str], None] = lambda what: None
 ) -> WorkDiagram:
     """Measure every method of a job's quantity.
 
@@ -85,6 +88,7 @@ def work_diagram(
         Told what is being measured.
     """
     progress(f"{job.quantity}, {title}")
+    load_kernels()
     points = [
         point
         for method in methods(job.quantity)

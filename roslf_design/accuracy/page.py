@@ -21,9 +21,9 @@ PROMISES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 ADVICE = (
     "Kept fraction, centroid, area of a straight camera: the closed form, always. It costs tens of microseconds and is "
     "right to the last digits; no sampling is quicker at any accuracy that is of use.",
-    "Pixels of a white scene by rays: the exact arc-pixel area. For the few pixels of one microlens Gauss panels are "
-    "as quick to 1e-6, and the way where pixels weigh something that is not constant. Sampling n x n points in each "
-    "pixel takes an n of 100 for three digits.",
+    "Pixels of a white scene by rays: the exact arc-pixel area, always: some 50 microseconds for the pixels of one "
+    "microlens. Gauss panels are the way where pixels weigh something that is not constant. Sampling n x n points in "
+    "each pixel takes an n of 100 for three digits.",
     "Diffraction: the harmonic series, where neighbours are alike. It ends, and is exact, at the harmonic P/w; "
     "cutting it saves little. The FFT is for what has no series, as vignetted neighbours. Direct Huygens quadrature "
     "is an independent check: right, and hundreds of times slower.",
@@ -102,11 +102,11 @@ def accuracy_report(
 def _reading(accuracy: float) -> Paragraph:
     return Paragraph(
         "Each line is a method, each point a level of effort: medians, with bars from the least to the largest over "
-        "runs and seeds. Down and left is better. A ring marks what is chosen for an accuracy of "
-        f"{accuracy:g} (dotted). Errors against references of 22 to 50 digits; of cut diffraction images against "
-        "Huygens's integral in double precision. Dashed: a floor that no effort gets past, as the model itself leaves "
-        "something out: by how much the best ray image misses the wave image of the same camera, neighbours alike; by "
-        "how much a thin lens misses the real one."
+        "runs and seeds. Down and left is better; errors far above 1 are not drawn. A ring marks what is chosen for an "
+        f"accuracy of {accuracy:g} (dotted). Errors against references of 22 to 50 digits; of cut diffraction images "
+        "against Huygens's integral in double precision. Dashed: a floor that no effort gets past, as the model itself "
+        "leaves something out: by how much the best ray image misses the wave image of the same camera, neighbours "
+        "alike; by how much a thin lens misses the real one."
     )
 
 
@@ -148,11 +148,11 @@ def choice_table(jobs: dict[str, Job], table: Measured) -> Table:
 def time_text(seconds: float) -> str:
     """A time with a unit."""
     if seconds >= 100:
-        return f"{seconds / 60:.0f} min"
+        return f"{seconds / 60:.0f}\N{NO-BREAK SPACE}min"
     for unit, size in (("s", 1.0), ("ms", 1e-3)):
         if seconds >= size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{seconds / 1e-6:.0f} µs"
+            return f"{seconds / size:.2g}\N{NO-BREAK SPACE}{unit}"
+    return f"{seconds / 1e-6:.0f}\N{NO-BREAK SPACE}µs"
 
 
 def method_table() -> Table:
