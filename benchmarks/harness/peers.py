@@ -109,20 +109,21 @@ def install(peer: Peer, folder: Path | None = None) -> Installed:
     wanted = {**asdict(peer), "base": sys.version}
     if peer.key == "here":
         wanted["needs"] = (REPOSITORY / "pyproject.toml").read_text()
-    if not _same(stamp, wanted):
-        found = interpreter(peer.pythons)
-        if found is None:
-            return Installed(peer, None, f"no Python {' or '.join(peer.pythons)} on this machine; {peer.note}")
-        start = time.perf_counter()
-        try:
+    found = interpreter(peer.pythons)
+    if found is None:
+        return Installed(peer, None, f"no Python {' or '.join(peer.pythons)} on this machine; {peer.note}")
+    start = time.perf_counter()
+    try:
+        if not _same(stamp, wanted):
             _make(peer, found, home, python)
-        except subprocess.CalledProcessError as error:
-            return Installed(peer, None, _why(error.stderr))
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return Installed(peer, None, str(error)[:300])
-        stamp.write_text(json.dumps({"peer": wanted, "seconds": time.perf_counter() - start}, default=str))
-    elif peer.key == "here":
-        _run([str(python), *PIP, "--no-deps", "--force-reinstall", *peer.packages])
+            stored = {"peer": wanted, "seconds": time.perf_counter() - start}
+            stamp.write_text(json.dumps(stored, default=str))
+        elif peer.key == "here":  # what it needs is there; the project itself may have changed
+            _run([str(python), *PIP, "--no-deps", "--force-reinstall", *peer.packages])
+    except subprocess.CalledProcessError as error:
+        return Installed(peer, None, _why(error.stderr))
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Installed(peer, None, str(error)[:300])
     return Installed(peer, python, "", float(json.loads(stamp.read_text())["seconds"]), _weight(home))
 
 
