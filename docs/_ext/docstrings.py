@@ -35,7 +35,8 @@ class NearbyNames(PythonDomain):
         home = (modname or "").split(".")[:2]
         kinds = ("class", "function", "data", "exception", "module")
         near = [match for match in found if match[0].split(".")[:2] == home]
-        near = near or [match for match in found if match[1].objtype in kinds]
+        if len(near) != 1:
+            near = [match for match in near or found if match[1].objtype in kinds]
         return near if len(near) == 1 else []
 
 

@@ -84,11 +84,8 @@ def results_table(kind: type, own: Mapping[str, str]) -> str:
 
 
 def _as_json(text: str) -> str:
-    return re.sub(
-        r"\binfinite\b",
-        "null (infinite)",
-        re.sub(r"\bInfinite\b", "Null (infinite)", re.sub(r"\bNone\b", "null", text)),
-    )
+    text = re.sub(r"\bNone\b", "null", text)
+    return re.sub(r"\b([Ii])nfinite\b", lambda m: ("Null" if m[1] == "I" else "null") + " (infinite)", text)
 
 
 def _result_rows(kind: type, prefix: str) -> Iterator[tuple[str, str, str]]:
