@@ -20,7 +20,7 @@ from ..rays.sampling import recurrence
 from .camera import LensCamera, chief_slope
 from .images import sensor_of_pupil
 from .prescription import LensError
-from .surrogate_kernel import evaluate
+from .surrogate_kernel import TERMS, evaluate
 from .trace import KEPT, Rays, trace
 
 Array = NDArray[np.float64]
@@ -158,9 +158,9 @@ def fitted(
     train = _samples(camera, domain, colour, FIT_RAYS, held_out=False)
     held = _samples(camera, domain, colour, HELD_OUT, held_out=True)
     tight = np.flatnonzero(np.min(train.rooms, axis=0) < TIGHT)
-    best = np.inf
+    best, fits = np.inf, _Fits(train, tight)
     for power in range(1, MOST_ORDER + 1) if order is None else (order,):
-        coefficients = _fit(train, power, tight)
+        coefficients = fits.of(power)
         pupil, focal, room = _errors(held, coefficients, power, tight, camera.fap.z - camera.focal_plane)
         best = min(best, focal)
         if focal <= tolerance or order is not None:
@@ -263,21 +263,45 @@ def _terms(samples: _Samples, order: int) -> Array:
     return np.stack([m * u**i for m in products for i in range(order + 1)], axis=-1)
 
 
-def _fit(samples: _Samples, order: int, tight: NDArray[np.intp]) -> Array:
-    """Coefficients by polynomial: P, Q, R, S, then rooms of the tight surfaces, (4 + tight, terms)."""
-    terms = _terms(samples, order)
-    by_x, by_y = (np.concatenate([terms * part[:, i : i + 1] for i in (0, 1)]) for part in (samples.x, samples.y))
-    wanted = np.stack([part.T.reshape(-1) for part in (samples.pupil, samples.slope)], axis=-1)
-    both = _least_squares(np.concatenate([by_x, by_y], axis=1), wanted)
-    count = terms.shape[1]
-    p, q, r, s = both[:count, 0], both[count:, 0], both[:count, 1], both[count:, 1]
-    rooms = _least_squares(terms, samples.rooms[:, tight]).T
-    return np.concatenate([np.stack([p, q, r, s]), rooms])
+class _Fits:
+    """Least-squares fits of every order from one factorisation: what a lower order takes are its first columns.
+
+    Parameters
+    ----------
+    samples : _Samples
+        To be fitted.
+    tight : ndarray of int
+        Surfaces whose rooms are fitted too.
+    """
+
+    def __init__(self, samples: _Samples, tight: NDArray[np.intp]) -> None:
+        terms = _terms(samples, MOST_ORDER).reshape(-1, TERMS, MOST_ORDER + 1)
+        by_power = np.swapaxes(terms, 1, 2)  # lower powers of u first
+        ways = [
+            np.stack([by_power * part[:, axis, None, None] for part in (samples.x, samples.y)], axis=2)
+            for axis in (0, 1)
+        ]
+        wanted = np.stack([part.T.reshape(-1) for part in (samples.pupil, samples.slope)], axis=-1)
+        self.map = _factored(np.concatenate(ways).reshape(len(wanted), -1), wanted)
+        self.rooms = _factored(by_power.reshape(len(by_power), -1), samples.rooms[:, tight])
+
+    def of(self, order: int) -> Array:
+        """Coefficients by polynomial: P, Q, R, S, then rooms of the tight surfaces, (4 + tight, terms)."""
+        count = order + 1
+        both = _solved(self.map, 2 * TERMS * count).reshape(count, 2, TERMS, 2)
+        rays = np.moveaxis(both, (3, 1, 2), (0, 1, 2)).reshape(4, -1)  # P and Q of the pupil, R and S of slopes
+        rooms = np.moveaxis(_solved(self.rooms, TERMS * count).reshape(count, TERMS, -1), 2, 0)
+        return np.concatenate([rays, np.swapaxes(rooms, 1, 2).reshape(len(rooms), TERMS * count)])
 
 
-def _least_squares(matrix: Array, wanted: Array) -> Array:
+def _factored(matrix: Array, wanted: Array) -> tuple[Array, Array]:
     q, r = np.linalg.qr(matrix)  # a tenth of the time that lstsq's singular values take
-    return np.asarray(np.linalg.solve(r, q.T @ wanted))
+    return r, q.T @ wanted
+
+
+def _solved(factored: tuple[Array, Array], columns: int) -> Array:
+    r, right = factored
+    return np.asarray(np.linalg.solve(r[:columns, :columns], right[:columns]))
 
 
 def _errors(
