@@ -148,7 +148,7 @@ def _lens(design: Design) -> str:
 
 def _said(entry: Entry) -> str:
     maker = f"{entry.maker} " if entry.maker else ""
-    remark = f" {entry.remark}" if entry.remark else ""
+    remark = f" {entry.remark[:1].upper()}{entry.remark[1:].rstrip('.')}." if entry.remark else ""
     return f"{maker}{entry.part}: {entry.provenance} ({entry.confidence}).{remark}"
 
 

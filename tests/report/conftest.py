@@ -16,12 +16,14 @@ def without_figures(monkeypatch):
     monkeypatch.setattr(content, "_figures", lambda *_: blank)
 
 
-@pytest.fixture
-def few_builds(monkeypatch):
-    """A first look at tolerances with a handful of builds, without the yields of other grades and scales."""
+@pytest.fixture(scope="module")
+def few_builds():
+    """A first look at tolerances with a handful of builds, without the yields at other scales."""
     from roslf_design.tolerance import run
 
     look = quick_tolerances.quick_tolerances
-    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-    monkeypatch.setattr(run, "yield_curve", lambda plan: tuple((s, run.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0)))
-    monkeypatch.setattr(run, "scale_for_yield", lambda plan, target: None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+        patch.setattr(run, "yield_curve", lambda plan: tuple((s, run.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0)))
+        patch.setattr(run, "scale_for_yield", lambda plan, target: None)
+        yield

@@ -64,7 +64,7 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def text():
+def text(few_builds):
     return render_html(full_report(load("paper"), command="roslf report paper -o report-paper"))
 
 
