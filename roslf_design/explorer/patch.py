@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import plan
-from ..imaging.camera import planned_design
+from ..imaging.camera import ImageLattice, planned_design
 from ..imaging.convolve import fineness
 from ..imaging.grid import Region
 from ..imaging.transfer import MicrolensTransfer
@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 NEIGHBOURS = 1.5
 """Microlens pitches around the patch that lend their light."""
+MOST_IMAGES = 400
+"""Microlenses that may light one pixel; beyond, their images are one grey."""
 MOST = 256
 """Subpixels across the patch and its surroundings."""
 KEPT = ("+microlens_diffraction", "+overlap")
@@ -36,7 +38,7 @@ class Patch(NamedTuple):
     """Relative intensities, 1 where geometry lights a whole pixel; shape (rows, columns)."""
 
 
-def white_patch(design: Design, columns: slice, rows: slice) -> Patch:
+def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
     """Pixels of the white image with diffraction at the microlenses.
 
     Parameters
@@ -48,16 +50,18 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch:
 
     Returns
     -------
-    Patch
+    Patch or None
         As `imaging.render.render` with a white scene has it, but for light of microlenses more than `NEIGHBOURS`
         pitches away, for which those on the other side stand in, and for what coarser subpixels fold back: within about
-        1e-2 of full scale or of the brightest pixel.
+        1e-2 of full scale or of the brightest pixel. None where more than `MOST_IMAGES` images overlap.
     """
     seen = design.thin_twin
     effects = plan(seen, overrides=KEPT)
     seen = planned_design(seen, effects)
     transfer = MicrolensTransfer.of(seen, effects)
     wide, high = columns.stop - columns.start, rows.stop - rows.start
+    if (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
+        return None
     if wide <= 0 or high <= 0:
         return Patch(columns, rows, np.zeros((max(high, 0), max(wide, 0))))
     halo = min(FRAME, math.ceil(NEIGHBOURS * seen.d / seen.q))

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 UM = 1e3
 LEFT, TOP, RIGHT, BELOW = 52.0, 42.0, 12.0, 42.0
 """Margins [px]."""
+MOST_PIXELS = 90_000
+"""In view; beyond, single ones would not be seen."""
 ON_PICTURE = "#f0b429"
 """Outline on a picture that has both black and white."""
 
@@ -57,7 +59,7 @@ def microlens_image(
         Its mapping takes pixels to places relative to the microlens's axis [um].
     """
     colours, place = theme_named(theme), nearest_microlens(design, place)
-    view = image_view(design.thin_twin, place)
+    view = image_view(design.thin_twin, place, MOST_PIXELS)
     names, tall = legend(_entries(design, colours), colours, size[0] - 24) if key else ("", 0.0)
     plot = _plot(view, size, tall)
     drawn, told = _light(design, place, view, plot, colours, diffraction) if pixels else ("", "")
@@ -96,16 +98,25 @@ def _light(
     design: Design, place: tuple[float, float], view: ImageView, plot: Plot, theme: Theme, diffraction: bool
 ) -> tuple[str, str]:
     """Pixels as an image, and what to say of them."""
+    shape = path_of(plot.along(UM * view.outline[:, 0], UM * view.outline[:, 1]), closed=True)
+    plain = path(shape, fill=theme.ink, fill_opacity=0.42)
     if not view.coverage.size:
-        return "", ""
+        return (plain, "pixels too small to draw") if _seen(view) else ("", "")
     (left, low), (right, top) = plot.at(UM * view.x[0], UM * view.y[0]), plot.at(UM * view.x[-1], UM * view.y[-1])
     box = (left, top, right - left, low - top)
     if not diffraction:
         return image(shaded(view.coverage, theme.ink, 0.42), box), ""
     columns, rows = (_whole_pixels(design, place, view, side) for side in (0, 1))
-    values = white_patch(design, columns, rows).values
-    peak = float(values.max(initial=0.0))
-    return image(ramp(values / max(peak, 1.0)), box), f"peak {short(peak, 3)}"
+    found = white_patch(design, columns, rows)
+    if found is None:
+        return plain, "too many images overlap for diffraction"
+    peak = float(found.values.max(initial=0.0))
+    return image(ramp(found.values / max(peak, 1.0)), box), f"peak {short(peak, 3)}"
+
+
+def _seen(view: ImageView) -> bool:
+    """Whether any of the sensor is in view."""
+    return len(view.x) > 1 and len(view.y) > 1
 
 
 def _whole_pixels(design: Design, place: tuple[float, float], view: ImageView, side: int) -> slice:
@@ -164,7 +175,7 @@ def _beyond(view: ImageView, plot: Plot, theme: Theme, name: str) -> str:
     left, top, width, height = plot.box
     parts = [tag("defs", hatch)]
     parts.append(tag("rect", x=left, y=top, width=width, height=height, fill=f"url(#{name}-beyond)", opacity=0.5))
-    if view.coverage.size:
+    if _seen(view):
         (a, low), (b, high) = plot.at(UM * view.x[0], UM * view.y[0]), plot.at(UM * view.x[-1], UM * view.y[-1])
         a, b, high, low = max(a, left), min(b, plot.right), max(high, top), min(low, plot.bottom)
         parts.append(tag("rect", x=a, y=high, width=b - a, height=low - high, fill=theme.ground))

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ...evaluation.fields import field_discs
 from ...evaluation.rims import axes_in_space, rims
+from ...microlens._pixels import LARGEST_RADIUS
+from ...microlens.cells import area_in_rectangle
 from ...microlens.coverage import coverage_image
 from ...microlens.discs import intersect, outline
 from ...microlens.lattice import cell_polygon
@@ -44,7 +46,8 @@ class ImageView(NamedTuple):
     y: Floats
     """Shape (J + 1,)."""
     coverage: Floats
-    """Share of each pixel that the image covers, shape (J, I)."""
+    """Share of each pixel that the image covers, shape (J, I); (0, 0) where there are more than was asked for
+    or a disc is too large for it."""
     kept_fraction: float
     on_sensor: float
     """Share of the image that falls on the sensor; 1 where dark."""
@@ -52,8 +55,17 @@ class ImageView(NamedTuple):
     """Half width of a view that shows the FAP's disc and the cell."""
 
 
-def image_view(design: Design, place: tuple[float, float]) -> ImageView:
-    """The image behind the microlens at `place` on the MLA [mm]."""
+def image_view(design: Design, place: tuple[float, float], most: float = math.inf) -> ImageView:
+    """The image behind a microlens.
+
+    Parameters
+    ----------
+    design : Design
+    place : (x, y)
+        The microlens's axis on the MLA [mm].
+    most : float
+        Pixels in view up to which each is looked at.
+    """
     discs, sizes = field_discs(design, [place])
     centres, radii = discs[0], sizes[0]
     pitch = abs(float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
@@ -63,14 +75,18 @@ def image_view(design: Design, place: tuple[float, float]) -> ImageView:
     middle = centres[0] + axis
     columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
     x, y = (_edges(design, side, seen) - axis[side] for side, seen in enumerate((columns, rows)))
-    coverage = coverage_image(
-        axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
-        window=(rows, columns),
-    )  # fmt: skip
+    shares = np.zeros((0, 0))
+    if (len(x) - 1) * (len(y) - 1) <= most and radii.max() <= LARGEST_RADIUS * design.q:
+        covered = coverage_image(
+            axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
+            window=(rows, columns),
+        )  # fmt: skip
+        shares = np.asarray(covered, float)
     image = intersect(centres, radii)
-    on_sensor = float(coverage.sum() * design.q**2 / image.area) if image.lit else 1.0
+    half_sensor, sensor = np.multiply(design.pixels, design.q / 2), np.subtract(design.sensor.decentre, axis)
+    seen = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
+    on_sensor = min(seen / float(image.area), 1.0) if image.lit else 1.0
     kept = float(image.kept_fraction)
-    shares = np.asarray(coverage, float)
     return ImageView(centres, radii, outline(centres, radii), cell, x, y, shares, kept, on_sensor, half)
 
 

@@ -48,6 +48,9 @@ def _designs():
         "at the lens": paper.replace(d_3=0.0),
         "nearly at the focal plane": paper.replace(d_3=349.0),
         "far": paper.replace(d_f=1e6),
+        "all but at the focal plane": paper.replace(d_3=350 * (1 - 1e-10)),
+        "a thousandfold overlap": paper.replace(D_F=40.0, d_2=30.0, d=0.02),
+        "pixels by the million": paper.replace(q=1e-5),
     }  # fmt: skip
 
 
@@ -172,6 +175,15 @@ def test_the_quick_patch_is_the_rendered_image(name, corner):
     whole = render(design, region=(column, row, side, side), threads=1, overrides=KEPT).pixels
     # What `white_patch` promises: light of far microlenses is replaced by that of the other side.
     np.testing.assert_allclose(quick, whole, atol=1e-2)
+
+
+def test_what_cannot_be_seen_is_told_instead():
+    told = " ".join(
+        ET.fromstring(PICTURES["microlens-waves"](DESIGNS["a thousandfold overlap"], "light").svg).itertext()
+    )
+    assert "too many images overlap for diffraction" in told or "pixels too small to draw" in told
+    told = " ".join(ET.fromstring(PICTURES["microlens"](DESIGNS["pixels by the million"], "light").svg).itertext())
+    assert "pixels too small to draw" in told
 
 
 def test_a_dark_microlens_is_called_dark():
