@@ -1,4 +1,4 @@
-"""Exact rays through real lenses, one thread, beside plain numpy and Optiland; the surrogate; whole field maps.
+"""Exact rays through real lenses, one thread, beside plain numpy and Optiland; the surrogate; field maps; images.
 
 Optiland runs in a Python of its own: name one that has it in the environment variable OPTILAND_PYTHON.
 """
@@ -17,6 +17,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from roslf_design.design import load
+from roslf_design.effects import plan
+from roslf_design.imaging.grid import Region
+from roslf_design.imaging.lens_rays import real_camera
+from roslf_design.imaging.trace import Sampling, Tracer
 from roslf_design.lenses.camera import LensCamera, mounted
 from roslf_design.lenses.fields import field_map
 from roslf_design.lenses.first_order import first_order
@@ -26,6 +31,7 @@ from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.lenses.surrogate import fitted
 from roslf_design.lenses.trace import Rays, trace
+from roslf_design.scenes import Checkerboard, Plane, Scene
 
 Floats = NDArray[np.float64]
 
@@ -152,6 +158,7 @@ def main() -> None:
     ):
         show(what, RAYS, seconds(partial(trace, lens, rays, GREEN, plane=plane), 5))
     surrogates()
+    rendering()
     maps()
 
 
@@ -168,6 +175,28 @@ def surrogates() -> None:
             took = time.perf_counter() - start
             note = f"(error {fit.object_error * 1e6:.2g} nm on the focal plane; fitted in {took:.2f} s)"
             show(f"surrogate of {name}", RAYS, seconds(partial(fit.rays, *c, *slopes)), note)
+
+
+def rendering() -> None:
+    """Part of a textured plane through the ideal lens and through real ones, whole microlenses, no diffraction."""
+    scene = Scene(objects=(Plane(distance=340.0, texture=Checkerboard(period=3.0)),))
+    fixed, region = Sampling(36, 36, 0.0), Region(2000, 1300, 150, 100)
+    overrides = ["-fap_diffraction", "-microlens_diffraction"]
+    ideal = load("paper")
+    thin = Tracer.of(ideal, plan(ideal, scene, overrides=overrides), scene)
+    took = seconds(partial(thin.image, region, fixed), 3)
+    show("rendered through the ideal lens", thin.image(region, fixed)[1], took, f"({1e3 * took:.0f} ms)")
+    for name in ("AC508-100-A", "AC508-150-A"):
+        design = load("paper-singlet").replace({"main_lens.prescription": name, "main_lens.reversed": False})
+        chosen = plan(design, scene, overrides=[*overrides, "+lens_aberrations"])
+        start = time.perf_counter()
+        tracer = real_camera(design, scene, chosen)
+        assert tracer is not None
+        ready = time.perf_counter() - start
+        real = seconds(partial(tracer.image, region, Sampling(side=6)), 3)
+        how = "surrogate" if tracer.ways[0].__name__ == "quickly" else "its own rays"
+        note = f"({how}: {1e3 * real:.0f} ms, {real / took:.1f} times the ideal lens's; made ready in {ready:.1f} s)"
+        show(f"rendered through {name}", tracer.image(region, Sampling(side=6))[1], real, note)
 
 
 def maps() -> None:
