@@ -86,8 +86,13 @@ def rays(count: int) -> list[Case]:
             f"3D backward rays, status and end points{words}",
             "rays",
             count,
-            (_here("rays_3d", 2, rays=count, tilted=tilted), _here("rays_3d", 1, rays=count, tilted=tilted)),
-            judge=partial(relative, {"kept": 0.0}),
+            (
+                _here("rays_3d", 2, rays=count, tilted=tilted),
+                _here("rays_3d", 1, rays=count, tilted=tilted),
+                *(() if tilted else (_numpy("rays_3d_numpy", rays=count),)),
+            ),
+            judge=partial(relative, {"kept": 1e-6, "x": 1e-12}),
+            bytes_each=33.0,
             fast=not tilted,
         )
         for name, words, tilted in (("", "", False), ("-tilted", ", everything tilted", True))

@@ -94,6 +94,7 @@ def rays_3d(inputs, options):
     from dataclasses import replace
 
     from benchmarks.bench_rays import DISTANCE, PAPER
+    from roslf_design.rays import Status
     from roslf_design.rays.backward import Ends, compiled_ends
 
     rng, n, c = np.random.default_rng(1), int(options["rays"]), (11.15, 3.0)
@@ -106,7 +107,22 @@ def rays_3d(inputs, options):
     def run():
         compiled_ends(camera, (p[0], p[1]), c, distance=DISTANCE, out=out)
 
-    return run, lambda: {"kept": np.mean(out.status == 0)}
+    return run, lambda: {"kept": np.mean(out.status == Status.KEPT), "x": out.x[:1000]}
+
+
+def rays_3d_numpy(inputs, options):
+    """The straight camera by hand, in blocks, one thread."""
+    from benchmarks.bench_rays import plain_numpy
+    from roslf_design.rays import Status
+
+    rng, n, c = np.random.default_rng(1), int(options["rays"]), (11.15, 3.0)
+    p = rng.uniform(-0.05, 0.05, (2, n)) + np.array(c)[:, None] * (1 - 0.0043478)
+    status, x, y = np.empty(n, np.uint8), np.empty(n), np.empty(n)
+
+    def run():
+        plain_numpy(p, c, None, status, x, y)
+
+    return run, lambda: {"kept": np.mean(status == Status.KEPT), "x": x[:1000]}
 
 
 def white(inputs, options):
@@ -201,6 +217,7 @@ WORK = {
     "coverage": coverage,
     "coverage_numpy": coverage_numpy,
     "rays_3d": rays_3d,
+    "rays_3d_numpy": rays_3d_numpy,
     "white": white,
     "white_numpy": white_numpy,
     "textured": textured,
