@@ -1,0 +1,45 @@
+"""What the project says of itself in several places is the same in all."""
+
+import re
+
+import yaml
+
+import roslf_design
+from roslf_design.design import preset_names
+
+
+def test_one_version(root):
+    version = roslf_design.__version__
+    citation = yaml.safe_load((root / "CITATION.cff").read_text())
+    assert citation["version"] == version
+    assert f'version = "{version}"' in (root / "pyproject.toml").read_text()
+    newest = re.search(r"(?m)^## (\S+)", (root / "CHANGELOG.md").read_text())
+    assert newest is not None
+    assert newest[1] == version
+
+
+def test_citation_names_software_and_paper(root):
+    citation = yaml.safe_load((root / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= set(citation)
+    assert citation["license"] == "MIT"
+    (paper,) = citation["references"]
+    assert paper["type"] == "article"
+    assert [author["family-names"] for author in paper["authors"]] == ["Zhou", "Chen", "Xu", "Xu"]
+
+
+def test_pages_are_all_in_the_contents(root):
+    docs = root / "docs"
+    listed = set(re.findall(r"(?m)^((?:guides|theory|reference|coming-from)/\S+|contributing|changelog)$",
+                            (docs / "index.md").read_text()))  # fmt: skip
+    pages = {
+        page.relative_to(docs).with_suffix("").as_posix()
+        for page in docs.rglob("*.md")
+        if not page.relative_to(docs).parts[0].startswith("_")
+    }
+    assert pages - {"index"} == listed
+
+
+def test_changelog_counts_the_presets(root):
+    words = ("six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+    assert f"{words[len(preset_names()) - 6]} presets" in " ".join((root / "CHANGELOG.md").read_text().split())
