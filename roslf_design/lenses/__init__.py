@@ -7,8 +7,9 @@
 - `camera`: a lens with FAP, array and sensor; the backward ray from sensor point to scene
 - `images`, `fields`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
 - `surrogate`: a fast polynomial twin with a stated error
-- `of_design`: the camera of a design file, its images against the thin twin; `manufacture`: what missed radii, indices
-  and decentres do to them
+- `of_design`: the camera of a design file, its images against the thin twin
+- `manufacture`: what the making of a lens can miss, by name
+- `builds`, `aim`: many builds of a lens at once, their images and spots from exact rays
 
 >>> from roslf_design.lenses.camera import mounted
 >>> from roslf_design.lenses.images import real_images

@@ -210,6 +210,17 @@ def test_tilts_change_the_thin_limit_as_they_should():
     assert area < 0.97 * straight
 
 
+def test_obliqueness_counts_behind_the_array_alone():
+    """A traced lens conserves etendue: what cos^4 costs in front of it shows in the size of the microlens images."""
+    design, edge = real(), 11.0
+    brief = SceneBrief(field_radius=edge)
+    line = plan(design, brief)["cos4"]
+    steepest = np.max(np.hypot(*real_field(design, [(edge, 0.0)]).images.outline[0].T)) / design.d_2
+    assert line.estimate == pytest.approx(1 - math.cos(math.atan(steepest)) ** 4, rel=1e-9)
+    assert "behind the array (traced)" in line.reason
+    assert line.estimate < 0.25 * plan(design.thin_twin, brief)["cos4"].estimate
+
+
 LENSES = ["LB1630-A", "AC508-100-A", "AC508-150-A"]
 TEXTURED = SceneBrief(smallest_period=2.0, hard_edges=True, wavelengths=(480e-6, 550e-6, 630e-6))
 
