@@ -32,6 +32,7 @@ class Tab:
         self.session = session
         self._server = Server(f"explorer-{self.key}")
         self._server.client_type = "vue3"
+        self._answered = 0
         self._backend: Any = None
         self._connection: Any = None
         self._running: asyncio.Task[None] | None = None
@@ -44,7 +45,7 @@ class Tab:
         state.trame__title = "roslf explore"
         state.trame__template_main = page()
         state.trame__template_error = page("gone.html")
-        state.update({**self.session.page(), "tab_key": self.key})
+        state.update({**self.session.page(), "tab_key": self.key, "answered": 0})
         for name in self.session.requests:
             server.controller.trigger(name)(self._handler(name))
         server.controller.on_server_bind.add(self._bound)
@@ -88,9 +89,10 @@ class Tab:
         self._backend = backend
 
     def _handler(self, name: str) -> Callable[..., Any]:
-        def handle(*arguments: Any) -> Any:
-            answer = getattr(self.session, name)(*arguments)
-            self._server.state.update(self.session.page())
-            return answer
+        def handle(*arguments: Any) -> int:
+            getattr(self.session, name)(*arguments)
+            self._answered += 1
+            self._server.state.update({**self.session.page(), "answered": self._answered})
+            return self._answered
 
         return handle

@@ -298,7 +298,7 @@ def test_microlenses_are_chosen_by_name_click_and_key_and_shown_with_and_without
     for label in ("instrument", "with object"):
         page.click(f".card-meridional button:text-is('{label}')")
         idle(page)
-        whole[label] = "object plane" in picture(page)
+        whole[label] = ">object plane<" in picture(page)
     assert whole == {"instrument": False, "with object": True}
 
 

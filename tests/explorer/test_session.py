@@ -1,23 +1,29 @@
 """A tab's session without a browser: whatever the page asks in whatever order, the page stays whole."""
 
 import asyncio
+import re
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from roslf_design.design import load, preset_names
 from roslf_design.explorer.drawing import DRAWINGS
+from roslf_design.explorer.fields import FIELDS, STEPS
 from roslf_design.explorer.link import TABS
 from roslf_design.explorer.session import Session
 
 PAPER = load("paper")
+NUMBERS_GONE_WRONG = re.compile(r"\b(nan|NaN|inf|None|Infinity)\b")
 
 
 def played(session, *requests):
     """The page's values after some requests, each with the page drawn after it."""
 
     async def play():
-        session.opened("", "light", {})
         page = session.page()
+        session.opened("", "light", {})
+        page = {**page, **session.page()}
         for name, *arguments in requests:
             getattr(session, name)(*arguments)
             page = {**page, **session.page()}
@@ -25,6 +31,43 @@ def played(session, *requests):
         return page
 
     return asyncio.run(play())
+
+
+symbols = st.sampled_from([field.symbol for field in FIELDS])
+TEXTS = ["3 mm", "63 um", "1e-9 mm", "40 mm", "900 mm", "abc", "", "5 deg"]
+pictures, pixels = st.sampled_from(list(DRAWINGS)), st.floats(0, 5000)
+requests = st.one_of(
+    st.tuples(st.just("slide"), symbols, st.integers(0, STEPS), st.sampled_from(["a", "b"])),
+    st.tuples(st.just("write"), symbols, st.sampled_from(TEXTS)),
+    st.tuples(st.just("follow"), st.sampled_from(["f", "d_1", "d_f", "D"])),
+    st.tuples(st.just("preset"), st.sampled_from(preset_names())),
+    st.tuples(st.just("show_tab"), st.sampled_from([*TABS, "no such"])),
+    st.tuples(st.just("choose"), st.sampled_from(["centre", "edge", "corner", (1.0, -2.0), (1e5, 0.0)])),
+    st.tuples(st.just("point"), pictures, st.floats(-500, 2000), st.floats(-500, 2000), st.just("p")),
+    st.tuples(st.just("nudge"), pictures, st.integers(-10, 10), st.integers(-10, 10)),
+    st.tuples(st.just("switch"), st.sampled_from(["diffraction", "pixels", "no such"]), st.booleans()),
+    st.tuples(st.just("fix"), st.sampled_from(["match-d_2", "match-D_F", "telecentric", "no such"])),
+    st.tuples(st.just("resize"), st.fixed_dictionaries({"microlens": st.tuples(pixels, pixels)})),
+    st.sampled_from([("undo",), ("redo",), ("dismiss",), ("let_go",), ("space_again",), ("set_theme", "dark")]),
+    st.tuples(st.just("restore"), st.text(max_size=20)),
+)  # fmt: skip
+
+
+@settings(max_examples=15)
+@given(st.lists(requests, max_size=8))
+def test_no_order_of_requests_breaks_the_page(asked):
+    session = Session(PAPER)
+    page = played(session, *asked)
+    for name, drawing in DRAWINGS.items():
+        svg = page[f"picture_{name.replace('-', '_')}"]
+        if drawing.tab == page["tab"] and drawing.tab in ("camera", "depth"):
+            assert svg.startswith("<svg"), name
+        bare = re.sub(r"<title.*?</title>|data:image/png;base64,[\w+/=]+", "", svg)
+        assert not NUMBERS_GONE_WRONG.search(bare), name
+    for group in page["groups"]:
+        for field in group["fields"]:
+            assert 0 <= field["position"] <= STEPS
+            assert bool(field["fault"]) == (session.state.fault(field["symbol"]) is not None)
 
 
 @pytest.mark.parametrize("name", preset_names())

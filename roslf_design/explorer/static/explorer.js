@@ -30,7 +30,7 @@
         const [key, [name, args]] = waiting.entries().next().value;
         waiting.delete(key);
         try {
-          await trame.trigger(name, args);
+          await until(await trame.trigger(name, args));
         } catch (error) {
           say(`The request "${name}" failed; the terminal that runs roslf explore tells why.`);
         }
@@ -39,6 +39,21 @@
       busy = false;
       delete root.dataset.busy;
     }
+  }
+
+  // The answer to a request may overtake what it changed: wait until the page shows that, too.
+  let shown = 0;
+  let awaited = null;
+
+  function until(serial) {
+    return new Promise((done) => {
+      if (shown >= serial) done(); else awaited = { serial, done };
+    });
+  }
+
+  function hasShown(serial) {
+    shown = serial;
+    if (awaited && shown >= awaited.serial) { awaited.done(); awaited = null; }
   }
 
   function say(text) {
@@ -197,12 +212,13 @@
   let linked = "";
 
   const Shell = {
-    props: ["link", "theme", "tabKey", "title"],
+    props: ["link", "theme", "tabKey", "title", "answered"],
     setup(props) {
       trame = inject("trame");
       tabKey = props.tabKey;
       watch(() => props.tabKey, (key) => { tabKey = key; });
       watch(() => props.title, (name) => { title = name.replace(/[^A-Za-z0-9._-]+/g, "-") || "design"; document.title = `${name} - roslf explore`; }, { immediate: true });
+      watch(() => props.answered, hasShown, { flush: "post" });
       watch(() => props.link, (link) => {
         if (!opened || !link || link === linked) return;
         linked = link;
@@ -487,7 +503,7 @@
       app.component("rx-space", Space);
       app.component("rx-run", RunView);
       app.config.globalProperties.$rx = {
-        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say,
+        ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };
     },
   };
