@@ -100,6 +100,11 @@ def find_centres(
     """
     frame = grey_frame(white, dark, "white image")
     level = saturation_level(np.asarray(white)) if saturation is None else saturation
+    full = float(np.mean(np.asarray(white) >= level))
+    if full > 0.5:
+        raise CalibrationError(
+            f"the white image is saturated: {100 * full:.0f} % of its pixels reach grey level {level:g}; expose less"
+        )
     raw = frame if dark is None else grey_frame(white, None, "white image")
     coarse = _grown(frame, estimate_lattice(frame, pitch, layout))
     fit = _Fit(frame, raw, level, undistorted_radius, axis)

@@ -38,7 +38,7 @@ def plot_residuals(result: Outcome) -> Figure:
     from matplotlib.figure import Figure
 
     found = result.calibration
-    figure = Figure(figsize=(8.0, 3.7), layout="constrained")
+    figure = Figure(figsize=(8.0, 3.25), layout="constrained")
     cloud, field = figure.subplots(1, 2, width_ratios=(1, 1.25))
     off = found.joint.residuals
     flat = np.asarray(off[found.observations.seen])
@@ -65,7 +65,9 @@ def plot_residuals(result: Outcome) -> Figure:
         field.plot(*place[own].T, mark, color=colour, markersize=2.2, label=name)
     field.set(aspect="equal", xlabel="u [pitches]", ylabel="v [pitches]")
     field.invert_yaxis()
-    field.set_title(f"mean over views, {gain:.3g} times as long")
+    field.set_title(f"mean over views, {float(f'{gain:.2g}'):,.0f} times as long")
+    for ax in (cloud, field):
+        ax.set_anchor("N")
     if len(seen) <= 14:
         field.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=7, handletextpad=0.2)
     return figure

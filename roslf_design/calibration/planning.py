@@ -161,7 +161,8 @@ def plan(
 def reason(captures: Captures) -> str:
     """Why captures leave a parameter open."""
     if captures.tilt < math.radians(3.0):
-        return f"the boards are all parallel (tilts within {math.degrees(captures.tilt):.1f} degrees); tilt them by 20"
+        tilts = f"tilts up to {math.degrees(captures.tilt):.1f} degrees"
+        return f"the boards are all parallel ({tilts}); tilt them by up to 20 degrees"
     if captures.boards == 1:
         return "one image of the board cannot tell its distance from A; show two or more, tilted differently"
     if captures.views == 1:

@@ -25,6 +25,8 @@ UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_
 SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Quantities in the order in which they are told."""
 LAPLACE = "Fisher matrix (Laplace)"
+ONE_DEPTH = 0.02
+"""Spread of the boards' depths, relative to their mean, below which they stand at one depth."""
 _DRAWS = 20_000
 _GAUSS = {"68": 0.994458, "95": 1.959964}
 
@@ -216,6 +218,12 @@ def outcome_of(
         notes.append(diffraction.warning)
     if calibration.missing:
         notes.append(f"no board found in {', '.join(calibration.missing)}: calibrated from the others")
+    depth = calibration.fit.poses.translation[:, 2]
+    if np.ptp(depth) < ONE_DEPTH * depth.mean():
+        notes.append(
+            f"the boards stand at one depth, within {np.ptp(depth):.2g} mm of {depth.mean():.4g} mm from the FAP: d_2"
+            " and m rest on their tilts alone; spread their distances"
+        )
     if posterior is not None and not posterior.converged:
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(

@@ -61,7 +61,7 @@ def quantities_table(result: Outcome) -> Table:
         rows.append(tuple(row))
     headings = ("", "estimate", "", "sigma", "68 % interval", "95 % interval")
     if not sampled:
-        title = "Calibrated, with intervals of the Fisher matrix (Laplace's approximation)"
+        title = "Calibrated, with intervals of Laplace's approximation"
         return Table(tuple(rows), "lrlrrr", headings, title)
     return Table(tuple(rows), "lrlrrrrr", (*headings, "R-hat", "ESS"), "Calibrated, with intervals of the posterior")
 

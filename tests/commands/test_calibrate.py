@@ -60,17 +60,22 @@ def captured(small, tmp_path_factory):
     white = render(small, overrides=RAYS, budget=budget)
     write_image(white, folder / "white.tif")
     for number, (away, about_x, about_y) in enumerate(POSES, 1):
-        plane = {
-            "kind": "plane",
-            "distance": small.d_f + away,
-            "tilt": (np.radians(about_x), np.radians(about_y)),
-            "size": (9 * CELL, 8 * CELL),
-            "texture": {"kind": "image", "file": str(place / "board.png"), "width": 9 * CELL},
-        }
-        scene = make_scene({"name": "board", "objects": [plane]})
+        scene = board_scene(place, small, away, about_x, about_y)
         write_image(render(small, scene, overrides=RAYS, budget=budget), folder / f"board{number}.tif")
     shutil.copy(folder / "white.tif", folder / "board6.tif")
     return place
+
+
+def board_scene(place, camera, away, about_x, about_y):
+    """The board `away` from the focal plane [mm], tilted [deg]."""
+    plane = {
+        "kind": "plane",
+        "distance": camera.d_f + away,
+        "tilt": (np.radians(about_x), np.radians(about_y)),
+        "size": (9 * CELL, 8 * CELL),
+        "texture": {"kind": "image", "file": str(place / "board.png"), "width": 9 * CELL},
+    }
+    return make_scene({"name": "board", "objects": [plane]})
 
 
 @pytest.fixture
@@ -124,7 +129,8 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
         options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
         code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
         assert code == 0
-        texts.append(said)
+        assert json.loads(said)["accuracy"].pop("seconds") > 0  # printed only: files repeat themselves
+        texts.append((out / "calibration.json").read_text())
         names = ["depth.png", "epi-lines.png", "posterior.png", "residuals.png"]
         assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
         assert "Laplace" in (out / "posterior.svg").read_text()
@@ -191,6 +197,11 @@ def saturated(folder):
     return "board1.tif: the raw image is saturated"
 
 
+def saturated_white(folder):
+    tifffile.imwrite(folder / "white.tif", np.full((540, 640), 65535, np.uint16))
+    return "the white image is saturated"
+
+
 def none_found(folder):
     for number in range(1, 6):
         shutil.copy(folder / "white.tif", folder / f"board{number}.tif")
@@ -206,8 +217,8 @@ def parallel(folder):
 @pytest.mark.parametrize(
     "spoil",
     [
-        no_white, two_whites, no_boards, unreadable, unreadable_white, other_size, other_dark, saturated, none_found,
-        parallel,
+        no_white, two_whites, no_boards, unreadable, unreadable_white, other_size, other_dark, saturated,
+        saturated_white, none_found, parallel,
     ],
 )  # fmt: skip
 def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, captured, images, tmp_path, spoil):
@@ -229,13 +240,19 @@ def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, capture
         ([], "FOLDER: name the folder"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out"], "none: no such folder"),
         (["none", "--design", "paper", "--board", "4 by 5", "-o", "out"], '--board: board "4 by 5" is not understood'),
+        (["none", "--design", "paper", "--board", "4x5 0 mm", "-o", "out"], "cell must be a positive length"),
+        (["none", "--design", "paper", "--board", "2x5 6 mm", "-o", "out"], "too few inner corners"),
+        (["none", "--design", "none", "--board", "4x5 6 mm", "-o", "out"], "none"),
+        ([__file__, "--design", "paper", "--board", "4x5 6 mm", "-o", "out"], "is a file; name the folder of images"),
         (["none", "--design", "paper", "--board", "4x5 6 mm"], "--output: is missing"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "x%"], "--f-sigma"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "30%"], "20 % at most"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--seed=-1"], "--seed"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--tilt", "9 deg"], "--tilt: goes with"),
         (["--plan", "paper", "-o", "out"], "--output: has no place beside --plan"),
-        (["--plan", "paper", "--tilt", "0 deg"], "the boards are all parallel"),
+        (["--plan", "paper", "--tilt", "0 deg"], "up to 0.0 degrees); tilt them by up to 20 degrees"),
+        (["--plan", "paper", "--tilt", "20"], "--tilt"),
+        (["--plan", "paper", "--tilt", "20 mm"], "--tilt"),
         (["--plan", "paper", "--tilt", "95 deg"], "stay below 90"),
         (["--plan", "paper", "--boards", "1"], "one image of the board"),
         (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
@@ -251,6 +268,22 @@ def test_bad_options_are_one_line_and_exit_2(capsys, tmp_path, monkeypatch, argu
     assert said in err
     assert len(err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    shutil.copy(captured / "images" / "white.tif", folder / "white.tif")
+    for number, tilt in enumerate([(28, 5), (-20, 26), (-24, -20)], 1):
+        image = render(small, board_scene(captured, small, 0, *tilt), overrides=RAYS, budget=Budget(intensity=0.03))
+        write_image(image, folder / f"board{number}.tif")
+    code, said, err = run(
+        capsys, "calibrate", folder, "--design", captured / "small.toml", "--board", BOARD, "-o", tmp_path / "out",
+        "--no-posterior",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "The boards stand at one depth, within" in said
+    assert "spread their distances" in said
 
 
 def test_without_opencv_it_says_what_to_install(capsys, captured, tmp_path, monkeypatch):
