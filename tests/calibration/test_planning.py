@@ -92,7 +92,8 @@ def test_plan_ranks_the_changes(design):
 def test_captures_that_cannot_work_say_why(design, exact):
     camera = camera_of(design)
     with pytest.raises(
-        CalibrationError, match=r"do not determine A.*: the boards are all parallel \(tilts up to 1\.0 degrees\); tilt them by up to 20 degrees"
+        CalibrationError,
+        match=r"do not determine A.*: the boards are all parallel \(tilts up to 1\.0 degrees\); tilt them by",
     ):
         expected_errors(camera, exact, Captures(tilt=math.radians(1.0), views=3))
     with pytest.raises(CalibrationError, match="there is one view only"):
