@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import plan
+from ..effects.field import image_diameter
 from ..imaging.camera import ImageLattice, planned_design
 from ..imaging.convolve import fineness
 from ..imaging.grid import Region
 from ..imaging.transfer import MicrolensTransfer
 from ..imaging.white import FRAME, WhiteGeometry
+from ..microlens.coverage import LARGEST_PART
 
 Floats = NDArray[np.float64]
 
@@ -53,14 +55,16 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
     Patch or None
         As `imaging.render.render` with a white scene has it, but for light of microlenses more than `NEIGHBOURS`
         pitches away, for which those on the other side stand in, and for what coarser subpixels fold back: within about
-        1e-2 of full scale or of the brightest pixel. None where more than `MOST_IMAGES` images overlap.
+        1e-2 of full scale or of the brightest pixel. None where more than `MOST_IMAGES` images overlap or
+        one is thousands of pixels wide.
     """
     seen = design.thin_twin
     effects = plan(seen, overrides=KEPT)
     seen = planned_design(seen, effects)
     transfer = MicrolensTransfer.of(seen, effects)
     wide, high = columns.stop - columns.start, rows.stop - rows.start
-    if (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
+    vast = 4 * image_diameter(seen) > LARGEST_PART * seen.q  # up to four subpixels a pixel
+    if vast or (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
         return None
     if wide <= 0 or high <= 0:
         return Patch(columns, rows, np.zeros((max(high, 0), max(wide, 0))))

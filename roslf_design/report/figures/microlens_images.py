@@ -12,7 +12,7 @@ from ...evaluation.fields import field_discs
 from ...evaluation.rims import axes_in_space, rims
 from ...microlens._pixels import LARGEST_RADIUS
 from ...microlens.cells import area_in_rectangle
-from ...microlens.coverage import coverage_image
+from ...microlens.coverage import LARGEST_PART, coverage_image
 from ...microlens.discs import intersect, outline
 from ...microlens.lattice import cell_polygon
 from ...theory.pupils import microlens_image_pitch
@@ -76,7 +76,8 @@ def image_view(design: Design, place: tuple[float, float], most: float = math.in
     columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
     x, y = (_edges(design, side, seen) - axis[side] for side, seen in enumerate((columns, rows)))
     shares = np.zeros((0, 0))
-    if (len(x) - 1) * (len(y) - 1) <= most and radii.max() <= LARGEST_RADIUS * design.q:
+    drawable = radii.max() <= LARGEST_RADIUS * design.q and 2 * radii.min() <= LARGEST_PART * design.q
+    if drawable and (len(x) - 1) * (len(y) - 1) <= most:
         covered = coverage_image(
             axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
             window=(rows, columns),
