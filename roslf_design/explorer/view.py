@@ -63,7 +63,7 @@ def _control(field: Field, state: State) -> dict[str, Any]:
         "name": field.name,
         "spoken": f"{field.name}, {_SPOKEN.get(field.symbol, field.symbol.replace('_', ' '))}",
         "text": show(field, value) if fault is None else fault.text,
-        "fault": "" if fault is None else to_html(fault.message),
+        "fault": "" if fault is None else fault.message,
         "position": position(field, value, ends),
         "steps": STEPS,
         "shown": show(field, value),

@@ -304,7 +304,7 @@
   <button v-if="field.can_follow" type="button" class="lock" :aria-pressed="field.follows" :title="field.follows ? 'Follows from the other two' : 'Let this one follow from the other two'" :aria-label="field.spoken + ' follows from the other two'" @click="ask('follow', field.symbol)"><svg viewBox="0 0 20 20" aria-hidden="true"><path v-if="field.follows" d="M8 12a3.500 3.500 0 0 0 5 0l2.500-2.500a3.540 3.540 0 0 0-5-5L9.500 5.500M12 8a3.500 3.500 0 0 0-5 0L4.500 10.500a3.540 3.540 0 0 0 5 5l1-1" /><path v-else d="M9 15.500 8.500 16a3.500 3.500 0 0 1-5-5L5 9.500M11 4.500l.5-.5a3.500 3.500 0 0 1 5 5L15 10.500M4 4l12 12" /></svg></button>
   <input class="number" :id="'n-' + field.symbol" type="text" inputmode="text" autocomplete="off" spellcheck="false" :value="text" :readonly="!field.open" :title="field.why" :aria-invalid="field.fault ? 'true' : 'false'" :aria-describedby="field.fault ? 'e-' + field.symbol : null" @input="typed" @change="written" @blur="left" @keydown="keys" />
   <input class="slider" type="range" min="0" :max="field.steps" step="1" :value="place" :disabled="!field.open" :aria-label="field.spoken" :aria-valuetext="field.shown" @input="slide" @pointerdown="grasp" @pointerup="release" @change="release" />
-  <p v-if="field.fault" class="fault" :id="'e-' + field.symbol" role="alert" v-html="field.fault"></p>
+  <p v-if="field.fault" class="fault" :id="'e-' + field.symbol" role="alert">{{ field.fault }}</p>
 </div>`,
   };
 
