@@ -234,10 +234,16 @@ def behind_blocks(goals: Sequence[Mapping[str, Any]], data: Mapping[str, Any]) -
     for goal in goals:
         name = goal["case"].split("-")[0] if goal["case"].startswith("centres") else goal["case"]
         reached = f"{_capital(goal['text'])}: reached {digits(goal['ratio'])}."
-        share = memory_share(next(case for case in data["cases"] if case["name"] == goal["case"]), data["bandwidth"])
-        blocks.append(Paragraph(" ".join(filter(None, [reached, share, REASONS.get(name, "")]))))
+        case = next(case for case in data["cases"] if case["name"] == goal["case"])
+        share = memory_share(case, data["bandwidth"])
+        why = REASONS.get(name, "")
+        if share is not None:
+            why = f"Here memory moves at {100 * share:.0f} % of the speed at which it copies. " + why * (share > 0.5)
+        blocks.append(Paragraph(f"{reached} {why}".strip()))
         rows = tuple(
-            (row["function"], f"{100 * row['share']:.0f} %", str(row["calls"])) for row in goal.get("profile", ())
+            (row["function"], f"{100 * row['share']:.0f} %", str(row["calls"]))
+            for row in goal.get("profile", ())
+            if row["share"] >= 0.01
         )
         if rows:
             blocks.append(
@@ -246,17 +252,13 @@ def behind_blocks(goals: Sequence[Mapping[str, Any]], data: Mapping[str, Any]) -
     return blocks
 
 
-def memory_share(case: Mapping[str, Any], bandwidth: Mapping[str, float]) -> str:
-    """How much of the memory's speed our side uses, where it is known what must be moved."""
+def memory_share(case: Mapping[str, Any], bandwidth: Mapping[str, float]) -> float | None:
+    """Part of the memory's speed that our side uses; None where it is not known what must be moved."""
     ours = case["sides"][0]
     if not case["bytes_each"] or ours["rate"] is None:
-        return ""
+        return None
     speed = bandwidth.get(str(ours["threads"])) or next(iter(bandwidth.values()))
-    moved = ours["rate"] * case["bytes_each"]
-    return (
-        f"Here {moved / 1e9:.1f} GB/s are read and written, {digits(100 * moved / speed)} % of the {speed / 1e9:.1f} "
-        "GB/s at which memory copies."
-    )
+    return float(ours["rate"] * case["bytes_each"] / speed)
 
 
 def topic_blocks(topics: Mapping[str, Mapping[str, Any]]) -> list[Block]:
