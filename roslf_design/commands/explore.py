@@ -40,10 +40,13 @@ def explore(
     check_packages()
     loaded = load(design)
     from ..explorer.front import application, is_local, serve
+    from ..explorer.patch import warm_up
     from ..explorer.session import Session
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)
+        # While the browser starts; nothing is computed there, so no two threads meet in a kernel.
+        asyncio.get_running_loop().run_in_executor(None, warm_up)
         if not is_local(host):
             print(f"roslf: with --host {host} everyone who reaches this machine can use it", file=sys.stderr)
         if browser:
