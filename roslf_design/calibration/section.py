@@ -111,6 +111,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
         f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
     )
+    yield Statement("plain", f"{lenses_used(result)}.")
     if result.diffraction is not None:
         yield _diffraction(result)
     parts = {source: result.shares["d_3"][source] for source in _SOURCES}
@@ -158,8 +159,8 @@ def lenses_used(result: Outcome) -> str:
     if radius is None:
         return said
     if math.isinf(radius):
-        return f"{said}; by Eq. 6 the design distorts none of them"
-    return f"{said}; Eq. 6 leaves the design's undistorted to {radius:.0f} px from the axis"
+        return f"{said}; by Eq. 6 the design cuts none of them"
+    return f"{said}; by Eq. 6 the design cuts none within {radius:.0f} px of the axis"
 
 
 def calibration_report(result: Outcome, pictures: Mapping[str, str], command: str, version: str) -> Report:
