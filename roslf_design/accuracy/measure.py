@@ -38,6 +38,7 @@ class WorkPoint:
     seconds: float
     """Median."""
     seconds_range: tuple[float, float]
+    """Quartiles over runs: what else the machine does comes in now and then."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,8 +101,8 @@ def accuracy_report(
 
 def _reading(accuracy: float) -> Paragraph:
     return Paragraph(
-        "Each line is a method, each point a level of effort: medians, with bars from the least to the largest over "
-        "runs and seeds. Down and left is better; errors far above 1 are not drawn. A ring marks what is chosen for an "
+        "Each line is a method, each point a level of effort: medians, with bars over the middle half of times and all "
+        "seeds' errors. Down and left is better; errors far above 1 are not drawn. A ring marks what is chosen for an "
         f"accuracy of {accuracy:g} (dotted). Errors against references of 22 to 50 digits; of cut diffraction images "
         "against Huygens's integral in double precision. Dashed: a floor that no effort gets past, as the model itself "
         "leaves something out: by how much the best ray image misses the wave image of the same camera, neighbours "

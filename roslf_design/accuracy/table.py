@@ -133,7 +133,7 @@ def machine() -> str:
 
 
 def timed(method: Method, job: Job, level: int, repeats: int = REPEATS) -> tuple[float, float, float]:
-    """Median, least and largest time of a few runs [s]; the first, which fetches code, does not count."""
+    """Median and quartiles of the times of a few runs [s]; the first, which fetches code, does not count."""
     method.compute(job, level, 0)
     found = []
     for n in range(repeats):
@@ -142,7 +142,8 @@ def timed(method: Method, job: Job, level: int, repeats: int = REPEATS) -> tuple
         found.append(time.perf_counter() - start)
         if sum(found) > LONGEST:
             break
-    return median(found), min(found), max(found)
+    low, high = np.quantile(found, [0.25, 0.75])
+    return median(found), float(low), float(high)
 
 
 def load_kernels() -> None:
