@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from ...errors import InputError, Problem
 from ...evaluation.rims import axes_in_space, rims
 from ...microlens.lattice import Lattice, lens_centres, nearest_lens
 from ...report.figures.microlens_images import GRID_UP_TO, ImageView, image_view
@@ -77,8 +78,18 @@ def microlens_image(
 
 
 def nearest_microlens(design: Design, place: tuple[float, float], *, inward: bool = False) -> tuple[float, float]:
-    """Axis of the microlens nearest to a place or, with `inward`, not farther out; both on the MLA [mm]."""
+    """Axis of the microlens nearest to a place or, with `inward`, not farther out; both on the MLA [mm].
+
+    Raises
+    ------
+    InputError
+        The array is smaller than one microlens.
+    """
     array = design.microlens_array
+    if min(array.size) < array.pitch * (1 - 1e-9):
+        raise InputError(
+            (Problem("d", f"{array.pitch:g} mm is more than the microlens array is wide; make it smaller"),)
+        )
     if inward:
         x, y = (math.copysign(max(abs(side) - 0.499 * array.pitch, 0.0), side) for side in place)
         place = x, y

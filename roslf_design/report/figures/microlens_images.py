@@ -74,10 +74,12 @@ def image_view(design: Design, place: tuple[float, float], most: float = math.in
     (axis,) = axes_in_space(design, [place])
     middle = centres[0] + axis
     columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
-    x, y = (_edges(design, side, seen) - axis[side] for side, seen in enumerate((columns, rows)))
-    shares = np.zeros((0, 0))
+    count = (columns.stop - columns.start) * (rows.stop - rows.start)
     drawable = radii.max() <= LARGEST_RADIUS * design.q and 2 * radii.min() <= LARGEST_PART * design.q
-    if drawable and (len(x) - 1) * (len(y) - 1) <= most:
+    drawable = drawable and count <= most
+    x, y = (_edges(design, side, seen, drawable) - axis[side] for side, seen in enumerate((columns, rows)))
+    shares = np.zeros((0, 0))
+    if drawable and count:
         covered = coverage_image(
             axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
             window=(rows, columns),
@@ -85,7 +87,9 @@ def image_view(design: Design, place: tuple[float, float], most: float = math.in
         shares = np.asarray(covered, float)
     image = intersect(centres, radii)
     half_sensor, sensor = np.multiply(design.pixels, design.q / 2), np.subtract(design.sensor.decentre, axis)
-    seen = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
+    seen = 0.0
+    if half_sensor.min() > 0:
+        seen = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
     on_sensor = min(seen / float(image.area), 1.0) if image.lit else 1.0
     kept = float(image.kept_fraction)
     return ImageView(centres, radii, outline(centres, radii), cell, x, y, shares, kept, on_sensor, half)
@@ -99,10 +103,11 @@ def _pixels_within(design: Design, side: int, low: float, high: float) -> slice:
     return slice(min(max(first, 0), count), min(max(last, 0), count))
 
 
-def _edges(design: Design, side: int, seen: slice) -> Floats:
-    """Edges between these pixels [mm], one more than there are pixels."""
+def _edges(design: Design, side: int, seen: slice, each: bool) -> Floats:
+    """Edges between these pixels [mm], one more than there are pixels; or the outermost ones alone."""
     start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
-    return np.asarray(start + design.q * np.arange(seen.start, seen.stop + 1), float)
+    numbers = np.arange(seen.start, seen.stop + 1) if each else np.unique([seen.start, seen.stop])
+    return np.asarray(start + design.q * numbers, float)
 
 
 def plot_microlens_image(

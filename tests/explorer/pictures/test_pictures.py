@@ -13,6 +13,7 @@ from PIL import Image
 import roslf_design as roslf
 from roslf_design import theory
 from roslf_design.effects.field import half_sizes
+from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.explorer.patch import KEPT, white_patch
@@ -289,3 +290,16 @@ def test_reasons_are_told_where_there_is_room():
 
 def test_no_effect_at_all_is_said():
     assert "no effect has a size" in effects(()).svg
+
+
+def test_an_array_smaller_than_a_microlens_is_refused_in_words():
+    with pytest.raises(InputError, match="d: 900 mm is more than the microlens array is wide"):
+        microlens_image(DESIGNS["paper"].replace(d=900.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("change", [{"q": 1e-9}, {"q": 900.0}, {"D_F": 1e5}, {"f_ml": 1e-9}, {"d_2": 1e5}, {"D": 1e-9}])
+def test_extreme_numbers_are_drawn_or_told_within_little_memory(change):
+    design = DESIGNS["paper"].replace(**change)
+    for waves in (True, False):
+        svg = microlens_image(design, default_fields(design)[2], diffraction=waves).svg
+        assert len(svg) < 500_000
