@@ -86,20 +86,21 @@ def aperture_constant() -> Figure:
 
 
 def waves() -> Figure:
-    """A row of microlens images by rays and by waves."""
+    """Microlens images along the diagonal of their cells, by rays and by waves."""
     from roslf_design.imaging.render import render
 
     design = roslf.load("paper")
     columns, rows = design.pixels
-    region = (columns // 2 - 26, rows // 2, 52, 1)
-    waves = ["-microlens_diffraction"], []
+    region = (columns // 2 - 26, rows // 2 - 26, 52, 52)
+    ways = ["-microlens_diffraction"], []
     figure, ax = _new()
-    for off, colour, style, label in zip(waves, (ORANGE, BLUE), ("--", "-"), ("rays", "waves"), strict=True):
-        image = render(design, region=region, overrides=off).pixels[0]
-        ax.step(np.arange(len(image)) - len(image) / 2, image, color=colour, linestyle=style, where="post", label=label)
-    ax.set(xlabel="pixel from the middle of the sensor", ylabel="intensity", xlim=(-26, 26), ylim=(0, None))
+    for off, colour, style, label in zip(ways, (ORANGE, BLUE), ("--", "-"), ("rays", "waves"), strict=True):
+        along = np.diagonal(render(design, region=region, overrides=off).pixels)
+        place = (np.arange(len(along)) - len(along) / 2) * np.sqrt(2)
+        ax.step(place, along, color=colour, linestyle=style, where="post", label=label)
+    ax.set(xlabel="distance along the diagonal [pixels]", ylabel="intensity", xlim=(-36, 36), ylim=(0, 1.28))
     ax.grid(True)
-    ax.legend(loc="lower right")
+    ax.legend(loc="upper right", ncols=2)
     return figure
 
 
