@@ -66,7 +66,8 @@ def row(case: Mapping[str, Any]) -> str:
     others = []
     for side in rest:
         if side["program"] == "here":
-            others.append(f"{side['label'].removeprefix('here, ')}: {per(case, side)}")
+            label = "1 thread" if side["label"] == "here" else side["label"].removeprefix("here, ")
+            others.append(f"{label}: {per(case, side)}")
         elif side["state"] == "timed":
             others.append(f"{side['label']}: {interval(side['ratio'])}")
         else:

@@ -15,6 +15,8 @@ from .samples import slope
 
 SHORT = 2.0
 """Runs shorter than this [s] are repeated."""
+LONG = 20.0
+"""Of runs longer than this [s] the first counts: what loading takes does not show."""
 REPEATS = 3
 TAIL = 4
 """Largest sizes that the slope is fitted to: small ones show what a start costs."""
@@ -79,8 +81,10 @@ def _point(axis: Axis, size: float) -> dict[str, Any]:
     try:
         worker.prepare(SIDES / "scaling_side.py", axis.work, None, {**axis.options, "size": size})
         timings = [worker.run()]
-        if timings[0].seconds < SHORT:  # the first loads compiled code
-            timings = [worker.run() for _ in range(REPEATS)]
+        if timings[0].seconds < LONG:  # the first loads compiled code and does not count
+            timings = [worker.run()]
+            while timings[-1].seconds < SHORT and len(timings) < REPEATS:
+                timings.append(worker.run())
         seconds = statistics.median(timing.seconds for timing in timings)
         peak = max(timing.peak_mib for timing in timings)
     finally:

@@ -30,12 +30,21 @@ def load(file):
 
 
 def peak_mib():
-    """Most memory that this process, or one it started, has held [MiB]; 0 where the system does not tell."""
+    """Most memory that this process, or one it started, has held [MiB]; 0 where the system does not tell.
+
+    Linux counts into a process's own ru_maxrss what its parent held when it was started; VmHWM is its own alone.
+    """
     try:
         import resource
     except ImportError:
         return 0.0
-    return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
+    started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    try:
+        with open("/proc/self/status") as status:
+            own = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return max(own, started) / 1024
 
 
 def prepare(request):

@@ -193,3 +193,9 @@ def test_worse_quality_misses_a_goal_however_fast(side):
     goal = goal_dicts(found)[0]
     assert goal["worse_in"] == ["error"]
     assert goal["met"] is False
+
+
+def test_memory_told_is_the_sides_own(side):
+    held = np.ones(50_000_000)  # 400 MB of ours are none of theirs
+    found, _ = run(case(side("here")))
+    assert 5 < found.sides[0].peak_mib < held.nbytes / 2**20
