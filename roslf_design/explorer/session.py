@@ -17,17 +17,15 @@ from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals
 from .history import History, record, redo, undo
 from .jobs import Progress
+from .later import Later
 from .link import TABS, WHOLE, LinkError, Look, decode
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
 from .places import on_array, place_on_mla, read_place
 from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, told
-from .scene3d import Scene3D, changed, scene
+from .space import Space
 from .state import State
 from .view import controls, glance, header, looked_at, proposed, verdicts
-
-PAUSE = 0.3
-"""How long a design must stand still before what takes about as long is done for it [s]."""
 
 TICK = 0.25
 """How often a run is asked how far it is [s]."""
@@ -74,11 +72,9 @@ class Session:
         self._traced: tuple[Design, Evaluation] | None = None
         self._runs: dict[Kind, Run | None] = dict.fromkeys(KINDS)
         self._wrong: dict[Kind, str] = dict.fromkeys(KINDS, "")
-        self._scene: tuple[tuple[Design, ThemeName], Scene3D] | None = None
-        self._space_sent: dict[str, Any] = {}
-        self._serial = 0
+        self._space = Space()
         self._proposed: tuple[Design, tuple[Fix, ...]] | None = None
-        self._timers: dict[str, tuple[asyncio.TimerHandle, Design]] = {}
+        self._later = Later(lambda: self.on_news())
         self._last = Seen(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
@@ -107,7 +103,7 @@ class Session:
             "glance": glance(self._seen().evaluation) if self._opened else [],
             "lights": self._lights() if self._opened else [],
             "fixes": self._fixes() if self._opened else [],
-            "space": self._space() if self._opened and self._look.tab == "space" else self._space_sent,
+            "space": self._in_space(),
             **{f"{kind}_run": told(self._runs[kind], self.design, self._wrong[kind]) for kind in KINDS},
             "forms": forms(self.design),
             "presets": list(preset_names()),
@@ -125,9 +121,7 @@ class Session:
 
     def close(self) -> None:
         """End all that runs for this tab."""
-        for timer, _ in self._timers.values():
-            timer.cancel()
-        self._timers.clear()
+        self._later.cancel()
         for run in self._runs.values():
             if run is not None:
                 run.job.cancel()
@@ -274,7 +268,7 @@ class Session:
 
     def space_again(self) -> None:
         """The browser missed a change of the 3D scene: send it whole."""
-        self._scene = None
+        self._space.forget()
 
     def start_run(self, kind: str, options: Options) -> None:
         """Start a tolerance or optimisation run in the background; one that runs already is ended."""
@@ -285,7 +279,7 @@ class Session:
         except InputError as error:
             self._wrong[chosen] = str(error)
         else:
-            self._soon("runs", self._look_after_runs, TICK)
+            self._later.do("runs", self._look_after_runs, None, TICK)
 
     def cancel_run(self, kind: str) -> None:
         """End a run."""
@@ -312,7 +306,7 @@ class Session:
             return verdicts(self._seen().evaluation)
         if self._traced is not None and self._traced[0] == self.design:
             return verdicts(self._traced[1])
-        self._soon("trace", self._trace)
+        self._later.do("trace", self._trace, self.design)
         return [*verdicts(self._seen().evaluation), TRACING]
 
     def _trace(self) -> None:
@@ -323,7 +317,7 @@ class Session:
         """What would mend the design; with nothing promised while it is still being changed."""
         if self._proposed is not None and self._proposed[0] == self.design:
             return proposed(self._proposed[1])
-        self._soon("fixes", self._propose)
+        self._later.do("fixes", self._propose, self.design)
         return [
             {**fix, "outcome": "", "why_not": ""}
             for fix in proposed(() if self._proposed is None else self._proposed[1])
@@ -336,38 +330,11 @@ class Session:
 
     def _look_after_runs(self) -> None:
         if any(run is not None and isinstance(run.job.poll(), Progress) for run in self._runs.values()):
-            self._soon("runs", self._look_after_runs, TICK)
+            self._later.do("runs", self._look_after_runs, None, TICK)
 
-    def _soon(self, name: str, work: Callable[[], object], pause: float = PAUSE) -> None:
-        """Do what takes longer than a slider may wait, and show it, once the design has not changed for a while."""
-
-        def run() -> None:
-            del self._timers[name]
-            work()
-            self.on_news()
-
-        if name in self._timers:
-            timer, design = self._timers[name]
-            if design == self.design:
-                return
-            timer.cancel()
-        self._timers[name] = (asyncio.get_running_loop().call_later(pause, run), self.design)
-
-    def _space(self) -> dict[str, Any]:
-        """The 3D scene: what of it has changed since it was last sent."""
-        seen = (self.design.thin_twin, self._theme)
-        if self._scene is not None and self._scene[0] == seen:
-            return self._space_sent
-        now = scene(*seen)
-        before = {} if self._scene is None else self._scene[1].meshes
-        since = 0 if self._scene is None else self._serial
-        self._serial += 1
-        self._scene = (seen, now)
-        meshes = {name: mesh and mesh._asdict() for name, mesh in changed(before, now.meshes).items()}
-        self._space_sent = {
-            "serial": self._serial, "since": since, "meshes": meshes, "camera": now.camera, "ground": now.ground,
-        }  # fmt: skip
-        return self._space_sent
+    def _in_space(self) -> dict[str, Any]:
+        shown = self._opened and self._look.tab == "space"
+        return self._space.parcel(self.design.thin_twin, self._theme) if shown else self._space.sent
 
     def _seen(self) -> Seen:
         design = self.design.thin_twin
