@@ -75,14 +75,17 @@ def plot_scaling(scaling: Sequence[Mapping[str, Any]], bandwidth: Mapping[str, f
 
     figure = Figure(figsize=(WIDTH, 2.7 * ((len(scaling) + 1) // 2)), layout="constrained")
     all_axes = figure.subplots((len(scaling) + 1) // 2, 2, squeeze=False).ravel()
+    seen: dict[str, Any] = {}
     for ax, axis in zip(all_axes, scaling, strict=False):
-        _panel(ax, axis, bandwidth)
+        seen |= _panel(ax, axis, bandwidth)
     for ax in all_axes[len(scaling) :]:
         ax.axis("off")
+    figure.legend(list(seen.values()), list(seen), loc="outside upper center", ncols=4)
     return figure
 
 
-def _panel(ax: Axes, axis: Mapping[str, Any], bandwidth: Mapping[str, float]) -> None:
+def _panel(ax: Axes, axis: Mapping[str, Any], bandwidth: Mapping[str, float]) -> dict[str, Any]:
+    """Draw one way of growing; its lines by their names."""
     done = [point for point in axis["points"] if point["measured"]]
     guessed = [point for point in axis["points"] if not point["measured"] and point["seconds"]]
     ax.plot([p["size"] for p in done], [p["seconds"] for p in done], "o-", color=BLUE, ms=4, label="time, measured")
@@ -111,5 +114,4 @@ def _panel(ax: Axes, axis: Mapping[str, Any], bandwidth: Mapping[str, float]) ->
     other.plot([p["size"] for p in held], [p["peak_mib"] for p in held], "s:", color=ORANGE, ms=3.5, label="memory")
     other.set_ylim(0, 1.3 * max((point["peak_mib"] for point in held), default=1.0))
     other.set_ylabel("largest process [MiB]")
-    lines = [*ax.get_lines(), *other.get_lines()]
-    ax.legend(lines, [str(line.get_label()) for line in lines], loc="upper left", fontsize=7)
+    return {str(line.get_label()): line for line in (*ax.get_lines(), *other.get_lines())}

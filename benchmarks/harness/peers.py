@@ -167,7 +167,8 @@ def _why(told: str) -> str:
     """The telling line of what pip or Python wrote."""
     lines = [line.strip() for line in told.splitlines() if line.strip() and "WARNING" not in line]
     errors = [line for line in lines if "error" in line.lower()]
-    return (errors or lines or ["it failed without a word"])[-1][:300]
+    told = (errors or lines or ["it failed without a word"])[-1]
+    return told.replace(str(REPOSITORY), ".").replace(str(Path.home()), "~")[:300]
 
 
 def _weight(home: Path) -> float:
