@@ -12,6 +12,8 @@ from .result import Field, FNumber, NonDistortion, Sampling, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
+TOUCHING_PX = 1e-6
+"""Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 
@@ -92,12 +94,13 @@ def _departure(field: RealLensField) -> float:
 def _matched(design: Design, f: FNumber) -> Verdict:
     ok = abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
+    images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     if ok:
-        text = f"f-number matched: fill factor {f.fill_factor:.5g}, images {kind} {abs(f.mismatch_px):.3g} px"
+        text = f"f-number matched: fill factor {f.fill_factor:.5g}, {images}"
         return Verdict("f_number_matched", True, "good", text, "")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
-        f"{f.fill_factor:.4g}, images {kind} {abs(f.mismatch_px):.3g} px"
+        f"{f.fill_factor:.4g}, {images}"
     )
     return Verdict("f_number_matched", False, "fault", text, _match_remedy(design))
 

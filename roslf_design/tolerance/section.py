@@ -22,6 +22,9 @@ TOP = 12
 QUANTILES = 5
 """Columns of quantiles that fit on a page; the rest is in the results' file."""
 
+MOST_RATIO = 1e3
+"""Above it the root sum of squares is noise of rounding."""
+
 
 def tolerance_section(result: StudyResult, command: str = "") -> Section:
     """A study as a section of a report.
@@ -186,7 +189,7 @@ def rss_table(result: StudyResult, brief: bool = False) -> Table:
             row.label,
             _number(row.rss),
             _number(row.monte_carlo),
-            _number(row.ratio),
+            _ratio(row.ratio),
             _number(row.shift),
             _linear(row.linear),
         )
@@ -262,6 +265,11 @@ def _worded(table: Table) -> Table:
 def _label(cell: str) -> str:
     metric = METRICS.get(cell.partition("@")[0])
     return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
+
+
+def _ratio(value: float) -> str:
+    """A spread that is no first-order effect has no ratio worth its digits."""
+    return "none" if value > MOST_RATIO or math.isnan(value) else _number(value)
 
 
 def _edges(limit: LimitYield) -> tuple[str, str]:
