@@ -67,8 +67,8 @@ class Plan(NamedTuple):
         best = self.changes[0]
         before, after = self.expected.sigma, best.expected.sigma
         return (
-            f"{best.what}: d_3 to +-{after['d_3']:.2g} mm instead of +-{before['d_3']:.2g} mm,"
-            f" H to +-{after['H']:.2g} instead of +-{before['H']:.2g}"
+            f"{best.what}: d_3 to ±{after['d_3']:.2g} mm instead of ±{before['d_3']:.2g} mm,"
+            f" H to ±{after['H']:.2g} instead of ±{before['H']:.2g}"
         )
 
 
@@ -114,7 +114,7 @@ def expected_errors(
     d_3 = sheet.f + (sheet.f - camera.A) / camera.m
     if captures.distance - captures.distance_range / 2 <= d_3:
         raise CalibrationError(
-            f"boards at {captures.distance:g} +- {captures.distance_range / 2:g} mm reach into the bore: the FAP is at"
+            f"boards at {captures.distance:g} ± {captures.distance_range / 2:g} mm reach into the bore: the FAP is at"
             f" {d_3:.1f} mm from the lens"
         )
     if captures.views == 1 or captures.boards == 1:

@@ -97,10 +97,10 @@ class Outcome:
             The values make no design.
         """
         found = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
-        said = ", ".join(f"{n} = {e.value:.6g} +- {e.sigma:.2g} {UNITS[n]}".strip() for n, e in found.items())
+        said = ", ".join(f"{n} = {e.value:.6g} ± {e.sigma:.2g} {UNITS[n]}".strip() for n, e in found.items())
         images = len(self.calibration.observations.names)
         source = (
-            f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} +- {self.sheet.f_sigma:.2g} mm"
+            f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm"
             f" from the data sheet: {said} (standard deviations); before: {self.design.name}"
         )
         lengths = {name: found[name].value for name in ("d_3", "d_1", "d_2")}

@@ -101,7 +101,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
     """What an engineer came for."""
     e, found = result.estimates, result.calibration
     pair = ", ".join(
-        f"{name} = {e[name].value:.{_places(e[name].sigma)}f} +- {e[name].sigma:.2g} {UNITS[name]}".strip()
+        f"{name} = {e[name].value:.{_places(e[name].sigma)}f} ± {e[name].sigma:.2g} {UNITS[name]}".strip()
         for name in ("H", "d_3")
     )
     yield Statement("caution" if result.warnings else "good", f"{pair} (standard deviations).")
@@ -186,8 +186,8 @@ def _method(result: Outcome) -> str:
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
         f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
         " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
-        f" corners. From data sheets: f = {sheet.f:.6g} +- {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
-        f" d = {sheet.d * 1e3:.6g} +- {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
+        f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
+        f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
         f" {100 * sheet.cell_sigma:.2g} %. Radial distortion coefficients fitted: {result.distortion}."
         + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
     )

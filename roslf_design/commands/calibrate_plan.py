@@ -72,7 +72,7 @@ def print_plan(
     console.print(f"[bold]Plan of a calibration of {loaded.name}[/bold]", highlight=False)
     console.print(
         f"{captures.boards} images of a {b.columns} x {b.rows} board of {b.cell:g} mm cells, tilted by up to"
-        f" {math.degrees(captures.tilt):g} degrees, {captures.distance:.4g} +- {captures.distance_range / 2:.3g} mm"
+        f" {math.degrees(captures.tilt):g} degrees, {captures.distance:.4g} ± {captures.distance_range / 2:.3g} mm"
         f" from the lens; corners to {captures.noise:g} pitches in {len(captures.view_grid())} views; f to {f_sigma}.",
         highlight=False,
         soft_wrap=True,
