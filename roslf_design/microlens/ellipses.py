@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _ellipses
+from ._shapes import EMPTY
 from .discs import DiscIntersection
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersect
     run = _ellipses.ellipse_shapes.interpreted if n * k <= INTERPRETED_BELOW else _ellipses.ellipse_shapes.compiled
     run(c, s, results, status, clipping, _NODES, _WEIGHTS)
     share, x, y, *moments = results
-    dark = status == _ellipses.EMPTY
+    dark = np.equal(status, EMPTY)
     centroid = np.where(dark[:, None], c[:, 0], np.stack([x, y], axis=-1))
     area = math.pi * np.sqrt(s[:, 0, 0] * s[:, 0, 2] - s[:, 0, 1] ** 2) * share
     return DiscIntersection(
