@@ -34,6 +34,7 @@ def explore(
         Whether to open the page in the browser.
     """
     import asyncio
+    from threading import Thread
 
     from ..design import load
 
@@ -54,7 +55,15 @@ def explore(
 
             webbrowser.open(address)
 
+    # Beside the page's first pictures, which would else wait for compiled kernels one after the other.
+    Thread(target=_warm_up, daemon=True).start()
     asyncio.run(serve(application(lambda: Session(loaded), host), host, port, ready))
+
+
+def _warm_up() -> None:
+    from ..explorer.patch import warm_up
+
+    warm_up()
 
 
 def check_packages() -> None:
