@@ -8,10 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from ..design import Design
-from ..effects.microlens_defocus import ray_blur
-from ..errors import InputError, Problem
 from ..evaluation import Evaluation, evaluate
-from ..theory import microlens_image_diameter
 from .link import WHOLE, Look
 from .optimise_run import OptimiseResult
 from .pictures.axes import Picture
@@ -77,19 +74,7 @@ def _section(inputs: tuple[Design, bool | None], theme: ThemeName, size: Size) -
 
 def _image(inputs: tuple[Design, tuple[float, float], bool, bool], theme: ThemeName, size: Size) -> Picture:
     design, place, diffraction, pixels = inputs
-    if pixels:
-        _check_size(design)
     return microlens_image(design, place, theme, size, diffraction=diffraction, pixels=pixels)
-
-
-def _check_size(design: Design) -> None:
-    """Refuse pixels of a microlens image that would take seconds to draw."""
-    image = float(microlens_image_diameter(design.D_F, design.d_2, design.f, design.d_f, design.d_3))
-    blur = ray_blur(design)
-    pixels, lenses = max(image, design.d) / design.q, (image + blur) / design.d
-    if not (pixels <= MOST_PIXELS and lenses <= MOST_LENSES):
-        message = f"it spans {pixels:.3g} pixels and {lenses:.3g} microlenses, too many; without pixels it can be drawn"
-        raise InputError((Problem("", message),))
 
 
 def _map(inputs: tuple[Design, tuple[float, float]], theme: ThemeName, size: Size) -> Picture:
@@ -149,9 +134,6 @@ DRAWINGS: dict[str, Drawing] = {
     ),
 }
 """By the name that addresses and the page use."""
-
-MOST_PIXELS, MOST_LENSES = 400, 30
-"""Across a microlens image that is drawn: a slider must not wait."""
 
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
