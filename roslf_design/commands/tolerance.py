@@ -130,6 +130,13 @@ def print_result(result: StudyResult, console: Console, times: bool = False) -> 
 
     console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
     console.print(headline(result), highlight=False, soft_wrap=True)
+    misses = result.plan.nominal_misses()
+    if misses:
+        console.print(
+            f"The nominal design itself misses {', '.join(misses)}: change the design or the limits.",
+            highlight=False,
+            soft_wrap=True,
+        )
     if result.precision is not None:
         console.print(sentence(result, times), highlight=False, soft_wrap=True)
     if result.scale_for_target is not None:

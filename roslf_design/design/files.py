@@ -9,6 +9,7 @@ from typing import Any
 
 from .design import Design, build
 from .errors import DesignError, Problem
+from .kinds import expect_kind
 from .write import write_atomically
 
 
@@ -32,6 +33,7 @@ def load(path: str | os.PathLike[str]) -> Design:
     if not place.exists() and origin in preset_names():
         place = preset_path(origin)
     data = read_toml(place, origin, "check the path, or see `roslf presets` for the designs that ship")
+    expect_kind(data, "design", origin)
     return build(data, from_file=True, origin=origin, folder=place.parent)
 
 

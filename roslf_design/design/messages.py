@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
@@ -148,7 +148,15 @@ def _missing(model: type[BaseModel], place: tuple[Any, ...]) -> str:
     # A default that is validated is none: it stands for a value that another key gives.
     fields = inner.model_fields.items()
     needed = ", ".join(name for name, field in fields if field.is_required() or field.validate_default)
-    return f"is missing; add the table [{'.'.join(map(str, place))}] with {needed}"
+    name = ".".join(map(str, place))
+    table = f"[[{name}]]" if _is_list(model, place) else f"[{name}]"
+    return f"is missing; add the table {table} with {needed}"
+
+
+def _is_list(model: type[BaseModel], place: tuple[Any, ...]) -> bool:
+    """Whether a key holds several tables, each headed by double brackets."""
+    outer = _model_at(model, place[:-1]) if place[:-1] else model
+    return outer is not None and get_origin(outer.model_fields[place[-1]].annotation) in (list, tuple)
 
 
 def _readable(data: Mapping[str, Any], from_file: bool) -> Iterator[tuple[str, float | None]]:

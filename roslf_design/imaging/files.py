@@ -25,7 +25,7 @@ def check_target(path: Path) -> None:
     Raises
     ------
     InputError
-        Unknown suffix, missing folder, a folder where a file is wanted.
+        Unknown suffix, a folder where a file is wanted, a file where a folder is.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
@@ -33,8 +33,9 @@ def check_target(path: Path) -> None:
         )
     if path.is_dir():
         raise InputError((Problem("", "is a folder; name a file in it"),), str(path))
-    if not path.parent.is_dir():
-        raise InputError((Problem("", f'folder "{path.parent}" does not exist; make it first'),), str(path))
+    blocked = next((place for place in path.parents if place.exists() and not place.is_dir()), None)
+    if blocked is not None:
+        raise InputError((Problem("", f'"{blocked}" is a file, not a folder; name another place'),), str(path))
 
 
 def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:
@@ -44,7 +45,7 @@ def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:
     ----------
     image : RawImage
     path : Path
-        Ends in .tif, .tiff or .png; PNG is always 16 bits.
+        Ends in .tif, .tiff or .png; PNG is always 16 bits. Its folder is made if needed.
     depth : {"float", "16"}
         32-bit relative intensities, or 16-bit numbers of which 65535 is the ``full_scale`` in the metadata.
 
@@ -80,6 +81,7 @@ def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:
         tifffile.imwrite(
             content, pixels, photometric="minisblack", description=description, metadata=None, software="roslf"
         )
+    path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, content.getvalue())
     beside = path.with_suffix(".json")
     write_atomically(beside, (json.dumps(metadata, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())

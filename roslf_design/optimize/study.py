@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from ..design import Design, load, preset_names
 from ..design.files import read_toml
+from ..design.kinds import expect_kind
 from ..design.messages import problems_of
 from ..design.parts import Stop
 from ..errors import InputError
@@ -47,7 +48,9 @@ def load_study(path: str | os.PathLike[str], seed: int | None = None, accuracy: 
         Names the file and every fault in it.
     """
     place = Path(path)
-    study = read_study(read_toml(place, str(path)), place.parent, str(path), seed)
+    data = read_toml(place, str(path))
+    expect_kind(data, "optimize", str(path))
+    study = read_study(data, place.parent, str(path), seed)
     return replace(study, settings=replace(study.settings, accuracy=accuracy))
 
 

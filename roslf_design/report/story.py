@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from ..calibration import CalibrationError
 from ..design.files import read_toml
+from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibrated import Calibrated
@@ -23,37 +24,7 @@ if TYPE_CHECKING:
     from ..design import Design
     from ..optimize.run import Result
 
-Kind = Literal["design", "story", "optimize", "tolerance"]
 Tell = Callable[[str], None]
-MARKS: Mapping[Kind, tuple[str, ...]] = {
-    "story": ("story",),
-    "design": ("main_lens", "microlens_array", "sensor"),
-    "optimize": ("variables",),
-    "tolerance": ("grade", "perturb"),
-}
-"""Keys that tell what a file is."""
-
-
-def kind_of(data: Mapping[str, Any], origin: str) -> Kind:
-    """What a file is.
-
-    Raises
-    ------
-    InputError
-        None of the keys looked for is there.
-    """
-    for kind, keys in MARKS.items():
-        if any(key in data for key in keys):
-            return kind
-    words = {
-        "design": "[main_lens], [microlens_array] or [sensor] (a design)",
-        "optimize": "[variables] (an optimisation study)",
-        "tolerance": "grade or [[perturb]] (a tolerance study)",
-        "story": "[story] (a story)",
-    }
-    looked = ", ".join(words[kind] for kind in ("design", "optimize", "tolerance", "story"))
-    held = f"; it has {', '.join(map(str, list(data)[:6]))}" if data else "; it is empty"
-    raise InputError((Problem("", f"is neither a design nor a study: none of {looked} is in it{held}"),), origin)
 
 
 def full_report(

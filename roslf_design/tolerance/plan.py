@@ -92,6 +92,12 @@ class Plan:
         """The nominal design's columns, shape (columns,)."""
         return evaluate_builds(self.question, {}, 1)[:, 0]
 
+    def nominal_misses(self) -> tuple[str, ...]:
+        """Labels of the limits that the nominal design itself does not hold: no tolerance mends those."""
+        nominal = self.nominal
+        missed = [self.columns[l.column].label for l in self.limits if not l.low <= nominal[l.column] <= l.high]
+        return tuple(dict.fromkeys(missed))
+
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
         held = np.empty((len(self.limits), values.shape[1]), bool)

@@ -103,12 +103,12 @@ def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple
     """Every analysis of a study whose trials have run."""
     variants = summarise(plan, tally)
     one_at_a_time = sensitivity(plan)
-    nominal, lens = plan.nominal, _check_traced(plan)
+    lens = _check_traced(plan)
     rss = tuple(
         RssRow(d.label, float(sigma), d.deviation, d.mean - d.nominal)
         for d, sigma in zip(variants[0].distributions, root_sum_square(plan, one_at_a_time), strict=True)
     )
-    misses = [plan.columns[l.column].label for l in plan.limits if not l.low <= nominal[l.column] <= l.high]
+    misses = plan.nominal_misses()
     count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
     return StudyResult(
@@ -191,10 +191,12 @@ def _lens_notes(plan: Plan, lens: TraceCheck | None) -> Iterator[str]:
         yield f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
 
 
-def _warnings(plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: list[str]) -> Iterator[str]:
+def _warnings(
+    plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
+) -> Iterator[str]:
     if misses:
         yield (
-            f"the nominal design itself misses {', '.join(dict.fromkeys(misses))}: "
+            f"the nominal design itself misses {', '.join(misses)}: "
             "no tolerance can mend that, and inverse sensitivity is left out"
         )
     for column in variants[-1].distributions:

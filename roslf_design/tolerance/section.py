@@ -81,6 +81,10 @@ def _statements(result: StudyResult) -> Iterator[Statement]:
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
     elif not good:
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
+    misses = result.plan.nominal_misses()
+    if misses and not good:
+        named = ", ".join(in_words(label) for label in misses)
+        remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
     yield Statement("good" if good else "bad", f"{headline(result)}; wanted {100 * target:.4g} %.", remedy)
     if result.precision is not None:
         accuracy = result.precision.accuracy

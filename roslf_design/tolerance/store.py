@@ -62,7 +62,8 @@ class Store:
             raise InputError(
                 (
                     Problem(
-                        "", f"{self.folder} holds a run of another study, seed or trial count; choose another folder"
+                        "",
+                        f"{self.folder} holds another study, seed or trial count; delete it or choose another folder",
                     ),
                 )
             )

@@ -20,6 +20,7 @@ from pydantic import (
 
 from ..design import Design, load, preset_names
 from ..design.files import read_toml
+from ..design.kinds import expect_kind
 from ..design.messages import problems_of
 from ..design.units import Length, parse_quantity
 from ..errors import InputError, Problem
@@ -224,7 +225,9 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Design, Grades]:
         Names the file and every fault in it: of the study, and of the design or grades it names.
     """
     place = Path(path)
-    return read_study(read_toml(place, str(path)), place.parent, str(path))
+    data = read_toml(place, str(path))
+    expect_kind(data, "tolerance", str(path))
+    return read_study(data, place.parent, str(path))
 
 
 def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> tuple[Study, Design, Grades]:

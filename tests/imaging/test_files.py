@@ -67,12 +67,23 @@ def test_folders_of_pictures_are_not_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "part"), [("raw.jpg", "end in .tif"), ("none/raw.tif", "does not exist"), ("folder.tif", "is a folder")]
+    ("name", "part"),
+    [
+        ("raw.jpg", "end in .tif"),
+        ("file/deep/raw.tif", '/file" is a file, not a folder'),
+        ("folder.tif", "is a folder"),
+    ],
 )
 def test_places_that_cannot_be_written(image, tmp_path, name, part):
     (tmp_path / "folder.tif").mkdir()
+    (tmp_path / "file").touch()
     with pytest.raises(InputError, match=part):
         write_image(image, tmp_path / name)
+
+
+def test_folders_are_made(image, tmp_path):
+    assert write_image(image, tmp_path / "out" / "today" / "raw.tif").parent == tmp_path / "out" / "today"
+    assert (tmp_path / "out" / "today" / "raw.tif").is_file()
 
 
 def test_full_disk_leaves_nothing_behind(image, tmp_path, monkeypatch):

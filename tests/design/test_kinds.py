@@ -1,0 +1,45 @@
+"""A file of another kind is called by its name, and by the command that takes it."""
+
+from __future__ import annotations
+
+import pytest
+
+from roslf_design.cli import main
+from roslf_design.design import DesignError, load
+
+FILES = {
+    "design": "designs/paper.toml",
+    "optimize": "studies/optimize-rigid-scope/study.toml",
+    "tolerance": "studies/tolerance-paper/study.toml",
+    "story": "studies/story-otoscope/story.toml",
+}
+TOLD = {
+    "design": "is a design, not {}; roslf evaluate takes it",
+    "optimize": "is an optimisation study, not {}; roslf optimize takes it",
+    "tolerance": "is a tolerance study, not {}; roslf tolerance takes it",
+    "story": "is a story, not {}; roslf report takes it",
+}
+WANTED = {"evaluate": "a design", "optimize": "an optimisation study", "tolerance": "a tolerance study"}
+
+
+PAIRS = [(kind, command) for kind in FILES for command in WANTED if command != {"design": "evaluate"}.get(kind, kind)]
+
+
+@pytest.mark.parametrize(("kind", "command"), PAIRS)
+def test_the_wrong_kind_of_file(kind, command, tmp_path, capsys):
+    options = [] if command == "evaluate" else ["-o", str(tmp_path / "out")]
+    assert main([command, FILES[kind], *options]) == 2
+    assert capsys.readouterr().err == f"roslf: {FILES[kind]}: {TOLD[kind].format(WANTED[command])}\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_python_gets_the_error_that_load_promises():
+    with pytest.raises(DesignError, match="is a tolerance study"):
+        load(FILES["tolerance"])
+
+
+def test_a_missing_list_of_tables_is_shown_as_one(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text('name = "s"\ndesign = "paper"\ngrade = "high"\n')
+    assert main(["tolerance", str(study), "-o", str(tmp_path / "out")]) == 2
+    assert "goals: is missing; add the table [[goals]] with metric" in capsys.readouterr().err
