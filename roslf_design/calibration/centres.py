@@ -17,6 +17,8 @@ from .trust import Reason, judge_shapes
 
 _SAMPLE = 3000
 """Lenses measured in each step of growth: enough for 0.01 px."""
+WHITE_ALL_OVER = 0.9
+"""Share of saturated pixels above which no lattice is left to find; below it, saturated microlens images are counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,7 @@ def find_centres(
     frame = grey_frame(white, dark, "white image")
     level = saturation_level(np.asarray(white)) if saturation is None else saturation
     full = float(np.mean(np.asarray(white) >= level))
-    if full > 0.5:
+    if full > WHITE_ALL_OVER:
         raise CalibrationError(
             f"the white image is saturated: {100 * full:.0f} % of its pixels reach grey level {level:g}; expose less"
         )
