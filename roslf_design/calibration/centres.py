@@ -18,7 +18,7 @@ from .trust import Reason, judge_shapes
 _SAMPLE = 3000
 """Lenses measured in each step of growth: enough for 0.01 px."""
 WHITE_ALL_OVER = 0.9
-"""Share of saturated pixels above which no lattice is left to find; below it, saturated microlens images are counted."""
+"""Share of saturated pixels above which no lattice is left to find; below it, microlens images are counted."""
 
 
 @dataclass(frozen=True, eq=False)
