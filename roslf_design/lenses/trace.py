@@ -17,11 +17,12 @@ from .prescription import Prescription, Surface
 
 Array = NDArray[np.float64]
 
-COMPILE_ABOVE, LOAD_ABOVE = 300, 50_000
-"""Ray-surface meetings from which the compiled kernel pays: where numba is loaded already, and where it is not.
+CALL_ABOVE, LOAD_ABOVE, IMPORT_ABOVE = 5, 20_000, 50_000
+"""Ray-surface meetings from which the compiled kernel pays: of one call where it is loaded, else of all calls so far,
+where numba is imported already and where it is not.
 
-Interpreted, one meeting takes some 7 us; loading numba and the compiled kernel takes some 0.5 s. Small calls add up:
-the second number counts all meetings of the process so far. Which of the two runs makes no difference to a single bit.
+Interpreted, one meeting takes some 7 us, a compiled call some 20 us more than its work; loading the kernel takes 0.1 s,
+importing numba 0.4 s. Which of the two runs makes no difference to a single bit.
 """
 _spent = [0]
 
@@ -181,10 +182,10 @@ def _run(
 
 
 def _pays(meetings: int) -> bool:
-    if "numba" in sys.modules:
-        return meetings >= COMPILE_ABOVE
+    if trace_rays.ready:
+        return meetings >= CALL_ABOVE
     _spent[0] += meetings
-    return _spent[0] >= LOAD_ABOVE
+    return _spent[0] >= (LOAD_ABOVE if "numba" in sys.modules else IMPORT_ABOVE)
 
 
 @lru_cache(maxsize=128)
