@@ -12,7 +12,7 @@ report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
 
 test: $(INSTALLED_DEV) lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .

@@ -34,7 +34,7 @@ COMMANDS = {
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
     "report": Command(
-        "A design report: one self-contained HTML page with verdicts, tables and figures.",
+        "A report on a design, a study or a story: one self-contained HTML page, and a PDF.",
         "roslf report designs/paper.toml -o reports/paper",
     ),
     "tolerance": Command(

@@ -19,9 +19,11 @@ from pages import blocks, run
 
 from roslf_design.accuracy import hard_cases
 from roslf_design.cli import COMMANDS
+from roslf_design.report import quick_tolerances, story
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
+STUDIES = ("study.toml", "optimize.toml", "tolerance.toml")
 THINNER = (
     (r"(?m)^trials = .*$", "trials = 200"),
     (r"(?m)^sobol_samples = .*$", "sobol_samples = 0"),
@@ -44,13 +46,15 @@ def project(root, tmp_path, monkeypatch):
     """A copy of the project's designs and thinned studies, as the working folder."""
     for name in ("designs", "studies"):
         shutil.copytree(root / name, tmp_path / name)
-    for study in (tmp_path / "studies").rglob("study.toml"):
+    for study in (path for name in STUDIES for path in (tmp_path / "studies").rglob(name)):
         text = study.read_text()
         for pattern, thinner in THINNER:
             text = re.sub(pattern, thinner, text)
         study.write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
+    look = quick_tolerances.quick_tolerances
+    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
     few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
     monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
     return tmp_path
