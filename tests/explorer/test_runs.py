@@ -20,13 +20,9 @@ from roslf_design.explorer.runs import (
 )
 from roslf_design.explorer.tolerance_run import GRADES
 from tests.explorer.test_browser import idle, shown, value
+from tests.explorer.test_browser_runs import children
 
 PAPER = load("paper")
-
-
-def children(explorer):
-    """Command lines of what the explorer has started, but for Python's own tracker of resources."""
-    return [line for line in explorer.processes()[1:] if "resource_tracker" not in line]
 
 
 def wait(condition, seconds=15.0):

@@ -51,6 +51,7 @@ def test_every_cell_keeps_its_parts_colour_when_all_are_one_body(tmp_path):
     assert vtp_bytes(PAPER) == path.read_bytes()
 
 
+@pytest.mark.usefixtures("few_builds", "without_figures")
 def test_files_of_the_command(tmp_path, capsys):
     assert main(["report", "paper", "-o", str(tmp_path), "--figure", "model", "--figure", "3d"]) == 0
     told = capsys.readouterr()
@@ -63,6 +64,7 @@ def test_files_of_the_command(tmp_path, capsys):
         assert 0.02 < (image < 200).mean() < 0.9
 
 
+@pytest.mark.usefixtures("few_builds", "without_figures")
 def test_without_opengl_the_picture_is_left_out_and_the_rest_is_made(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(offscreen, "backend", lambda environment: None)
     assert main(["report", "paper", "-o", str(tmp_path), "--figure", "3d"]) == 0
