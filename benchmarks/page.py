@@ -32,6 +32,12 @@ REASONS = {
     "singlet": "The profile is one compiled loop: in double precision, divisions and square roots at each surface.",
     "tolerance": "The profile tells compiled loops from what builds the lenses.",
     "first-answer": "What is left is Python, numpy and loading compiled code.",
+    **dict.fromkeys(
+        ("centres-hexagonal-0.7", "centres-square-0.7"),
+        "Faster, but not more accurate: where images stand well apart, pixels of the gaps add their noise to our "
+        "centroids, which take a whole cell so that images that touch are found as well. Both errors lie below 0.0003 "
+        "px; where images nearly touch, as in a matched camera, the peer finds none.",
+    ),
     "white-floor": "What is left is the sum of harmonics for each pixel, beside one write.",
 }
 """Why a goal may be out of reach, told where it was missed."""

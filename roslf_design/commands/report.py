@@ -123,6 +123,7 @@ def maker(
     """
     from ..accuracy.evaluated import check_evaluation_accuracy
     from ..design import load, preset_names
+    from ..design.kinds import CALLED
     from ..errors import InputError, Problem
 
     if seed is not None and seed < 0:
@@ -150,8 +151,8 @@ def maker(
         return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy, calibrated=known)
     kind, story = load_story_or_study(Path(name))
     if accuracy is not None and kind != "design":
-        message = f"goes with designs, and {name} is a {kind} study; ask it of roslf {kind}"
-        raise InputError((Problem("--accuracy", message.replace("story study; ask it of roslf story", "story")),))
+        remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
+        raise InputError((Problem("--accuracy", f"goes with designs, and {name} is {CALLED[kind][0]}; {remedy}"),))
     if known is not None and kind != "design":
         raise InputError((refused,))
     if story is not None:
