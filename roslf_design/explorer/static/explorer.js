@@ -433,11 +433,15 @@
       watch(() => props.shown, (shown) => { if (shown) begin(); }, { immediate: true });
       watch(() => props.scene, take, { immediate: true });
       watch(view, (now) => { placed = false; if (now) draw(); });
-      return { ready, failed, meshes, view, box, home, turn, picture };
+      // Colour of a mesh for the page; white where it is not there.
+      function css(mesh) {
+        return "rgb(" + (mesh ? mesh.colour : [1, 1, 1]).map((part) => Math.round(255 * part)).join() + ")";
+      }
+      return { ready, failed, meshes, view, box, home, turn, picture, css };
     },
     template: `
 <section class="card card-space" aria-label="The instrument in 3D">
-  <div class="card-head"><h2>The instrument in 3D</h2><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
+  <div class="card-head"><h2>The instrument in 3D</h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="name in ['centre', 'edge', 'corner', 'blocked']" :key="name"><i :style="{ background: css(meshes['rays ' + name]) }"></i>{{ name }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
     <button type="button" @click="home" data-testid="space-home">Whole view</button><span class="files"><button type="button" aria-label="The instrument in 3D as PNG" @click="picture">PNG</button></span></div>
   <p v-if="failed" class="note">The browser gives no WebGL 2, so there is no 3D view; all else works.</p>
   <div v-else class="picture space" data-picture="space" ref="box" tabindex="0" role="application" aria-label="3D view of the instrument; the arrow keys turn it" @keydown="turn">
