@@ -11,7 +11,10 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
+
 from roslf_design.cli import build_app, main
+from roslf_design.report import quick_tolerances, story
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -138,3 +141,9 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
     names.update(test.globs)
     assert runner.failures == 0, report.getvalue()
     return len(test.examples)
+
+
+def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports look at few builds: what pages show is none of their yields."""
+    look = quick_tolerances.quick_tolerances
+    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))

@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, os.path.dirname(__file__))
-from pages import blocks, follow, matches, steps
-
-from roslf_design.report import quick_tolerances, story
+from pages import blocks, few_builds, follow, matches, steps
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [
@@ -22,8 +20,7 @@ PAGES = [
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
 def test_page_does_what_it_says(page, tmp_path, monkeypatch):
-    look = quick_tolerances.quick_tolerances  # with few builds: pages show none of its numbers
-    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    few_builds(monkeypatch)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     assert follow(page, tmp_path) > 0

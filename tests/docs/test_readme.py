@@ -15,11 +15,10 @@ import sys
 import pytest
 
 sys.path.insert(0, os.path.dirname(__file__))
-from pages import blocks, run
+from pages import blocks, few_builds, run
 
 from roslf_design.accuracy import hard_cases
 from roslf_design.cli import COMMANDS
-from roslf_design.report import quick_tolerances, story
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
@@ -53,8 +52,7 @@ def project(root, tmp_path, monkeypatch):
         study.write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
-    look = quick_tolerances.quick_tolerances
-    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    few_builds(monkeypatch)
     few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
     monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
     return tmp_path
