@@ -1,0 +1,38 @@
+"""What every closed form shares: float64 in, broadcast float64 out, and the two limits that plain division misses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+"""Broadcast float64 result; a numpy float64 scalar where every argument was a scalar."""
+
+
+def floats(*values: ArrayLike) -> tuple[Array, ...]:
+    """Arguments as float64 arrays, not copied where they are already."""
+    return tuple([np.asarray(value, dtype=np.float64) for value in values])
+
+
+def ratio(numerator: Array, denominator: Array) -> Array:
+    """Quotient with its limits: +-1 for inf/inf, 0 for 0/0, signed inf for x/0.
+
+    The closed forms meet inf/inf only as two lengths that differ from one infinite length by finite amounts,
+    and 0/0 only where the numerator's own zero (a pixel on the axis, a sensor on the microlenses) comes first.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        quotient = np.divide(numerator, denominator)
+    if not np.isnan(quotient).any():
+        return quotient
+    unity = np.copysign(1.0, numerator) * np.copysign(1.0, denominator)
+    quotient = np.where(np.isinf(numerator) & np.isinf(denominator), unity, quotient)
+    return np.where((numerator == 0) & (denominator == 0), 0.0, quotient)[()]
+
+
+def product(left: Array, right: Array) -> Array:
+    """Product that is 0 wherever a factor is, also where the other is infinite: no pupil has no blur at any depth."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        result = np.multiply(left, right)
+    if not np.isnan(result).any():
+        return result
+    return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]

@@ -1,0 +1,417 @@
+"""One camera for everything that computes: a design's numbers, each a float or an array over builds.
+
+Builds are whatever a caller has many of: tolerance trials, sweep points, an optimiser's candidates, walkers. Nothing is
+refused here: a camera that cannot be built keeps its numbers, and `Camera.valid` tells which can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._arrays import Array, floats, product, ratio
+from ..design.conjugates import CONJUGATES, followed, follower
+from ..design.design import Design
+from ..design.errors import DesignError, Problem
+from ..design.parameters import PATHS
+from .frames import Frame, Number, Vector, along, frame
+
+if TYPE_CHECKING:
+    from ..lenses.prescription import Prescription
+
+FOCAL, PLANE, DISTANCE = CONJUGATES
+
+TIP = "tip"
+"""Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
+
+
+@dataclass(frozen=True)
+class Rim:
+    """A circular opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
+
+    name: str
+    """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
+    part: str
+    """Its place in a design: "aperture", "main_lens", "stops.0"."""
+    radius: Number
+    """R_k [mm]."""
+    distance: Number
+    """z_k, in front of the main lens [mm]."""
+
+
+class Camera:
+    """A light-field camera that looks through a restricted object space, as numbers.
+
+    The paper's symbols are attributes (``f``, ``d_f``, ``d_1``, ``d_2``, ``d_3``, ``D``, ``D_F``, ``d``, ``q``, ``H``,
+    ``m``, ``A``), all lengths in mm; every one is a float or an array, and all broadcast together to `shape`.
+
+    Parameters
+    ----------
+    numbers : mapping
+        Dotted place of the design to its number(s); f, d_f and d_1 all there and agreeing.
+    layout, lens_shape : str
+        Of the microlens array, as in a design file.
+    lens : Prescription, optional
+        The real main lens as it stands in the camera; None is the ideal one.
+
+    Examples
+    --------
+    >>> import numpy as np, roslf_design as roslf
+    >>> camera = roslf.Camera.of(roslf.load("paper"), {"d_3": np.linspace(0, 300, 4)})
+    >>> camera.H
+    array([1.        , 1.4       , 2.33333333, 7.        ])
+    """
+
+    def __init__(
+        self,
+        numbers: Mapping[str, Number],
+        layout: str = "square",
+        lens_shape: str = "square",
+        lens: Prescription | None = None,
+    ) -> None:
+        self._numbers = numbers
+        self.layout = layout
+        self.lens_shape = lens_shape
+        self.lens = lens
+
+    @classmethod
+    def of(cls, design: Design, changes: Mapping[str, ArrayLike] | None = None, /, *, in_focus: bool = False) -> Camera:
+        """The camera of a design, with numbers or arrays in place of some of its values.
+
+        Parameters
+        ----------
+        design : Design
+            Gives every number that is not changed.
+        changes : mapping, optional
+            Dotted place ("aperture.decentre.0") or the paper's symbol ("d_3") to a number or an array over builds.
+            Of f, d_f and d_1 the same one follows as in `Design.replace`.
+        in_focus : bool
+            Whether the microlenses' focal length follows the focus, ``1/f_ml = 1/d_2 + 1/L``.
+
+        Raises
+        ------
+        DesignError
+            A place that the design has not, or that is no number.
+        """
+        camera = _nominal(design)
+        return camera.replace(changes or {}, in_focus=in_focus) if changes or in_focus else camera
+
+    def replace(self, changes: Mapping[str, ArrayLike], *, in_focus: bool = False) -> Camera:
+        """The same camera with other numbers at some places; parameters and errors as for `of`."""
+        given = {PATHS.get(place, place): value for place, value in changes.items()}
+        if "q" in changes:  # a symbol of the paper: the pixel as the microlenses see it, in front of the relay
+            relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
+            given[PATHS["q"]] = np.multiply(changes["q"], relay)
+        numbers = dict(self._numbers)
+        for place, value in given.items():
+            if place not in numbers:
+                raise DesignError((Problem(place, "is not a number of this design"),))
+            numbers[place] = value if isinstance(value, (float, np.ndarray)) else _number(value)
+        key = follower(given)
+        if key is not None:
+            numbers[key] = followed(numbers, key)
+        camera = Camera(numbers, self.layout, self.lens_shape, self.lens)
+        if in_focus:
+            numbers[PATHS["f_ml"]] = camera.d_2 / (1 + camera.d_2 * camera.vergence)
+        return camera
+
+    def __getitem__(self, place: str) -> Number:
+        """The number at a dotted place [mm, rad; the relay's magnification without unit]."""
+        return self._numbers[place]
+
+    @property
+    def numbers(self) -> Mapping[str, Number]:
+        """Every place and its number."""
+        return MappingProxyType(dict(self._numbers))
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """Common shape of the builds; () for one camera."""
+        return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
+
+    def build(self, index: int | tuple[int, ...]) -> Camera:
+        """One camera of many."""
+        numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
+        return Camera(numbers, self.layout, self.lens_shape, self.lens)
+
+    def spread(self, axes: int) -> Camera:
+        """The same builds with `axes` axes of length 1 behind them, where fields, distances or rays shall go."""
+        behind = (1,) * axes
+        numbers = {
+            place: value.reshape(value.shape + behind) if isinstance(value, np.ndarray) and value.ndim else value
+            for place, value in self._numbers.items()
+        }
+        return Camera(numbers, self.layout, self.lens_shape, self.lens)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Camera):
+            return NotImplemented
+        kinds = (self.layout, self.lens_shape, self.lens) == (other.layout, other.lens_shape, other.lens)
+        return (
+            kinds
+            and self._numbers.keys() == other._numbers.keys()
+            and all(np.array_equal(value, other._numbers[place]) for place, value in self._numbers.items())
+        )
+
+    def __hash__(self) -> int:
+        # Adding 0 makes -0 and 0, which are equal, hash alike.
+        return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Camera, (dict(self._numbers), self.layout, self.lens_shape, self.lens)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(
+            f"{symbol}={value:.6g}" if np.ndim(value) == 0 else f"{symbol}=array{np.shape(value)}"
+            for symbol in PATHS
+            for value in [getattr(self, symbol)]
+        )
+        return f"Camera({shown})"
+
+    @property
+    def f(self) -> Number:
+        """Main lens focal length [mm]."""
+        return self._numbers[FOCAL]
+
+    @property
+    def d_f(self) -> Number:
+        """Focal plane before the main lens [mm]."""
+        return self._numbers[PLANE]
+
+    @property
+    def d_1(self) -> Number:
+        """Main lens to microlens array [mm]."""
+        return self._numbers[DISTANCE]
+
+    @property
+    def d_2(self) -> Number:
+        """Microlens array to sensor [mm]."""
+        return self._numbers["sensor.distance"]
+
+    @property
+    def d_3(self) -> Number:
+        """FAP before the main lens [mm]."""
+        return self._numbers["aperture.distance"]
+
+    @property
+    def D(self) -> Number:
+        """Main lens clear aperture [mm]."""
+        return self._numbers["main_lens.diameter"]
+
+    @property
+    def D_F(self) -> Number:
+        """FAP diameter [mm]."""
+        return self._numbers["aperture.diameter"]
+
+    @property
+    def d(self) -> Number:
+        """Microlens pitch [mm]."""
+        return self._numbers["microlens_array.pitch"]
+
+    @property
+    def f_ml(self) -> Number:
+        """Microlens focal length [mm]."""
+        return self._numbers["microlens_array.focal_length"]
+
+    @property
+    def wavelength(self) -> Number:
+        """Wavelength lambda [mm]."""
+        return self._numbers["light.wavelength"]
+
+    @cached_property
+    def q(self) -> Number:
+        """Pixel pitch as seen at the array's image plane [mm]: the sensor's pixel over the relay's magnification."""
+        return self._numbers["sensor.pixel"] / self._numbers["sensor.relay_magnification"]
+
+    @cached_property
+    def inverse_H(self) -> Array:
+        """Inverse aperture constant ``1/H = (d_f - d_3)/d_f``: 0 at d_3 = d_f, 1 at d_3 = 0, never infinite. Eq. 3."""
+        df, d3 = floats(self.d_f, self.d_3)
+        return ratio(df - d3, df)
+
+    @cached_property
+    def H(self) -> Array:
+        """Aperture constant ``H = d_f/(d_f - d_3)``; inf at d_3 = d_f, negative beyond. Eq. 3."""
+        df, d3 = floats(self.d_f, self.d_3)
+        return ratio(df, df - d3)
+
+    @cached_property
+    def A(self) -> Array:
+        """Effective image distance ``A = d_1/H = f (d_f - d_3)/(d_f - f)`` [mm]; A/D_F is the pupil's f-number."""
+        f, df, d3 = floats(self.f, self.d_f, self.d_3)
+        return f * ratio(df - d3, df - f)
+
+    @cached_property
+    def m(self) -> Array:
+        """Image-side magnification ``m = d_1/d_f = f/(d_f - f)``; 0 at d_f = inf, inf at d_f = f."""
+        f, df = floats(self.f, self.d_f)
+        return ratio(f, df - f)
+
+    @cached_property
+    def inverse_m(self) -> Array:
+        """Object-side millimetres per millimetre on the array, ``d_f/d_1 = (d_f - f)/f``."""
+        f, df = floats(self.f, self.d_f)
+        return (df - f) / f
+
+    @cached_property
+    def gap(self) -> Array:
+        """Depth ``g = d_f - d_3`` of the focal plane measured from the FAP [mm]."""
+        df, d3 = floats(self.d_f, self.d_3)
+        return df - d3
+
+    @cached_property
+    def vergence(self) -> Array:
+        """Vergence 1/L of the exit pupil at the array, ``(f - d_3)(d_f - f)/(f^2 (d_f - d_3))`` [1/mm].
+
+        Exactly 0 at d_3 = f (telecentric), 1/d_1 at d_3 = 0, positive for a pupil before the array, inf at d_3 = d_f.
+        """
+        f, df, d3 = floats(self.f, self.d_f, self.d_3)
+        return product((f - d3) / f, ratio(df - f, df - d3)) / f
+
+    @cached_property
+    def fap(self) -> Rim:
+        """The flexible angular plane, the system's entrance pupil."""
+        return self._rim("FAP", "aperture")
+
+    @cached_property
+    def rims(self) -> tuple[Rim, ...]:
+        """Every opening but the FAP: the main lens, then the further stops in the order of the design file."""
+        lens = Rim("main lens", "main_lens", self.D / 2, 0.0)
+        return (lens, *(self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)))
+
+    @cached_property
+    def in_light_order(self) -> tuple[Rim, ...]:
+        """Every opening in the order in which light meets it, that of the first build.
+
+        The farthest first, the FAP before what stands with it, the main lens last.
+        """
+        rims = (self.fap, *self.rims)
+        return tuple(sorted(rims, key=lambda rim: -float(np.ravel(rim.distance)[0])))
+
+    @cached_property
+    def stops(self) -> int:
+        """How many stops there are beside the FAP and the main lens."""
+        return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
+
+    def _rim(self, name: str, part: str) -> Rim:
+        return Rim(name, part, self._numbers[f"{part}.diameter"] / 2, self._numbers[f"{part}.distance"])
+
+    def decentre(self, part: str) -> tuple[Number, Number]:
+        """Offset of a stop (its place in the design) from the main lens's centre, from which an ideal lens images."""
+        n = self._numbers
+        x, y = (n[f"{part}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+        return x, y
+
+    @cached_property
+    def tilted(self) -> bool:
+        """Whether any part is tilted in any build: the stops' images are then not exactly discs."""
+        return any(bool(np.any(value)) for place, value in self._numbers.items() if ".tilt." in place)
+
+    def pose(self, part: str) -> Frame:
+        """Vertex and axes of a part of the design, in the main lens's frame (its vertex, its axes)."""
+        return self._poses[part]
+
+    @cached_property
+    def world(self) -> Frame:
+        """The system's own axes, in which object points are given, in the main lens's frame."""
+        return frame((0.0, 0.0), 0.0, (0.0, 0.0)).seen_from(self._placed("main_lens", 0.0))
+
+    @cached_property
+    def _poses(self) -> dict[str, Frame]:
+        lens = self._placed("main_lens", 0.0)
+        stops = {rim.part: self._placed(rim.part, -rim.distance) for rim in (self.fap, *self.rims[1:])}
+        turn = self._numbers["microlens_array.rotation"]
+        parts = {
+            **stops,
+            "microlens_array": self._placed("microlens_array", self.d_1, turn),
+            "sensor": self._placed("sensor", self.d_1 + self.d_2),
+        }
+        poses = {part: placed.seen_from(lens) for part, placed in parts.items()}
+        return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0)), **poses}
+
+    def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
+        n = self._numbers
+        decentre, tilt = ((n[f"{part}.{pose}.0"], n[f"{part}.{pose}.1"]) for pose in ("decentre", "tilt"))
+        return frame(decentre, z, tilt, roll)
+
+    def microlens(self, x: Number, y: Number) -> Vector:
+        """Where the array's point (x, y) [mm, in its own frame] lies in the main lens's frame."""
+        array = self.pose("microlens_array")
+        return along(array.origin, x, array.x, y, array.y)
+
+    @property
+    def array_size(self) -> tuple[Number, Number]:
+        """Width and height of the microlens array [mm]."""
+        return self._numbers["microlens_array.size.0"], self._numbers["microlens_array.size.1"]
+
+    @cached_property
+    def sensor_size(self) -> tuple[Number, Number]:
+        """Width and height of the sensor as seen at the array's image plane [mm]."""
+        relay = self._numbers["sensor.relay_magnification"]
+        return self._numbers["sensor.size.0"] / relay, self._numbers["sensor.size.1"] / relay
+
+    @cached_property
+    def tip(self) -> Array:
+        """Distance of the bore's outer end from the main lens: the farthest of FAP, stops and `TIP` [mm]."""
+        farthest = np.maximum(self.d_3, self._numbers[TIP])
+        for rim in self.rims[1:]:
+            farthest = np.maximum(farthest, rim.distance)
+        return np.asarray(farthest)
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which builds are cameras, shape `shape`.
+
+        Finite numbers, positive sizes, a real image, every stop nearer than the object plane, tilts below 90 degrees.
+        """
+        good: NDArray[np.bool_] = np.asarray(True)
+        with np.errstate(invalid="ignore"):
+            for place, value in self._numbers.items():
+                part, _, name = place.partition(".")
+                good = good & np.isfinite(value)
+                if ".tilt." in place:
+                    good = good & (np.abs(value) < np.pi / 2)
+                elif place == TIP or (name.endswith("distance") and part in ("aperture", "stops")):
+                    good = good & (np.asarray(value) >= 0)
+                elif ".decentre." not in place and name != "rotation":
+                    good = good & (np.asarray(value) > 0)
+            good = good & (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
+            for rim in (self.fap, *self.rims[1:]):
+                good = good & (np.asarray(rim.distance) < self.d_f)
+        return np.broadcast_to(good, self.shape)
+
+
+def _number(value: ArrayLike) -> Number:
+    array = np.asarray(value, np.float64)
+    return array if array.ndim else float(array)
+
+
+@lru_cache(maxsize=64)
+def _nominal(design: Design) -> Camera:
+    array = design.microlens_array
+    return Camera(nominal_numbers(design), array.layout, array.lens_shape, design.lens)
+
+
+def nominal_numbers(design: Design) -> dict[str, Number]:
+    """A design's own number at every place; f, d_f, d_1 and D resolved [mm, rad]."""
+    stops = [f"stops.{index}" for index in range(len(design.stops))]
+    parts = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
+    places = [*PATHS.values(), "sensor.relay_magnification", "microlens_array.rotation"]
+    places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
+    places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
+    places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    resolved = {FOCAL: design.f, PLANE: design.d_f, DISTANCE: design.d_1, PATHS["D"]: design.D, TIP: 0.0}
+    return {**{place: _read(design, place) for place in places if place not in resolved}, **resolved}
+
+
+def _read(design: Design, place: str) -> float:
+    value: Any = design
+    for step in place.split("."):
+        value = value[int(step)] if isinstance(value, tuple) else getattr(value, step)
+    return float(value)

@@ -1,0 +1,125 @@
+"""Diffraction, defocus and sampling: how sharp wave optics lets a microlens image be, how many samples it holds.
+
+One number rules, the microlens's Fresnel number ``N_F = d^2/(4 lambda d_2)``: the image is shadow-sharp for N_F >> 1
+and has 4 N_F independent views per axis whatever the pixel count.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, floats, product, ratio
+from ..camera import Camera
+from .exit_pupil import microlens_image_diameter
+
+AIRY = 1.22
+"""First zero of the Airy pattern over lambda times f-number, to the three digits that the field quotes."""
+
+
+def fresnel_number(c: Camera) -> Array:
+    """Fresnel number of a microlens seen from the sensor, ``d^2/(4 lambda d_2)``; inf at d_2 = 0."""
+    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
+    return ratio(d, wave) * ratio(d, 4 * d2)
+
+
+def independent_views(c: Camera) -> Array:
+    """Views per axis that diffraction leaves independent, 4 N_F, whatever the pixel count."""
+    return 4 * fresnel_number(c)
+
+
+def geometric_views(c: Camera) -> Array:
+    """Pixels across an uncut microlens image: the views per axis that ray optics promises."""
+    (q,) = floats(c.q)
+    return microlens_image_diameter(c) / q
+
+
+def diffraction_width(c: Camera) -> Array:
+    """Width ``lambda d_2/d`` of the blur that a microlens's own aperture makes on the sensor [mm]."""
+    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
+    return wave * ratio(d2, d)
+
+
+def airy_radius(c: Camera) -> Array:
+    """Airy radius on the sensor of a microlens of diameter d, ``1.22 lambda d_2/d`` [mm]."""
+    return AIRY * diffraction_width(c)
+
+
+def pupil_airy_radius(c: Camera) -> Array:
+    """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]."""
+    de, wave = floats(c.D_F, c.wavelength)
+    return AIRY * wave * ratio(c.A, de)
+
+
+def microlens_defocus(c: Camera) -> Array:
+    """``1 - d_2/f_ml + d_2/L``, signed: 0 where the microlenses image the exit pupil onto the sensor."""
+    fm, d2 = floats(c.f_ml, c.d_2)
+    return ratio(fm - d2, fm) + product(d2, c.vergence)
+
+
+def microlens_defocus_blur(c: Camera) -> Array:
+    """Width of the geometric blur by defocus of a microlens, ``d d_2 |1/f_ml - 1/d_2 - 1/L|`` [mm]."""
+    (d,) = floats(c.d)
+    return d * np.abs(microlens_defocus(c))
+
+
+def microlens_defocus_waves(c: Camera) -> Array:
+    """Wavefront error at the middle of a square microlens's edge, ``(d^2/8 lambda) |1/f_ml - 1/d_2 - 1/L|`` [waves]."""
+    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
+    return ratio(np.abs(microlens_defocus(c)), d2) * (d / wave * (d / 8))
+
+
+def object_sample(c: Camera) -> Array:
+    """Footprint ``d d_f/d_1`` of one microlens on the focal plane: the lateral sampling step in the scene [mm]."""
+    (d,) = floats(c.d)
+    return product(d, c.inverse_m)
+
+
+def half_field(c: Camera) -> tuple[Array, Array]:
+    """Half width and half height of the array that the sensor sees [mm], where array or sensor ends."""
+    x, y = (
+        np.asarray(np.minimum(array, sensor)) / 2 for array, sensor in zip(c.array_size, c.sensor_size, strict=True)
+    )
+    return x, y
+
+
+def half_diagonal(c: Camera) -> Array:
+    """From the axis to the corner of what the sensor sees, on the array [mm]."""
+    return np.asarray(np.hypot(*half_field(c)))
+
+
+def lateral_samples(c: Camera) -> Array:
+    """Microlenses across the width that the sensor sees; not rounded."""
+    (d,) = floats(c.d)
+    return ratio(2 * half_field(c)[0], d)
+
+
+def view_baseline(c: Camera) -> Array:
+    """Distance on the FAP between the views of two neighbouring pixels, ``q A/d_2 = q d_1/(H d_2)`` [mm]."""
+    q, d2 = floats(c.q, c.d_2)
+    return ratio(q * c.A, d2)
+
+
+def solid_angle(c: Camera) -> Array:
+    """Solid angle of the pupil seen from the array, ``pi/4 (D_F/A)^2`` [sr]: the light a pixel gets."""
+    (de,) = floats(c.D_F)
+    return np.pi / 4 * ratio(de, c.A) ** 2
+
+
+def phase_space_limit(c: Camera, field_radius: ArrayLike, depth: ArrayLike) -> Array:
+    """Most samples that light carries per axis through the pupil: lateral samples times independent views.
+
+    Parameters
+    ----------
+    c : Camera
+    field_radius, depth : array_like
+        Half the field |X| and its distance Z_F from the pupil [mm], not both 0.
+
+    Returns
+    -------
+    ndarray
+        ``2 D_F sin(theta)/lambda`` with ``tan(theta) = |X|/Z_F``. The rest of the project counts with the tangent: a
+        matched design that fills its field comes to that, above this limit by 1/cos(theta) (0.7 % for the paper).
+    """
+    de, wave, x, z = floats(c.D_F, c.wavelength, field_radius, depth)
+    return 2 * (de / wave) * np.abs(ratio(x, np.hypot(x, z)))

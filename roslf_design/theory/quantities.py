@@ -1,0 +1,371 @@
+"""Every number of a camera, once: name, unit, words, equation and function.
+
+`roslf evaluate`, the metrics of tolerance studies, the goals and limits of the optimiser, the explorer, the report and
+the documentation's tables all read `QUANTITIES`. A new number is one more entry here (or `register`), and every command
+knows it.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .._arrays import Array
+from ..camera import Camera, Number
+from ..design.parameters import PATHS
+from . import disparity, exit_pupil, f_number, light, vignetting
+from .disparity import SIGMA_DISPARITY
+from .stop_images import MicrolensImages, stop_image
+
+Depth = float | None
+"""Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a camera."""
+
+    name: str
+    unit: str
+    words: str
+    """What it is, in a line."""
+    of: Callable[[Camera, Depth], Array] | None = None
+    """Of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K, ...) where
+    `worst` is set. None: it exists only per field."""
+    local: Callable[[MicrolensImages], Number] | None = None
+    """At the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
+    equation: str = ""
+    """In the paper."""
+    positive: bool = True
+    """Whether every camera that can be built has it above zero: then ratios count, not differences."""
+    at: Literal["never", "optional", "needed"] = "never"
+    """Whether it is asked for at a distance."""
+    worst: Callable[[Array], Array] | None = None
+    """Of several values (one a rim) the one that counts."""
+    monotone: bool = True
+    """Whether `of` rises or falls in each single design length throughout, the others held, f excepted where
+    `bent_in_f`: its extremes over a box then lie at corners."""
+    bent_in_f: bool = False
+    signed: Callable[[Camera, Depth], Array] | None = None
+    """Of the magnitude of something of either sign: that something."""
+
+    def __call__(self, camera: Camera, at: Depth = None) -> Array:
+        """Its value for every build; of several values the one that counts.
+
+        Raises
+        ------
+        ValueError
+            It exists only per field.
+        """
+        if self.of is None:
+            raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
+        values = self.of(camera, at)
+        return values if self.worst is None else self.worst(values)
+
+    @property
+    def length(self) -> bool:
+        """Whether limits are lengths."""
+        return self.unit == "mm"
+
+
+QUANTITIES: dict[str, Quantity] = {}
+"""Every quantity by its name; the paper's symbols too."""
+
+
+def register(*quantities: Quantity) -> None:
+    """Add quantities, each under its name.
+
+    Raises
+    ------
+    ValueError
+        A name is taken.
+    """
+    for quantity in quantities:
+        if quantity.name in QUANTITIES:
+            raise ValueError(f"there is a quantity '{quantity.name}' already")
+        QUANTITIES[quantity.name] = quantity
+
+
+def quantity_named(name: str) -> Quantity:
+    """Find a quantity.
+
+    Raises
+    ------
+    ValueError
+        Not known; names the nearest.
+    """
+    if name in QUANTITIES:
+        return QUANTITIES[name]
+    lowered = {known.lower(): known for known in QUANTITIES}
+    near = difflib.get_close_matches(name.lower(), lowered, 1, 0.4)
+    known = ", ".join(key for key in QUANTITIES if key not in PATHS)
+    remedy = f"did you mean '{lowered[near[0]]}'?" if near else f"known are {known}, and the symbols {', '.join(PATHS)}"
+    raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
+
+
+def depth_at(c: Camera, at: Depth) -> Array:
+    """Z_F of a point `at` [mm] ahead of the bore's tip; of the focal plane where none is given [mm]."""
+    return c.gap if at is None else np.asarray(at + c.tip - c.d_3)
+
+
+def _growth(c: Camera, at: Depth) -> Array | float:
+    """How much larger the field is at a distance than at the focal plane: chief rays meet in the FAP."""
+    return 1.0 if at is None else depth_at(c, at) / c.gap
+
+
+def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
+    return lambda c, _: np.asarray(form(c))
+
+
+def _least(values: Array) -> Array:
+    return np.asarray(values.min(axis=0))
+
+
+def _defocus_px(c: Camera, _: Depth) -> Array:
+    return c.d * light.microlens_defocus(c) / c.q
+
+
+def _diameters(c: Camera, _: Depth) -> Array:
+    return np.stack(np.broadcast_arrays(c.D_F, *(2 * rim.radius for rim in c.rims)))
+
+
+def _centre_shift(images: MicrolensImages) -> Number:
+    """Chief ray's image against that through the lens's centre, along the field [px]."""
+    camera, radius = images.camera, np.hypot(images.x, images.y)
+    off = radius > 0
+    cos = np.where(off, images.x / np.where(off, radius, 1), 1.0)
+    sin = np.where(off, images.y / np.where(off, radius, 1), 0.0)
+    x0, y0 = images.chief
+    x1, y1 = stop_image(camera, camera.rims[0], images.microlens).centre
+    return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
+
+
+def _axis_ratio(images: MicrolensImages) -> Number:
+    return np.where(images.shapes.lit, images.shapes.axis_ratio, np.nan)
+
+
+register(
+    Quantity(
+        "fill_factor",
+        "",
+        "microlens-image diameter over pitch: 1 where images just touch",
+        _whole(f_number.fill_factor),
+        lambda images: images.diameter / images.pitch,
+        equation="Eq. 7",
+    ),
+    Quantity(
+        "mismatch_px",
+        "px",
+        "microlens-image diameter less pitch: overlap above 0, gap below",
+        _whole(f_number.mismatch_px),
+        lambda images: (images.diameter - images.pitch) / images.camera.q,
+        positive=False,
+        monotone=False,
+    ),
+    Quantity(
+        "image_diameter_mm",
+        "mm",
+        "diameter of the disc as large as the uncut microlens image",
+        _whole(exit_pupil.microlens_image_diameter),
+        lambda images: images.diameter,
+    ),
+    Quantity(
+        "image_diameter_px",
+        "px",
+        "the same in pixels: geometric views",
+        _whole(light.geometric_views),
+        lambda images: images.diameter / images.camera.q,
+    ),
+    Quantity(
+        "image_pitch_mm",
+        "mm",
+        "distance between neighbouring microlens images",
+        _whole(exit_pupil.microlens_image_pitch),
+        lambda images: images.pitch,
+        positive=False,
+        monotone=False,
+    ),
+    Quantity(
+        "non_distortion_room_mm",
+        "mm",
+        "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
+        lambda c, _: vignetting.room_at(c, light.half_diagonal(c) * c.inverse_m),
+        lambda images: images.room,
+        equation="Eqs. 5-6",
+        positive=False,
+        worst=_least,
+    ),
+    Quantity(
+        "undistorted_field_mm",
+        "mm",
+        "largest undistorted object radius at the focal plane, in the worst direction",
+        lambda c, _: vignetting.undistorted_radii(c, nearest=1e-12),
+        equation="Eq. 6",
+        positive=False,
+        worst=_least,
+        monotone=False,
+    ),
+    Quantity(
+        "centre_shift_px",
+        "px",
+        "how far the image centre lies inside that through the lens's centre",
+        None,
+        _centre_shift,
+        equation="Eq. 4",
+    ),
+    Quantity(
+        "centre_shift_px_per_microlens",
+        "px",
+        "the same per microlens off axis",
+        _whole(exit_pupil.centre_shift_per_microlens),
+        equation="Eq. 4",
+        positive=False,
+    ),
+    Quantity(
+        "kept_fraction",
+        "",
+        "area of the microlens image over that of the uncut FAP",
+        None,
+        lambda images: images.shapes.kept_fraction,
+    ),
+    Quantity("image_area_mm2", "mm^2", "area of the microlens image", None, lambda images: images.shapes.area),
+    Quantity(
+        "axis_ratio",
+        "",
+        "minor over major axis of the microlens image's second moments; undefined where dark",
+        None,
+        _axis_ratio,
+    ),
+    Quantity(
+        "field_half_width_mm",
+        "mm",
+        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
+        lambda c, at: light.half_field(c)[0] * c.inverse_m * _growth(c, at),
+        at="optional",
+    ),
+    Quantity(
+        "field_half_diagonal_mm",
+        "mm",
+        "the same to the corner",
+        lambda c, at: light.half_diagonal(c) * c.inverse_m * _growth(c, at),
+        at="optional",
+    ),
+    Quantity(
+        "object_sample_mm",
+        "mm",
+        "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
+        lambda c, at: light.object_sample(c) * _growth(c, at),
+        at="optional",
+    ),
+    Quantity(
+        "disparity_pitches_per_mm",
+        "pitches/mm",
+        "disparity between the FAP's rims per depth, at a distance ahead of the tip or at the focal plane",
+        lambda c, at: disparity.disparity_rate(c, depth_at(c, at)),
+        at="optional",
+        monotone=False,
+    ),
+    Quantity(
+        "sigma_z_mm",
+        "mm",
+        f"depth spread for a disparity error of {SIGMA_DISPARITY} pitch, at a distance ahead of the tip or at the "
+        "focal plane",
+        lambda c, at: disparity.depth_sigma(c, depth_at(c, at)),
+        at="optional",
+    ),
+    Quantity(
+        "blur_pitches",
+        "pitches",
+        "spread over the array of a point at a distance ahead of the tip",
+        lambda c, at: np.abs(disparity.rim_disparity(c, depth_at(c, at))),
+        positive=False,
+        at="needed",
+        signed=lambda c, at: disparity.rim_disparity(c, depth_at(c, at)),
+    ),
+    Quantity("lateral_samples", "", "microlenses across the sensor's width", _whole(light.lateral_samples)),
+    Quantity("views_geometric", "", "pixels across a microlens image", _whole(light.geometric_views)),
+    Quantity("views_independent", "", "4 N_F: views per axis that diffraction leaves", _whole(light.independent_views)),
+    Quantity("fresnel_number", "", "N_F = d^2/(4 lambda d_2)", _whole(light.fresnel_number)),
+    Quantity("airy_radius_px", "px", "1.22 lambda d_2/d on the sensor", lambda c, _: light.airy_radius(c) / c.q),
+    Quantity(
+        "view_baseline_mm",
+        "mm",
+        "distance on the FAP between neighbouring pixels' views, q d_1/(H d_2)",
+        _whole(light.view_baseline),
+        equation="Eq. 2",
+    ),
+    Quantity(
+        "light_sr",
+        "sr",
+        "solid angle of the pupil seen from the array, pi/4 (D_F/A)^2: the light a pixel gets",
+        _whole(light.solid_angle),
+    ),
+    Quantity("f_number_microlens", "", "working f-number of a microlens, d_2/d", _whole(f_number.microlens_f_number)),
+    Quantity(
+        "f_number_microlens_lens",
+        "",
+        "a microlens's own f-number, f_ml/d",
+        lambda c, _: np.asarray(c.f_ml / c.d),
+        monotone=False,
+    ),
+    Quantity("f_number_pupil", "", "d_1/(D_F H)", _whole(f_number.pupil_f_number), equation="Eq. 8"),
+    Quantity("f_number_main_lens", "", "d_1/D", _whole(f_number.main_lens_f_number), equation="Eq. 9"),
+    Quantity("aperture_constant", "", "H", _whole(lambda c: c.H), equation="Eq. 3", monotone=False),
+    Quantity("inverse_aperture_constant", "", "1/H", _whole(lambda c: c.inverse_H), equation="Eq. 3"),
+    Quantity(
+        "vergence_at_mla_per_mm",
+        "1/mm",
+        "1/L of the exit pupil: 0 where telecentric",
+        _whole(lambda c: c.vergence),
+        positive=False,
+        bent_in_f=True,
+    ),
+    Quantity(
+        "telecentric_offset_mm",
+        "mm",
+        "d_3 - f: 0 where telecentric",
+        _whole(lambda c: c.d_3 - c.f),
+        positive=False,
+    ),
+    Quantity(
+        "microlens_defocus_px",
+        "px",
+        "ray blur of microlens defocus, d d_2 |1/f_ml - 1/d_2 - 1/L|",
+        lambda c, at: np.abs(_defocus_px(c, at)),
+        positive=False,
+        bent_in_f=True,
+        signed=_defocus_px,
+    ),
+    Quantity("magnification", "", "m = d_1/d_f", _whole(lambda c: c.m)),
+    Quantity(
+        "working_distance_mm",
+        "mm",
+        "from the bore's tip to the focal plane",
+        _whole(lambda c: c.d_f - c.tip),
+        positive=False,
+    ),
+    Quantity("total_length_mm", "mm", "from the bore's tip to the sensor", _whole(lambda c: c.tip + c.d_1 + c.d_2)),
+    Quantity("camera_length_mm", "mm", "from the main lens to the sensor", _whole(lambda c: c.d_1 + c.d_2)),
+    Quantity(
+        "largest_diameter_mm",
+        "mm",
+        "the widest of lens, FAP and stops",
+        _diameters,
+        worst=lambda values: np.asarray(values.max(axis=0)),
+    ),
+    # d_3 alone may be 0.
+    *(
+        Quantity(
+            symbol,
+            "mm",
+            f"the design's {place}",
+            _whole(lambda c, symbol=symbol: getattr(c, symbol)),  # type: ignore[misc]
+            positive=symbol != "d_3",
+        )
+        for symbol, place in PATHS.items()
+    ),
+)

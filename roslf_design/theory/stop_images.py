@@ -1,0 +1,276 @@
+"""Where each stop's image lies on the sensor, through a microlens, with every element decentred and tilted.
+
+All rays through a pinhole microlens pass, in object space, through the microlens's conjugate point (an ideal lens
+images points to points). The way from a stop's plane to the sensor is thus two central projections, a homography, and
+the image of the stop's circle is exactly an ellipse; a disc where nothing is tilted: there a stop at z, of radius R and
+decentre e, is seen from the microlens at c as the disc of radius ``s R`` about ``c + s (c (1 - z/f) - e)`` with
+``s = d_2 h/d_1`` and ``h = d_f/(d_f - z)``.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, floats, product
+from ..camera import Camera, Frame, Number, Rim, Vector
+from ..camera.frames import dot, minus, plus, times
+from ..microlens.discs import DiscIntersection, intersect
+from ..microlens.ellipses import intersect_ellipses
+from .exit_pupil import stop_angle
+
+Linear = tuple[Number, Number, Number]
+"""Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
+
+
+class LensPoint(NamedTuple):
+    """Homogeneous point of the main lens's plane, linear in a stop's coordinates."""
+
+    x: Linear
+    y: Linear
+    w: Linear
+
+
+class Ellipse(NamedTuple):
+    """The points p with ``(p - centre)^T S^-1 (p - centre) = 1``."""
+
+    x: Number
+    y: Number
+    """Centre [mm]."""
+    xx: Number
+    xy: Number
+    yy: Number
+    """S [mm^2]."""
+
+    @property
+    def determinant(self) -> Number:
+        """Determinant of S [mm^4]; the area is pi times its root."""
+        return minus(times(self.xx, self.yy), times(self.xy, self.xy))
+
+
+class Projected(NamedTuple):
+    """Homogeneous point of some plane, linear in a stop's coordinates."""
+
+    u: Linear
+    v: Linear
+    w: Linear
+
+    @property
+    def centre(self) -> tuple[Number, Number]:
+        """Image of the stop's centre [mm]."""
+        return self.u[0] / self.w[0], self.v[0] / self.w[0]
+
+    def ellipse(self, radius: Number) -> Ellipse:
+        """Image of the circle of that radius about the stop's centre."""
+        scale = 1.0 / self.w[0]
+        bu, bv = times(self.u[0], scale), times(self.v[0], scale)
+        ga, gb = times(self.w[1], scale), times(self.w[2], scale)
+        ja, jb = (times(minus(self.u[k], times(bu, self.w[k])), scale) for k in (1, 2))
+        ka, kb = (times(minus(self.v[k], times(bv, self.w[k])), scale) for k in (1, 2))
+        xx, yy = plus(times(ja, ja), times(jb, jb)), plus(times(ka, ka), times(kb, kb))
+        xy = plus(times(ja, ka), times(jb, kb))
+        square = times(radius, radius)
+        slant = plus(times(ga, ga), times(gb, gb))
+        if isinstance(slant, float) and slant == 0.0:
+            return Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
+        # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
+        size = square / (1.0 - square * slant)
+        vu, vv = plus(times(ja, ga), times(jb, gb)), plus(times(ka, ga), times(kb, gb))
+        return Ellipse(
+            bu - size * vu,
+            bv - size * vv,
+            size * plus(xx, size * times(vu, vu)),
+            size * plus(xy, size * times(vu, vv)),
+            size * plus(yy, size * times(vv, vv)),
+        )
+
+
+def lens_point(c: Camera, rim: Rim, microlens: Vector) -> LensPoint:
+    """Where the rays of a stop's plane that end in a microlens cross the main lens.
+
+    With the microlens at c and its conjugate ``c' = c / (1 - c_z/f)``, the line from a through c' crosses z = 0 at
+    ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``.
+    """
+    cx, cy, cz = microlens
+    bend = 1.0 - cz / c.f
+    x, y, w = [], [], []
+    pose = c.pose(rim.part)
+    for k, (ax, ay, az) in enumerate((pose.origin, pose.x, pose.y)):
+        x.append(minus(times(cz, ax), times(az, cx)))
+        y.append(minus(times(cz, ay), times(az, cy)))
+        w.append(minus(cz if k == 0 else 0.0, times(az, bend)))
+    return LensPoint((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
+
+
+def project(point: LensPoint, through: Vector, weight: Number, plane: Frame, order: int = 3) -> Projected:
+    """Project points of the main lens's plane through a (homogeneous) point onto an element's plane.
+
+    Parameters
+    ----------
+    point : LensPoint
+        What is projected.
+    through, weight : vector, float or array
+        The centre of projection is ``through / weight``: the microlens with 1, its conjugate with ``1 - c_z/f``.
+    plane : Frame
+        Results are in its coordinates.
+    order : int
+        1 for the stop's centre only, 3 for all coefficients.
+    """
+
+    def against(axis: Vector) -> tuple[Number, Number]:
+        offset = dot(axis, plane.origin)
+        return offset, minus(dot(axis, through), times(weight, offset))
+
+    (ox, cx), (oy, cy), (oz, cz) = against(plane.x), against(plane.y), against(plane.z)
+    u: list[Number] = [0.0] * 3
+    v: list[Number] = [0.0] * 3
+    w: list[Number] = [0.0] * 3
+    for k in range(order):
+        lx, ly, lw = point.x[k], point.y[k], point.w[k]
+        e = minus(plus(times(plane.x[0], lx), times(plane.x[1], ly)), times(ox, lw))
+        h = minus(plus(times(plane.y[0], lx), times(plane.y[1], ly)), times(oy, lw))
+        n = minus(plus(times(plane.z[0], lx), times(plane.z[1], ly)), times(oz, lw))
+        u[k] = minus(times(e, cz), times(n, cx))
+        v[k] = minus(times(h, cz), times(n, cy))
+        w[k] = minus(times(cz, lw), times(weight, n))
+    return Projected((u[0], u[1], u[2]), (v[0], v[1], v[2]), (w[0], w[1], w[2]))
+
+
+def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
+    """Image of a stop on the sensor, through a microlens [mm, the sensor's own frame]."""
+    return project(lens_point(c, rim, microlens), microlens, 1.0, c.pose("sensor"))
+
+
+def chief_point(c: Camera, microlens: Vector) -> tuple[Number, Number]:
+    """Where the ray through the FAP's centre and a microlens meets the sensor [mm, the sensor's own frame]."""
+    return project(lens_point(c, c.fap, microlens), microlens, 1.0, c.pose("sensor"), order=1).centre
+
+
+def room(c: Camera, microlens: Vector) -> Number:
+    """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
+
+    Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
+    plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
+    """
+    point = lens_point(c, c.fap, microlens)
+    bend = 1.0 - microlens[2] / c.f
+    nearest: Number | None = None
+    for rim in c.rims:
+        on_lens = rim.part == "main_lens"
+        crossing = Projected(*point) if on_lens else project(point, microlens, bend, c.pose(rim.part))
+        pencil = crossing.ellipse(c.fap.radius)
+        off = np.hypot(pencil.x, pencil.y)
+        left = rim.radius - off - _reach(pencil, off)
+        nearest = left if nearest is None else np.minimum(nearest, left)
+    assert nearest is not None
+    return nearest
+
+
+def _reach(pencil: Ellipse, off: Number) -> Number:
+    """Half-width of an ellipse along the direction of its own centre from the origin."""
+    if isinstance(pencil.xy, float) and pencil.xy == 0.0 and (pencil.xx is pencil.yy):
+        return np.sqrt(pencil.xx)
+    away = np.where(np.asarray(off) > 0, off, 1.0)
+    a = np.where(np.asarray(off) > 0, pencil.x / away, 1.0)
+    b = pencil.y / away
+    reach: Number = np.sqrt(a * a * pencil.xx + 2 * a * b * pencil.xy + b * b * pencil.yy)
+    return reach
+
+
+def stop_discs(c: Camera, centres: ArrayLike) -> tuple[Array, Array]:
+    """Discs that the FAP and the rims cut out of the light behind pinhole microlenses.
+
+    Parameters
+    ----------
+    c : Camera
+        One build; its tilts are left out.
+    centres : array_like, shape (..., 2)
+        c, microlens axes counted from the main lens's centre [mm].
+
+    Returns
+    -------
+    (centres, radii)
+        Shapes (..., K, 2) and (..., K) [mm], the FAP first, then `Camera.rims`; centres relative to the microlens
+        axis, where the digits are. inf where a stop stands in the focal plane.
+    """
+    at, f = floats(centres, c.f)
+    places, sizes = [], []
+    for rim in (c.fap, *c.rims):
+        scale = product(np.asarray(c.d_2), stop_angle(c, rim.distance))
+        bend = (f - rim.distance) / f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
+        places.append(product(scale, at * bend - np.asarray(c.decentre(rim.part))))
+        sizes.append(np.broadcast_to(rim.radius * scale, at.shape[:-1]))
+    return np.stack(places, -2), np.stack(sizes, -1)
+
+
+class MicrolensImages:
+    """Microlens images at some fields of any number of builds; what several numbers share is computed once.
+
+    Parameters
+    ----------
+    camera : Camera
+        The builds, shape (trials,) or ().
+    fields : array_like, shape (fields, 2)
+        Microlens positions on the array, in its own frame [mm].
+
+    Notes
+    -----
+    Every number broadcasts to (fields, trials). Where nothing is tilted stops are discs, else ellipses; both exactly.
+    """
+
+    def __init__(self, camera: Camera, fields: ArrayLike) -> None:
+        self.camera = camera
+        self.fields = np.asarray(fields, np.float64).reshape(-1, 2)
+        self.x, self.y = self.fields[:, :1], self.fields[:, 1:]
+        self.microlens = camera.microlens(self.x, self.y)
+
+    @cached_property
+    def outline(self) -> Ellipse:
+        """The FAP's image, as if nothing cut it."""
+        return stop_image(self.camera, self.camera.fap, self.microlens).ellipse(self.camera.fap.radius)
+
+    @cached_property
+    def diameter(self) -> Number:
+        """Diameter of the disc as large as the uncut image [mm]."""
+        return 2 * np.sqrt(np.sqrt(self.outline.determinant))
+
+    @cached_property
+    def pitch(self) -> Number:
+        """Distance between neighbouring images [mm], from the points half a pitch to either side."""
+        c, half = self.camera, self.camera.d / 2
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = (
+            chief_point(c, c.microlens(self.x + a * half, self.y + b * half))
+            for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))
+        )
+        return np.sqrt(np.abs((x1 - x0) * (y3 - y2) - (y1 - y0) * (x3 - x2)))
+
+    @cached_property
+    def room(self) -> Number:
+        """Room between the pencil and the nearest rim [mm]; negative where it is cut."""
+        return room(self.camera, self.microlens)
+
+    @cached_property
+    def chief(self) -> tuple[Number, Number]:
+        """Image centres: where the chief rays meet the sensor [mm]."""
+        return chief_point(self.camera, self.microlens)
+
+    @cached_property
+    def shapes(self) -> DiscIntersection:
+        """The lit parts: what all stops leave of the FAP's image, relative to its centre [mm]."""
+        c = self.camera
+        images = [self.outline, *(stop_image(c, r, self.microlens).ellipse(r.radius) for r in c.rims)]
+        shape = (len(self.fields), *(c.shape or (1,)))
+        centres = np.stack([_spread((image.x, image.y), shape) for image in images], axis=-2)
+        centres -= centres[..., :1, :]
+        if c.tilted:
+            matrices = np.stack([_spread((i.xx, i.xy, i.yy), shape) for i in images], axis=-2)
+            return intersect_ellipses(centres, matrices)
+        radii = np.stack([np.broadcast_to(np.sqrt(image.xx), shape) for image in images], axis=-1)
+        return intersect(centres, radii)
+
+
+def _spread(values: tuple[Number, ...], shape: tuple[int, ...]) -> Array:
+    return np.stack([np.broadcast_to(value, shape) for value in values], axis=-1)

@@ -1,0 +1,161 @@
+"""Which rims leave the pupil whole, over which field: Eqs. 5-6 for any number of circular stops, decentred or not.
+
+The pencil of a field point that fills the flexible angular plane (FAP) covers a disc on every stop's plane; the
+microlens image is undistorted ("full", not a cat's eye) while each disc lies inside its stop. The main lens is a stop
+at distance 0, which is Eq. 6.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array, floats, product, ratio
+from ..camera import Camera
+from .light import half_diagonal
+
+
+class FieldBound(NamedTuple):
+    """Largest undistorted field radius, object side and microlens-array side."""
+
+    object_radius: Array
+    """Radius on the plane at `distance` [mm]; inf where no field is too large, 0 where even the axis is clipped."""
+    mla_radius: Array
+    """Where its chief ray meets the microlens array [mm]; finite also for an infinite `distance`."""
+
+
+def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+    """Signed room left inside the main lens for the whole pencil of a field point. Eqs. 5-6.
+
+    Parameters
+    ----------
+    c : Camera
+    radius : array_like
+        X, distance of the field point from the axis [mm], of either sign. A half-field, not a full one.
+    distance : array_like
+        Z, object plane to main lens [mm]; ``Z > d_3``, finite; d_f in the paper.
+    weight : array_like
+        Homogeneous weight W of the field point ``(X/W, Z/W)``. A point at infinity has ``weight=0, distance=1`` and the
+        tangent of its field angle as `radius`; the margin is then in mm.
+
+    Returns
+    -------
+    ndarray
+        ``D (Z - W d_3) - D_F Z - 2 |X| d_3`` [mm^2], broadcast; exact at ``d_3 = 0`` where Eq. 6 divides by zero. The
+        microlens image is undistorted where it is >= 0.
+
+    Raises
+    ------
+    ValueError
+        `distance` is not finite.
+    """
+    lens, de, d3, z, x, w = floats(c.D, c.D_F, c.d_3, distance, radius, weight)
+    if not np.isfinite(z).all():
+        raise ValueError(
+            f"distance must be finite, got {float(np.ravel(z[~np.isfinite(z)])[0])}: for a field point at infinity "
+            "pass weight=0, distance=1 and the tangent of its field angle"
+        )
+    margin: Array = (lens - de) * z - (w * lens + 2 * np.abs(x)) * d3
+    return margin
+
+
+def nondistortion_bound(c: Camera, distance: ArrayLike | None = None) -> FieldBound:
+    """Field radius at which `nondistortion_margin` reaches zero. Eq. 6.
+
+    Parameters
+    ----------
+    c : Camera
+    distance : array_like, optional
+        Z [mm]; ``Z > d_3``, may be inf; d_f where none is given.
+
+    Returns
+    -------
+    FieldBound
+        ``|X| = (D (Z - d_3) - D_F Z) / (2 d_3)`` and ``|A X / (Z - d_3)|`` [mm], broadcast. Both inf at ``d_3 = 0``
+        with ``D >= D_F``; the first inf at ``Z = inf`` (finite twin: the second).
+    """
+    lens, de, d3, z = floats(c.D, c.D_F, c.d_3, c.d_f if distance is None else distance)
+    depth = z - d3
+    axial = lens * ratio(depth, z) - de
+    clear = axial >= 0
+    slope = np.where(clear, ratio(axial, 2 * d3), 0.0)
+    slope = np.where(clear & (d3 == 0), np.inf, slope)
+    return FieldBound(product(slope, z), product(slope, np.abs(c.A * ratio(z, depth))))
+
+
+def room_at(c: Camera, object_radius: ArrayLike) -> Array:
+    """Room between the pencil of the worst field point at a radius and each rim, on that rim's plane [mm].
+
+    Parameters
+    ----------
+    c : Camera
+        Its tilts are left out.
+    object_radius : array_like
+        |X_0| on the focal plane [mm].
+
+    Returns
+    -------
+    ndarray, shape (K, ...)
+        One row a rim of `Camera.rims`; negative where that rim cuts the pencil. With decentres the worst direction
+        counts: the field's offset adds to that of the decentres.
+    """
+    d_f, d_3, de, radius, gap = *floats(c.d_f, c.d_3, c.D_F, object_radius), c.gap
+    pupil = c.decentre("aperture")
+    rooms = []
+    for rim in c.rims:
+        between = d_f - rim.distance
+        offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
+        axial = 2 * rim.radius * gap - de * between
+        rooms.append((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / (2 * gap))
+    return np.stack(np.broadcast_arrays(*rooms))
+
+
+def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
+    """Largest object radius on the focal plane whose pencil each rim leaves whole, in the worst direction [mm].
+
+    Parameters
+    ----------
+    c : Camera
+        Its tilts are left out.
+    nearest : float
+        Least distance, in units of d_f, that a rim is taken to stand from the FAP: where it is 0, a rim in the FAP's
+        own plane bounds no field (inf); an optimiser wants a finite number.
+
+    Returns
+    -------
+    ndarray, shape (K, ...)
+        One row a rim of `Camera.rims`; below 0 where even the axis is cut, by as much as it is.
+    """
+    rooms = room_at(c, 0.0)
+    d_f, d_3 = floats(c.d_f, c.d_3)
+    between = [np.maximum(np.abs(d_3 - rim.distance), nearest * d_f) for rim in c.rims]
+    return np.stack(
+        np.broadcast_arrays(*(product(ratio(room, b), c.gap) for room, b in zip(rooms, between, strict=True)))
+    )
+
+
+class FieldLimit(NamedTuple):
+    """What ends the undistorted field of one camera."""
+
+    radius: float
+    """Largest undistorted object radius at d_f, in the worst direction [mm]; inf where no field is too large."""
+    rim: str
+    """The rim that ends it or, where none does, the one that leaves the least room."""
+    room: float
+    """Smallest room between a pencil and a rim at the field's corner, on that rim's plane [mm]."""
+
+
+def field_limit(c: Camera) -> FieldLimit:
+    """Largest undistorted field of one camera, and the room left at the corner of what the sensor sees.
+
+    Parameters
+    ----------
+    c : Camera
+        One build; its tilts are left out.
+    """
+    bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
+    rooms = [float(room) for room in room_at(c, half_diagonal(c) * c.inverse_m)]
+    tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
+    return FieldLimit(bounds[tightest], c.rims[tightest].name, min(rooms))

@@ -1,0 +1,75 @@
+"""The one camera: numbers of a design, changed one by one or many at once."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.design import DesignError
+
+PAPER = roslf.load("paper")
+NAMES = roslf.preset_names()
+SYMBOLS = ("f", "d_f", "d_1", "D_F", "d_3", "d", "f_ml", "d_2", "q", "wavelength", "D")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_are_the_designs_own(name):
+    design = roslf.load(name)
+    camera = Camera.of(design)
+    assert [getattr(camera, s) for s in SYMBOLS] == [getattr(design, s) for s in SYMBOLS]
+    assert camera.shape == ()
+    assert camera.valid
+    assert [rim.name for rim in camera.rims] == ["main lens", *(f"stop {k + 1}" for k in range(len(design.stops)))]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sets(st.sampled_from(["f", "d_f", "d_1", "d_3", "q", "d_2"]), min_size=1, max_size=5), st.data())
+def test_many_builds_are_the_designs_one_by_one(names, data):
+    """What follows (f, d_f, d_1) is told by `Design.replace`, another path through the same rule."""
+    if {"f", "d_f", "d_1"} <= names:
+        names = names - {"f"}
+    factors = {name: data.draw(st.floats(0.98, 1.02)) for name in sorted(names)}
+    values = {name: getattr(PAPER, name) * np.array([1.0, factor]) for name, factor in factors.items()}
+    camera = Camera.of(PAPER, values)
+    design = PAPER.replace(**{name: float(value[1]) for name, value in values.items()})
+    for symbol in SYMBOLS:
+        got = np.broadcast_to(getattr(camera, symbol), (2,))[1]
+        assert got == pytest.approx(getattr(design, symbol), rel=1e-14)  # a rounding or two of the conjugates
+    assert camera.build(1).f == pytest.approx(design.f, rel=1e-14)
+
+
+def test_impossible_builds_are_told_and_keep_their_numbers():
+    camera = Camera.of(PAPER, {"d_3": [0.0, 349.0, 350.0, 400.0], "D_F": [0.0, 1.0, 1.0, 1.0]})
+    assert camera.valid.tolist() == [False, True, False, False]
+    assert camera.H.tolist()[1:] == pytest.approx([350.0, np.inf, -7.0])
+    assert camera.inverse_H.tolist() == pytest.approx([1, 1 / 350, 0, -1 / 7])
+
+
+def test_focus_follows_where_asked():
+    camera = Camera.of(PAPER, {"d_3": np.array([0.0, 100.0, 150.0])}, in_focus=True)
+    np.testing.assert_allclose(1 / camera.f_ml, 1 / camera.d_2 + camera.vergence, rtol=1e-15)
+
+
+def test_values_compare_hash_pickle_and_print():
+    camera = Camera.of(PAPER, {"d_3": np.array([1.0, 2.0])})
+    twin = pickle.loads(pickle.dumps(camera))
+    assert twin == camera
+    assert hash(twin) == hash(camera)
+    assert camera != Camera.of(PAPER)
+    assert camera != "a camera"
+    assert "d_3=array(2,)" in repr(camera)
+
+
+@pytest.mark.parametrize("place", ["aperture.size", "stops.3.diameter", "main_lens"])
+def test_unknown_places_are_errors(place):
+    with pytest.raises(DesignError, match="is not a number of this design"):
+        Camera.of(PAPER, {place: 1.0})
+
+
+def test_light_meets_the_farthest_stop_first():
+    design = PAPER.replace({"stops": [{"diameter": 9.0, "distance": 60.0}, {"diameter": 5.0, "distance": 200.0}]})
+    assert [rim.name for rim in Camera.of(design).in_light_order] == ["stop 2", "FAP", "stop 1", "main lens"]
