@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..design import Design
 from ..evaluation.fields import evaluate_fields
 from ..evaluation.result import Evaluation
-from ..evaluation.tilted import BEST_ACCURACY, RAYS, rays_for
+from ..evaluation.fields import BEST_ACCURACY, RAYS, rays_for
 from .statement import Accuracy, check_accuracy
 
 ROUNDING = 1e-12

@@ -55,7 +55,7 @@ def _near(case: str, distance: float, says: str) -> Near:
 
 def _rim_cases(design: Design) -> list[Near]:
     """Discs near containment or tangency, at the centre, edge and corner of the sensor."""
-    from ..evaluation.compute import default_fields
+    from ..evaluation import default_fields
     from ..evaluation.fields import field_discs
 
     centres, radii = field_discs(design, default_fields(design))

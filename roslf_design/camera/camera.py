@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
+
+Layout = Literal["square", "hexagonal"]
+"""How the microlenses are packed."""
 
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
@@ -71,7 +74,7 @@ class Camera:
     def __init__(
         self,
         numbers: Mapping[str, Number],
-        layout: str = "square",
+        layout: Layout = "square",
         lens_shape: str = "square",
         lens: Prescription | None = None,
     ) -> None:

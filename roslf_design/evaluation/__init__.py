@@ -1,6 +1,7 @@
-"""Evaluate one design: verdicts, closed forms, microlens images over the field, effects."""
+"""Everything that `roslf evaluate` says of a design."""
 
-from .compute import default_fields, evaluate
+from .evaluate import evaluate
+from .fields import default_fields
 from .result import Evaluation
 
 __all__ = ["Evaluation", "default_fields", "evaluate"]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ..camera import Camera
 from ..design import Design
-from ..effects.field import half_sizes
-from ..theory import inverse_aperture_constant
-from .lens_result import RealLens, RealLensField
-from .result import NonDistortion
+from ..theory.light import half_field
+from .result import NonDistortion, RealLens, RealLensField
 
 STATUS = ("dark", "clipped", "full", "folded")
 
@@ -42,7 +41,7 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     camera = camera_of(design)
     constants = camera.first_order
     x0, x_ml = measured_bound(design)
-    half_x, half_y = half_sizes(design)
+    half_x, half_y = map(float, half_field(Camera.of(design)))
     corner = ((half_x, half_y), (-half_x, half_y), (half_x, -half_y), (-half_x, -half_y))
     fields = _fields(design, axes)
     whole = all(field.status == "full" for field in (*fields, *_fields(design, corner)))
@@ -81,7 +80,7 @@ def _fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[RealLe
 
     found = real_field(design, axes)
     images, maps = found.images, found.maps
-    cone = design.D_F / (design.d_1 * float(inverse_aperture_constant(design.d_f, design.d_3)))
+    cone = design.D_F / float(Camera.of(design).A)
     rows = []
     for i, axis in enumerate(axes):
         seen = maps.status[i] == KEPT

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .lens_result import RealLens, RealLensField
-    from .result import Evaluation, Field
+    from .result import Evaluation, Field, RealLens, RealLensField
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -165,6 +164,21 @@ def field_row(field: Field) -> tuple[str, ...]:
     )
 
 
+def budget_table(result: Evaluation) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The ray budget: headings, then a row a field; what each element takes of the rays that fill the pupil [%]."""
+    if not result.fields:
+        return (), []
+    names = [name for name, _ in result.fields[0].ray_budget.taken()]
+    taking = [name if name in ("own cell", "neighbours") else f"lost at {name}" for name in names if name != "FAP"]
+    rows = []
+    for field in result.fields:
+        x, y = field.x_ml_mm
+        shares = [f"{100 * share:.2f} %" for name, share in field.ray_budget.taken() if name != "FAP"]
+        rows.append((f"{x:g}, {y:g}", *shares))
+    return ("microlens x, y [mm]", *taking), rows
+
+
+BUDGET_TITLE = "Ray budget: of the rays that fill the pupil, in the order of light"
 FIELD_HEADINGS = ("microlens x, y [mm]", "image", "kept", "centroid [um]", "axis ratio", "in own cell")
 EFFECT_HEADINGS = ("effect", "estimate", "budget", "", "why")
 
@@ -211,13 +225,17 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
     fields = Table(*FIELD_HEADINGS, title="Microlens images over the field")
     for field in result.fields:
         fields.add_row(*field_row(field))
+    headings, budgets = budget_table(result)
+    budget = Table(*headings, title=BUDGET_TITLE)
+    for row in budgets:
+        budget.add_row(*row)
     effects = Table(*EFFECT_HEADINGS, title="Effects: what a simulation of this design has to include")
     for effect in effect_rows(result):
         effects.add_row(*effect, style=None if effect[3] == "on" else "dim")
     traced = [Table(*LENS_HEADINGS, title="Microlens images through the real lens, against its thin twin")]
     for lens_field in result.real_lens.fields if result.real_lens else ():
         traced[0].add_row(*lens_field_row(lens_field))
-    for table in (*tables, fields, *(traced if result.real_lens else ()), effects):
+    for table in (*tables, fields, *([budget] if budgets else []), *(traced if result.real_lens else ()), effects):
         table.box, table.pad_edge, table.title_justify, table.title_style = None, False, "left", "bold"
         console.print()
         console.print(table)
@@ -244,6 +262,8 @@ def as_html(result: Evaluation) -> str:
         (title, (), [tuple(row) for row in rows]) for title, rows in table_groups(result)
     ]
     groups.append(("Microlens images over the field", FIELD_HEADINGS, [field_row(field) for field in result.fields]))
+    headings, budgets = budget_table(result)
+    groups.append((BUDGET_TITLE, headings, budgets))
     if result.real_lens is not None:
         lens_rows = [lens_field_row(field) for field in result.real_lens.fields]
         groups.append(("Microlens images through the real lens", LENS_HEADINGS, lens_rows))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ..camera import Camera
 from ..design import Design
-from ..theory.matched import Matched, matched_pupil_diameter, matched_pupil_distance, matched_sensor_distance
-from .lens_result import RealLens, RealLensField
-from .result import Field, FNumber, NonDistortion, Sampling, Verdict
+from ..theory.f_number import matched
+from .result import Field, FNumber, NonDistortion, RealLens, RealLensField, Sampling, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
@@ -19,7 +19,7 @@ OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 
 
 def verdicts_of(
-    design: Design,
+    camera: Camera,
     f_number: FNumber,
     non_distortion: NonDistortion,
     sampling: Sampling,
@@ -29,9 +29,9 @@ def verdicts_of(
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     """
-    field = _undistorted(design, non_distortion)
+    field = _undistorted(camera, non_distortion)
     return (
-        _matched(design, f_number),
+        _matched(camera, f_number),
         field if lens is None else _undistorted_through(lens, non_distortion, field),
         _resolved(sampling),
         *(() if lens is None else (_thin(f_number, lens),)),
@@ -91,7 +91,7 @@ def _departure(field: RealLensField) -> float:
     return math.hypot(*field.shift_px) + abs(field.widening_px) / 2
 
 
-def _matched(design: Design, f: FNumber) -> Verdict:
+def _matched(camera: Camera, f: FNumber) -> Verdict:
     ok = abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
@@ -102,22 +102,18 @@ def _matched(design: Design, f: FNumber) -> Verdict:
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
         f"{f.fill_factor:.4g}, {images}"
     )
-    return Verdict("f_number_matched", False, "fault", text, _match_remedy(design))
+    return Verdict("f_number_matched", False, "fault", text, _match_remedy(camera))
 
 
-def _match_remedy(design: Design) -> str:
-    ways: dict[str, Matched] = {
-        "d_2": matched_sensor_distance(design.D_F, design.d, design.f, design.d_f, design.d_3),
-        "D_F": matched_pupil_diameter(design.d, design.d_2, design.f, design.d_f, design.d_3),
-        "d_3": matched_pupil_distance(design.D_F, design.d, design.d_2, design.f, design.d_f),
-    }
-    found = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if bool(way.exists)]
+def _match_remedy(camera: Camera) -> str:
+    ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
+    found = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if way.exists]
     if not found:
         return "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
     return f"any one of these matches it exactly: {', '.join(found)}"
 
 
-def _undistorted(design: Design, field: NonDistortion) -> Verdict:
+def _undistorted(camera: Camera, field: NonDistortion) -> Verdict:
     seen = (
         f"the sensor sees {field.field_half_width_mm:.4g} mm (half width), "
         f"{field.field_half_diagonal_mm:.4g} mm (corner)"
@@ -134,14 +130,14 @@ def _undistorted(design: Design, field: NonDistortion) -> Verdict:
         f"field distorted: cat's-eye images beyond {field.x0_max_mm:.4g} mm object radius "
         f"({field.x_ml_max_mm:.4g} mm on the MLA), cut by the {field.limited_by}; {seen}"
     )
-    return Verdict("field_undistorted", False, "fault", text, _field_remedy(design, field))
+    return Verdict("field_undistorted", False, "fault", text, _field_remedy(camera, field))
 
 
-def _field_remedy(design: Design, field: NonDistortion) -> str:
+def _field_remedy(camera: Camera, field: NonDistortion) -> str:
     grow = 2 * abs(field.room_at_corner_mm)
     if field.limited_by == "main lens":
         return (
-            f"a main lens of {design.D + grow:.4g} mm clear aperture frees the whole field; "
+            f"a main lens of {camera.D + grow:.4g} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
     return f"widen the {field.limited_by} by {grow:.4g} mm, or use a smaller FAP or a smaller sensor"

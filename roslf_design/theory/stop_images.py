@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, product
 from ..camera import Camera, Frame, Number, Rim, Vector
@@ -62,6 +62,16 @@ class Projected(NamedTuple):
     def centre(self) -> tuple[Number, Number]:
         """Image of the stop's centre [mm]."""
         return self.u[0] / self.w[0], self.v[0] / self.w[0]
+
+    def at(self, a: Array, b: Array) -> tuple[Array, Array]:
+        """Image of points (a, b) of the stop's plane [mm]."""
+        (u, v, w) = (part[0] + part[1] * a + part[2] * b for part in self)
+        return u / w, v / w
+
+    def ahead(self, a: Array, b: Array) -> NDArray[np.bool_]:
+        """Whether light from those points gets there, as it does from the stop's centre: not from behind."""
+        w = self.w
+        return np.asarray((w[0] + w[1] * a + w[2] * b) * w[0] > 0)
 
     def ellipse(self, radius: Number) -> Ellipse:
         """Image of the circle of that radius about the stop's centre."""
@@ -180,15 +190,15 @@ def _reach(pencil: Ellipse, off: Number) -> Number:
     return reach
 
 
-def stop_discs(c: Camera, centres: ArrayLike) -> tuple[Array, Array]:
+def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     """Discs that the FAP and the rims cut out of the light behind pinhole microlenses.
 
     Parameters
     ----------
     c : Camera
-        One build; its tilts are left out.
-    centres : array_like, shape (..., 2)
-        c, microlens axes counted from the main lens's centre [mm].
+        Its tilts are left out.
+    x, y : array_like
+        Microlens axes counted from the main lens's centre [mm], shape (...); they broadcast with the builds.
 
     Returns
     -------
@@ -196,14 +206,17 @@ def stop_discs(c: Camera, centres: ArrayLike) -> tuple[Array, Array]:
         Shapes (..., K, 2) and (..., K) [mm], the FAP first, then `Camera.rims`; centres relative to the microlens
         axis, where the digits are. inf where a stop stands in the focal plane.
     """
-    at, f = floats(centres, c.f)
-    places, sizes = [], []
+    at_x, at_y, f, d_2 = floats(x, y, c.f, c.d_2)
+    shape = np.broadcast_shapes(at_x.shape, at_y.shape, c.shape)
+    discs = []
     for rim in (c.fap, *c.rims):
-        scale = product(np.asarray(c.d_2), stop_angle(c, rim.distance))
+        scale = product(d_2, stop_angle(c, rim.distance))
         bend = (f - rim.distance) / f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
-        places.append(product(scale, at * bend - np.asarray(c.decentre(rim.part))))
-        sizes.append(np.broadcast_to(rim.radius * scale, at.shape[:-1]))
-    return np.stack(places, -2), np.stack(sizes, -1)
+        e_x, e_y = c.decentre(rim.part)
+        numbers = (product(scale, at_x * bend - e_x), product(scale, at_y * bend - e_y), rim.radius * scale)
+        discs.append(_spread(numbers, shape))
+    table = np.stack(discs, -2)
+    return table[..., :2], table[..., 2]
 
 
 class MicrolensImages:
@@ -226,6 +239,29 @@ class MicrolensImages:
         self.fields = np.asarray(fields, np.float64).reshape(-1, 2)
         self.x, self.y = self.fields[:, :1], self.fields[:, 1:]
         self.microlens = camera.microlens(self.x, self.y)
+
+    @cached_property
+    def in_system(self) -> Array:
+        """Microlens axes against the optical axis, tilts left out: shape (fields, 2) for one camera [mm]."""
+        decentre = [self.camera[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        return np.asarray(self.from_lens + np.asarray(decentre))
+
+    @cached_property
+    def from_lens(self) -> Array:
+        """The same counted from the main lens's centre."""
+        n = self.camera
+        turn = n["microlens_array.rotation"]
+        cos, sin = np.cos(turn), np.sin(turn)
+        e_x, e_y = n.decentre("microlens_array")
+        x, y = self.fields.T
+        return np.stack([x * cos - y * sin + e_x, x * sin + y * cos + e_y], -1)
+
+    @cached_property
+    def discs(self) -> tuple[Array, Array]:
+        """Images of the FAP and the rims where nothing is tilted, as `stop_discs` gives them."""
+        x, y = self.microlens[:2]
+        shape = (len(self.fields), *(self.camera.shape or (1,)))
+        return stop_discs(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
 
     @cached_property
     def outline(self) -> Ellipse:
@@ -259,17 +295,18 @@ class MicrolensImages:
 
     @cached_property
     def shapes(self) -> DiscIntersection:
-        """The lit parts: what all stops leave of the FAP's image, relative to its centre [mm]."""
+        """The lit parts, what all stops leave of the FAP's image [mm].
+
+        Positions count from the microlens axis where nothing is tilted, else from the centre of the FAP's image.
+        """
         c = self.camera
+        if not c.tilted:
+            return intersect(*self.discs)
         images = [self.outline, *(stop_image(c, r, self.microlens).ellipse(r.radius) for r in c.rims)]
         shape = (len(self.fields), *(c.shape or (1,)))
         centres = np.stack([_spread((image.x, image.y), shape) for image in images], axis=-2)
-        centres -= centres[..., :1, :]
-        if c.tilted:
-            matrices = np.stack([_spread((i.xx, i.xy, i.yy), shape) for i in images], axis=-2)
-            return intersect_ellipses(centres, matrices)
-        radii = np.stack([np.broadcast_to(np.sqrt(image.xx), shape) for image in images], axis=-1)
-        return intersect(centres, radii)
+        matrices = np.stack([_spread((i.xx, i.xy, i.yy), shape) for i in images], axis=-2)
+        return intersect_ellipses(centres - centres[..., :1, :], matrices)
 
 
 def _spread(values: tuple[Number, ...], shape: tuple[int, ...]) -> Array:

@@ -278,3 +278,28 @@ def test_every_tilt_at_once_is_evaluated(paper):
     result = roslf.evaluate(paper.replace(TILTS))
     assert "counted from 65536 rays" in result.method
     json.dumps(result.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.01])
+def test_the_budget_names_who_takes_what_and_adds_to_one(paper, tilt):
+    design = paper.replace(
+        {
+            "stops": [{"diameter": 5.0, "distance": 200.0}, {"diameter": 12.0, "distance": 60.0}],
+            "aperture.tilt": (tilt, 0.0),
+        }
+    )
+    axis = (14.0, 3.0)
+    budget = roslf.evaluate(design, [axis]).fields[0].ray_budget
+    assert [share.name for share in budget.by_name] == [
+        *("stop 1", "FAP", "stop 2", "main lens"),
+        *("sensor", "own cell", "neighbours"),
+    ]
+    taken = dict(budget.taken())
+    assert min(taken.values()) >= 0
+    assert sum(taken.values()) == pytest.approx(1.0, abs=5e-16)  # a rounding or two
+    past = {share.name: share.kept for share in budget.by_name}
+    assert past["main lens"] == pytest.approx(budget.stops[-1], abs=1e-12)  # the last of either order passed them all
+    alone = roslf.evaluate(
+        design.replace({"stops": [{"diameter": 5.0, "distance": 200.0}], "main_lens.diameter": 1e3}), [axis]
+    )
+    assert past["stop 1"] == pytest.approx(alone.fields[0].ray_budget.stops[0], abs=1e-3)
