@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..design import Design
-from ..evaluation.fields import evaluate_fields
+from ..evaluation.fields import BEST_ACCURACY, RAYS, evaluate_fields, rays_for
 from ..evaluation.result import Evaluation
-from ..evaluation.fields import BEST_ACCURACY, RAYS, rays_for
 from .statement import Accuracy, check_accuracy
 
 ROUNDING = 1e-12

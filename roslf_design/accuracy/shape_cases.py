@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..design import Design
-from ..effects import SceneBrief, cos4
+from ..effects import SceneBrief, Subject
+from ..effects.geometry import cos4
 from ..microlens.cells import area_in_rectangle
 from ..microlens.discs import intersect
 from . import textbook_scene
@@ -187,7 +188,7 @@ def small_fields(design: Design, rng: np.random.Generator, count: int) -> Iterat
     base = design.d_1 / design.d_f * (design.d_f - design.d_3)
 
     def ours(radius: float, d_f: float, d_1: float, g: float) -> float:
-        return cos4.estimate(design, SceneBrief(field_radius=radius)).value
+        return cos4(Subject(design, SceneBrief(field_radius=radius))).value
 
     def exact(radius: Any, d_f: Any, d_1: Any, g: Any) -> Any:
         return textbook_scene.cos4_loss(many_digits(), radius * d_f / d_1 / g)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..design import Design
-from ..effects.field import image_diameter
-from ..effects.microlens_diffraction import blur_width
+from ..effects.field import blur_width, image_diameter
 from .apparent_corners import apparent_shifts
 from .board import Board, Observations
 from .calibrate import Calibration, calibrate

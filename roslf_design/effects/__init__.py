@@ -1,7 +1,6 @@
 """Physical effects: how large each is for a design and scene, which of them a rendering calls for."""
 
-from .brief import WHITE, SceneBrief
-from .effect import Effect, Estimate
+from .effect import WHITE, Effect, Estimate, SceneBrief, Subject
 from .plan import EFFECTS, Budget, Plan, PlanError, PlannedEffect, plan
 
 __all__ = [
@@ -14,5 +13,6 @@ __all__ = [
     "PlanError",
     "PlannedEffect",
     "SceneBrief",
+    "Subject",
     "plan",
 ]

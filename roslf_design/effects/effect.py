@@ -1,16 +1,114 @@
-"""What an effect is: a name, a unit, a closed-form size for a design and a scene, and what it costs to render."""
+"""What an effect is: a name, a unit, a closed-form size for a camera and a scene, and what it costs to render."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from ..camera import Camera
 from ..design import Design
-from .brief import SceneBrief
+from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch, stop_angle
 
 Unit = Literal["px", "pitch", "intensity"]
 """Displacement on the sensor [pixels], displacement on the microlens array [pitches], fraction of full scale (rms)."""
+
+
+@dataclass(frozen=True)
+class SceneBrief:
+    """A scene in the few numbers that decide which effects it calls for.
+
+    The default is a white field on the focal plane, seen over the whole sensor in one colour, without noise.
+    """
+
+    smallest_period: float = math.inf
+    """Period of the finest detail, on the object [mm]; inf for a uniform scene, 0 for point sources."""
+    hard_edges: bool = False
+    """True where brightness jumps (checkerboards, points): box blurs then change the image at first order."""
+    distances: tuple[float, float] | None = None
+    """Nearest and farthest object distance from the main lens, Z [mm]; None is the focal plane."""
+    exposure: float | None = None
+    """Electrons in a fully lit pixel; None asks for no noise."""
+    read_noise: float = 0.0
+    """Read noise r [electrons]."""
+    wavelengths: tuple[float, ...] = ()
+    """[mm]; empty means the design's own."""
+    diffracts: bool = True
+    """Whether microlens diffraction is rendered too, which hides what is finer than itself; `plan` sets it."""
+    field_radius: float | None = None
+    """Largest X_ml that counts [mm]; None is the last microlens whose image the sensor's corner shows."""
+
+    def __post_init__(self) -> None:
+        if not self.smallest_period >= 0:
+            raise ValueError(f"smallest_period is {self.smallest_period}; it must be 0 (points) or a positive length")
+        if self.exposure is not None and not (self.exposure > 0 and math.isfinite(self.exposure)):
+            raise ValueError(f"exposure is {self.exposure}; give a positive number of electrons, or None for no noise")
+        if not (self.read_noise >= 0 and math.isfinite(self.read_noise)):
+            raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
+        if any(not (wavelength > 0 and math.isfinite(wavelength)) for wavelength in self.wavelengths):
+            raise ValueError(f"wavelengths are {self.wavelengths}; they must be positive lengths")
+
+    @property
+    def white(self) -> bool:
+        """True where the scene is uniform, so that nothing that blurs the object matters."""
+        return math.isinf(self.smallest_period)
+
+
+WHITE = SceneBrief()
+"""The default scene."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What an estimate is of: one camera and the scene before it."""
+
+    design: Design
+    brief: SceneBrief = WHITE
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The design's camera, as traced for the longest wavelength in play: diffraction's worst."""
+        longest = max(self.brief.wavelengths, default=self.design.wavelength)
+        return Camera.of(self.design.thin_twin, {"wavelength": longest})
+
+    @cached_property
+    def pitch(self) -> float:
+        """Distance between neighbouring microlens images [mm]; negative where their order is reversed."""
+        return float(microlens_image_pitch(self.camera))
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diameter of an uncut microlens image [mm]."""
+        return float(microlens_image_diameter(self.camera))
+
+    def scale(self, distance: float) -> float:
+        """How much a length on a stop at `distance` is scaled on the sensor, h d_2/d_1."""
+        return self.design.d_2 * float(stop_angle(self.camera, distance))
+
+    @cached_property
+    def x_ml(self) -> float:
+        """X_ml of the farthest microlens that counts [mm]: the brief's, or the last whose image the corner shows."""
+        if self.brief.field_radius is not None:
+            return self.brief.field_radius
+        grow = abs(self.pitch) / self.design.d
+        seen = math.hypot(*self.design.sensor_size) / 2 + self.diameter / 2
+        array = math.hypot(*self.design.microlens_array.size) / 2
+        return min(seen / grow, array) if grow > 0 else array
+
+    @property
+    def at(self) -> str:
+        """The same, in words."""
+        return f"at X_ml = {self.x_ml:.4g} mm"
+
+    @cached_property
+    def lens_field(self) -> float:
+        """The same from the main lens's axis: decentres move the field across it [mm]."""
+        aside = np.subtract(self.design.microlens_array.decentre, self.design.main_lens.decentre)
+        return self.x_ml + float(np.hypot(*aside))
 
 
 class Estimate(NamedTuple):
@@ -24,14 +122,14 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect:
-    """One physical effect. Its file holds the estimate and, beside it, what the effect does to the image."""
+    """One physical effect."""
 
     name: str
     """Stable name, as in `--effects +name`."""
     title: str
     """The field's term, for tables and charts."""
     unit: Unit
-    estimate: Callable[[Design, SceneBrief], Estimate]
+    estimate: Callable[[Subject], Estimate]
     """Closed form; microseconds."""
     cost_per_pixel: float = 0.0
     """Extra time to render it [s per pixel], measured on two cores; prints the plan's cost."""

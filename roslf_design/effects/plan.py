@@ -10,42 +10,25 @@ from typing import Any, Protocol, Self
 
 from ..design import Design
 from ..errors import InputError, Problem
-from . import (
-    cos4,
-    decentres,
-    fap_diffraction,
-    finite_microlens_aperture,
-    lens_faults,
-    microlens_defocus,
-    microlens_diffraction,
-    mla_rotation,
-    noise,
-    object_defocus,
-    overlap,
-    pixel_integration,
-    pupil_geometry,
-    tilts,
-    vignetting,
-)
-from .brief import WHITE, SceneBrief
-from .effect import Effect, Unit
+from . import geometry, lens, waves
+from .effect import WHITE, Effect, SceneBrief, Subject, Unit
 
 EFFECTS: tuple[Effect, ...] = (
-    pupil_geometry.EFFECT,
-    vignetting.EFFECT,
-    microlens_diffraction.EFFECT,
-    fap_diffraction.EFFECT,
-    microlens_defocus.EFFECT,
-    finite_microlens_aperture.EFFECT,
-    pixel_integration.EFFECT,
-    overlap.EFFECT,
-    object_defocus.EFFECT,
-    cos4.EFFECT,
-    *lens_faults.EFFECTS,
-    mla_rotation.EFFECT,
-    tilts.EFFECT,
-    decentres.EFFECT,
-    noise.EFFECT,
+    geometry.PUPIL_GEOMETRY,
+    geometry.VIGNETTING,
+    waves.MICROLENS_DIFFRACTION,
+    waves.FAP_DIFFRACTION,
+    waves.MICROLENS_DEFOCUS,
+    waves.FINITE_MICROLENS_APERTURE,
+    waves.PIXEL_INTEGRATION,
+    geometry.OVERLAP,
+    geometry.OBJECT_DEFOCUS,
+    geometry.COS4,
+    *lens.EFFECTS,
+    geometry.MLA_ROTATION,
+    geometry.TILTS,
+    geometry.DECENTRES,
+    waves.NOISE,
 )
 """Every effect known, in the order in which a plan lists them."""
 
@@ -183,12 +166,13 @@ def plan(
         A scene that this design cannot see.
     """
     brief = scene if isinstance(scene, SceneBrief) else WHITE if scene is None else scene.brief(design)
+    subject = Subject(design, brief)
     budget = budget or Budget()
     wanted = _wanted(overrides, design)
     width, height = design.pixels
     lines: dict[str, PlannedEffect] = {}
     for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
-        size = effect.estimate(design, brief)
+        size = effect.estimate(subject)
         if not math.isfinite(size.value):
             raise PlanError.about(effect.name, f"its estimate is {size.value}; this design's values are too extreme")
         limit = budget.of(effect.unit)
@@ -200,7 +184,7 @@ def plan(
         reason = f"{size.note}; {why}" if why else size.note
         cost = effect.cost_per_pixel * width * height
         if effect.name == "microlens_diffraction":
-            brief = replace(brief, diffracts=on)
+            subject = Subject(design, replace(brief, diffracts=on))
         lines[effect.name] = PlannedEffect(effect.name, size.value, effect.unit, limit, on, reason, cost)
     return Plan(tuple(lines[effect.name] for effect in EFFECTS))
 

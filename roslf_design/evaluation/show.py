@@ -227,8 +227,8 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
         fields.add_row(*field_row(field))
     headings, budgets = budget_table(result)
     budget = Table(*headings, title=BUDGET_TITLE)
-    for row in budgets:
-        budget.add_row(*row)
+    for shares in budgets:
+        budget.add_row(*shares)
     effects = Table(*EFFECT_HEADINGS, title="Effects: what a simulation of this design has to include")
     for effect in effect_rows(result):
         effects.add_row(*effect, style=None if effect[3] == "on" else "dim")

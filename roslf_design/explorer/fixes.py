@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from .. import theory
 from ..design import Design, DesignError
-from ..effects.field import exit_pupil_vergence, half_sizes
-from ..effects.microlens_defocus import ray_blur
+from ..effects.field import exit_pupil_vergence, half_sizes, ray_blur
 from ..evaluation.rims import field_limit
 from ..report.figures.depth_precision import focal_plane_sigma
 from ..theory.matched import Matched

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
-from ..effects import Plan, tilts
-from ..effects.field import exit_pupil_vergence, image_diameter, stop_scale
-from ..effects.microlens_defocus import ray_blur
+from ..effects import Plan, SceneBrief, Subject
+from ..effects.field import exit_pupil_vergence, image_diameter, ray_blur, stop_scale
+from ..effects.geometry import tilt_shift
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +83,11 @@ class ImageLattice:
         shift = stop_scale(design, design.d_3) * (lens * (design.d_3 / design.f) - fap)
         origin = grow * np.array(array.decentre) + shift - np.array(sensor.decentre)
         width, height = array.size
-        slack = 2 * tilts.shift(design, math.hypot(width, height) / 2) if not design.aligned else 0.0
+        slack = (
+            0.0
+            if design.aligned
+            else 2 * tilt_shift(Subject(design, SceneBrief(field_radius=math.hypot(width, height) / 2)))
+        )
         # A stop cannot widen an image, but a microlens out of focus can, and a finite one moves it.
         reach = image_diameter(design) / 2 + ray_blur(design) * math.sqrt(0.5) + slack
         # A microlens belongs to the array if its whole cell fits.

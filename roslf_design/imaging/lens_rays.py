@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from .._jit import kernel
 from ..design import Design
 from ..effects import Plan
-from ..effects.microlens_defocus import ray_blur
+from ..effects.field import ray_blur
 from ..errors import InputError, Problem
 from ..scenes import Scene
 from ..scenes.scene import mouth

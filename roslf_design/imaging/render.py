@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import Budget, Plan, plan
-from ..effects.noise import add_noise
+from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
 from .camera import ImageLattice, planned_design

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects.field import image_diameter
-from ..effects.pixel_integration import transfer as pixel_box
+from ..effects.waves import pixel_box
 from .camera import ImageLattice
 from .transfer import MicrolensTransfer
 

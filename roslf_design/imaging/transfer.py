@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..design import Design
 from ..effects import Plan
-from ..effects.microlens_defocus import defocus
+from ..effects.field import defocus
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from PIL import Image
 
 from roslf_design.design import Design
 from roslf_design.effects import Plan, plan
-from roslf_design.effects.noise import add_noise
+from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.convolve import HALO, bands
 from roslf_design.imaging.grid import Region
 from roslf_design.imaging.render import render

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
-from roslf_design.effects.finite_microlens_aperture import footprint
-from roslf_design.effects.microlens_defocus import defocus_waves
-from roslf_design.effects.microlens_diffraction import fresnel_number
+from roslf_design.effects.waves import footprint
+from roslf_design.theory.light import fresnel_number, microlens_defocus_waves
 
 PAPER = load("paper")
 EDGE = SceneBrief(field_radius=11.15)
@@ -38,8 +38,8 @@ def test_paper_design_magnitudes(name, expected, unit, brief):
 
 
 def test_paper_design_side_magnitudes():
-    assert defocus_waves(PAPER, PAPER.wavelength) == pytest.approx(0.00196, rel=5e-3)
-    assert fresnel_number(PAPER, PAPER.wavelength) == pytest.approx(0.902, rel=5e-4)
+    assert microlens_defocus_waves(Camera.of(PAPER)) == pytest.approx(0.00196, rel=5e-3)
+    assert fresnel_number(Camera.of(PAPER)) == pytest.approx(0.902, rel=5e-4)
     assert footprint(PAPER, PAPER.d_f) == pytest.approx(0.1575, rel=1e-12)
 
 

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps
 from roslf_design.effects import Budget, PlanError, SceneBrief, plan
-from roslf_design.effects.lens_faults import faults
+from roslf_design.effects.lens import faults
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.camera import mounted

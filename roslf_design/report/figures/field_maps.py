@@ -44,7 +44,7 @@ def field_map(design: Design, points: int = 160) -> FieldMap:
     step = max(width, height) / points
     x, y = (_middles(side, step) for side in (width, height))
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    found = intersect(*field_discs(design, places))  # type: ignore[arg-type]
+    found = intersect(*field_discs(design, places))
     shape = len(y), len(x)
     offset = np.where(found.lit[:, None], found.centroid / design.q, np.nan)
     return FieldMap(x, y, found.kept_fraction.reshape(shape), offset.reshape(*shape, 2))

@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..camera import Camera
 from ..design import Design
-from .brief import SceneBrief
-from .effect import Effect, Estimate
-from .field import field_radius, inverse_aperture_constant
+from .effect import Effect, Estimate, Subject
 
 RADII = (0.4, 0.6, 0.8, 1.0)
 """Parts of the field's radius at which the lens is looked at."""
@@ -42,6 +41,7 @@ class Faults(NamedTuple):
 @lru_cache(maxsize=256)
 def faults(design: Design, x_ml: float) -> Faults:
     """Trace a design's main lens out to the microlens radius `x_ml` [mm]."""
+    # Only designs behind a real lens pay for importing the tracer.
     from ..lenses.of_design import real_field
     from ..lenses.trace import KEPT
 
@@ -50,28 +50,24 @@ def faults(design: Design, x_ml: float) -> Faults:
     upright = ("main_lens", "aperture", "microlens_array", "sensor", *(f"stops.{i}" for i in range(len(design.stops))))
     straight = {f"{part}.tilt": (0.0, 0.0) for part in upright}
     straight |= {f"{part}.decentre": (0.0, 0.0) for part in upright[:3]}
-    centred = design.replace({**straight, "microlens_array.rotation": 0.0})
-    found = real_field(centred, axes)
-    diameter = found.thin_diameter
-    lost = 1 - found.images.kept_fraction
-    whole = (found.images.status == 2) & np.isfinite(found.rim_shift)
-    seen = found.maps.status == KEPT
-    cone = design.D_F / (design.d_1 * abs(inverse_aperture_constant(design)))
-    foci = np.maximum(np.abs(found.maps.tangential_focus), np.abs(found.maps.sagittal_focus))
+    field = real_field(design.replace({**straight, "microlens_array.rotation": 0.0}), axes)
+    diameter = field.thin_diameter
+    whole = (field.images.status == 2) & np.isfinite(field.rim_shift)
+    lit = field.maps.status == KEPT
+    foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     return Faults(
-        displaced=float(np.max(np.where(whole, found.rim_shift, diameter))),
-        cut=float(np.max(lost)) * diameter,
-        spread=float(np.max(np.where(seen, np.max(found.maps.spread, axis=-1), 0.0))),
-        curvature=float(np.max(np.where(seen, foci, 0.0))) * cone,
+        displaced=float(np.max(np.where(whole, field.rim_shift, diameter))),
+        cut=float(np.max(1 - field.images.kept_fraction)) * diameter,
+        spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
+        curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
         whole_to=max((axes[i][0] for i in range(len(axes)) if whole[i]), default=0.0),
-        steepest=float(np.max(np.hypot(*np.moveaxis(found.images.outline, -1, 0)))) / design.d_2,
+        steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / design.d_2,
     )
 
 
-def lens_field(design: Design, brief: SceneBrief) -> float:
-    """Largest distance from the lens's axis of a microlens that counts [mm]: decentres move the field across it."""
-    aside = np.subtract(design.microlens_array.decentre, design.main_lens.decentre)
-    return field_radius(design, brief) + float(np.hypot(*aside))
+def _cone(design: Design) -> float:
+    """Diameter of the light's cone per unit of distance from its focus on the array."""
+    return design.D_F / abs(float(Camera.of(design).A))
 
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
@@ -84,64 +80,55 @@ def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -
     waves = (design.wavelength, *wavelengths)
     lateral = field_map(camera, [x_ml, 0.0], waves).lateral_colour[:, 0]
     places = [first_order(camera.lens, wave).image_of(camera.focal_plane)[0] for wave in waves]
-    cone = design.D_F / (design.d_1 * abs(inverse_aperture_constant(design)))
-    return float(np.ptp(lateral)) + (max(places) - min(places)) * cone
+    return float(np.ptp(lateral)) + (max(places) - min(places)) * _cone(design)
 
 
-def _name(design: Design) -> str:
-    assert design.lens is not None
-    return f"{design.lens.name}, traced to X_ml"
+def _traced(s: Subject) -> str:
+    assert s.design.lens is not None
+    return f"{s.design.lens.name}, traced to X_ml = {s.lens_field:.4g} mm"
 
 
-def distortion(design: Design, brief: SceneBrief) -> Estimate:
+def distortion(s: Subject) -> Estimate:
     """Displacement of microlens images' rims against the thin lens [px]."""
-    if design.lens is None:
+    if s.design.lens is None:
         return IDEAL
-    x_ml = lens_field(design, brief)
-    found = faults(design, x_ml)
-    size = found.displaced / design.q
-    ends = "" if found.whole_to == x_ml else f"; images are not whole beyond {found.whole_to:.4g} mm"
-    return Estimate(size, f"{_name(design)} = {x_ml:.4g} mm: image rims up to {size:.3g} px off the thin lens's{ends}")
+    traced = faults(s.design, s.lens_field)
+    size = traced.displaced / s.design.q
+    ends = "" if traced.whole_to == s.lens_field else f"; images are not whole beyond {traced.whole_to:.4g} mm"
+    return Estimate(size, f"{_traced(s)}: image rims up to {size:.3g} px off the thin lens's{ends}")
 
 
-def aberrations(design: Design, brief: SceneBrief) -> Estimate:
+def _blur(s: Subject, spread: float, words: str) -> Estimate:
+    if s.brief.white:
+        return Estimate(0.0, f"a uniform scene hides it ({words} at X_ml = {s.lens_field:.4g} mm)")
+    return Estimate(spread, f"{_traced(s)}: {words}")
+
+
+def aberrations(s: Subject) -> Estimate:
     """Extent on the array of an object point's light [pitches]; zero for a uniform scene."""
-    if design.lens is None:
+    if s.design.lens is None:
         return IDEAL
-    x_ml = lens_field(design, brief)
-    spread = faults(design, x_ml).spread / design.d
-    told = f"object points spread over {spread:.3g} pitches"
-    if brief.white:
-        return Estimate(0.0, f"a uniform scene hides it ({told} {_at(x_ml)})")
-    return Estimate(spread, f"{_name(design)} = {x_ml:.4g} mm: {told}")
+    spread = faults(s.design, s.lens_field).spread / s.design.d
+    return _blur(s, spread, f"object points spread over {spread:.3g} pitches")
 
 
-def curvature(design: Design, brief: SceneBrief) -> Estimate:
+def curvature(s: Subject) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
-    if design.lens is None:
+    if s.design.lens is None:
         return IDEAL
-    x_ml = lens_field(design, brief)
-    spread = faults(design, x_ml).curvature / design.d
-    told = f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches"
-    if brief.white:
-        return Estimate(0.0, f"a uniform scene hides it ({told} {_at(x_ml)})")
-    return Estimate(spread, f"{_name(design)} = {x_ml:.4g} mm: {told}")
+    spread = faults(s.design, s.lens_field).curvature / s.design.d
+    return _blur(s, spread, f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches")
 
 
-def colour(design: Design, brief: SceneBrief) -> Estimate:
+def colour(s: Subject) -> Estimate:
     """Lateral and axial colour between the scene's wavelengths and the design's [pitches]."""
-    if design.lens is None:
+    if s.design.lens is None:
         return IDEAL
-    others = tuple(wave for wave in brief.wavelengths if wave != design.wavelength)
+    others = tuple(wave for wave in s.brief.wavelengths if wave != s.design.wavelength)
     if not others:
         return Estimate(0.0, "the scene is lit in the design's wavelength")
-    x_ml = lens_field(design, brief)
-    spread = colour_spread(design, others, x_ml) / design.d
-    return Estimate(spread, f"{_name(design)} = {x_ml:.4g} mm: colours part by {spread:.3g} pitches")
-
-
-def _at(x_ml: float) -> str:
-    return f"at X_ml = {x_ml:.4g} mm"
+    spread = colour_spread(s.design, others, s.lens_field) / s.design.d
+    return Estimate(spread, f"{_traced(s)}: colours part by {spread:.3g} pitches")
 
 
 def has_real_lens(design: Design) -> bool:

@@ -1,0 +1,176 @@
+"""Effects of geometry: where microlens images lie, what cuts them, and what misplaced parts do to them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..design import Design
+from ..errors import InputError, Problem
+from . import lens
+from .effect import Effect, Estimate, Subject
+
+
+def pupil_geometry(s: Subject) -> Estimate:
+    """Centre shift X_ml d_2/L at the field's rim [px], signed: negative towards the axis (Eqs. 2-4)."""
+    shift = s.x_ml * s.design.d_2 * float(s.camera.vergence) / s.design.q
+    return Estimate(shift, f"image centre {shift:.3g} px from the microlens axis {s.at}")
+
+
+def cut_depth(s: Subject) -> float:
+    """How deep the main lens and the further stops cut into the FAP's disc at the field's rim, on the sensor [mm].
+
+    0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
+    diameter where nothing is left. Decentres count at their worst.
+    """
+    camera, f = s.camera, s.design.f
+
+    def disc(distance: float, diameter: float) -> tuple[float, float, float]:
+        scale = s.scale(distance)
+        return scale, s.x_ml + scale * s.x_ml * (1 - distance / f), diameter / 2 * scale
+
+    fap_scale, centre, radius = disc(s.design.d_3, s.design.D_F)
+    fap = camera.decentre("aperture")
+    depth = 0.0
+    for rim in camera.rims:
+        scale, other, reach = disc(float(rim.distance), 2 * float(rim.radius))
+        offset = math.hypot(
+            *(float(scale * a - fap_scale * b) for a, b in zip(camera.decentre(rim.part), fap, strict=True))
+        )
+        depth = max(depth, abs(other - centre) + offset + radius - reach)
+    return min(depth, 2 * radius)
+
+
+def vignetting(s: Subject) -> Estimate:
+    """Depth of the deepest cut [px]."""
+    depth = cut_depth(s) / s.design.q
+    if s.design.lens is not None:
+        traced = lens.faults(s.design, s.lens_field).cut / s.design.q
+        if traced > depth:
+            return Estimate(traced, f"{s.design.lens.name}, traced, cuts {traced:.3g} px off microlens images {s.at}")
+    if depth <= 0:
+        return Estimate(0.0, f"the FAP's disc lies inside all others {s.at}: nothing is clipped")
+    return Estimate(depth, f"other rims cut {depth:.3g} px into the FAP's disc {s.at}")
+
+
+def overlap(s: Subject) -> Estimate:
+    """Width of the overlap of neighbouring images, diameter less pitch [px]; zero where they leave gaps (Eq. 7)."""
+    width = (s.diameter - abs(s.pitch)) / s.design.q
+    if width <= 0:
+        return Estimate(0.0, f"images end {-width:.3g} px short of each other")
+    return Estimate(width, f"images overlap by {width:.3g} px")
+
+
+def blur_on_mla(design: Design, distance: float) -> float:
+    """Width on the MLA over which an object point at Z = `distance` spreads [mm].
+
+    D_F d_1 |1/(H Z_F) - 1/d_f| with Z_F = Z - d_3, in the form D_F (d_1/d_f) |d_f - Z|/(Z - d_3) that does not
+    cancel near the focal plane.
+
+    Raises
+    ------
+    InputError
+        Where the object is not beyond the FAP.
+    """
+    if distance <= design.d_3:
+        fault = f"{distance:g} mm is not beyond the aperture at d_3 = {design.d_3:g} mm; move the object out"
+        raise InputError((Problem("object distance", fault),))
+    return design.D_F * design.d_1 / design.d_f * abs(design.d_f - distance) / (distance - design.d_3)
+
+
+def object_defocus(s: Subject) -> Estimate:
+    """Spread over the MLA [microlens pitches] of the scene's nearest or farthest point; zero for a uniform scene."""
+    if s.brief.distances is None:
+        return Estimate(0.0, "the scene lies on the focal plane")
+    spread = max(blur_on_mla(s.design, distance) for distance in s.brief.distances) / s.design.d
+    nearest, farthest = s.brief.distances
+    if s.brief.white:
+        return Estimate(0.0, f"a uniform scene looks alike at any distance (detail would spread {spread:.3g} pitches)")
+    reach = f"Z = {nearest:.4g} mm" if nearest == farthest else f"Z = {nearest:.4g} to {farthest:.4g} mm"
+    return Estimate(spread, f"object points at {reach} spread over {spread:.3g} pitches")
+
+
+def cos4(s: Subject) -> Estimate:
+    """Loss at the field's rim [fraction of full scale].
+
+    Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
+    the size of the microlens images there, which are traced (etendue is conserved).
+    """
+    if s.design.lens is not None:
+        loss = _loss(lens.faults(s.design, s.lens_field).steepest)
+        return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
+    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap))
+    return Estimate(loss, f"{loss:.2%} darker {s.at}")
+
+
+def _loss(slope: float) -> float:
+    """1 - cos^4 of the angle of a slope; -expm1 keeps small angles exact."""
+    return float(-np.expm1(-2 * np.log1p(slope**2)))
+
+
+def mla_rotation(s: Subject) -> Estimate:
+    """Chord 2 X_ml sin(rotation/2) that the outermost microlens moves by [px]."""
+    angle = s.design.microlens_array.rotation
+    if angle == 0:
+        return Estimate(0.0, "the array is not rotated")
+    moved = 2 * s.x_ml * abs(math.sin(angle / 2)) / s.design.q
+    return Estimate(moved, f"{angle * 1e3:.3g} mrad move microlenses by {moved:.3g} px {s.at}")
+
+
+def tilt_shift(s: Subject) -> float:
+    """How far tilts move or blur a microlens image at the field's rim, first order, all added up [mm].
+
+    An array or sensor tilted by t lies X_ml t out of place there: the chief ray (slope X_ml/L), the image's radius
+    (D_F H/2 d_1) and the microlens's own rays (d/2 d_2) each turn that into a shift; in the tilted plane lengths
+    shrink by 1 - cos t. A tilted rim reaches D_F t/2 out of its plane, seen under the field angle; a tilted thin
+    lens refracts at height l about l t away from z = 0, where it bends by l/f.
+    """
+    design, camera, x_ml = s.design, s.camera, s.x_ml
+    slope = abs(x_ml * float(camera.vergence))
+    cone = (s.diameter + design.d) / (2 * design.d_2)
+    array, sensor = math.hypot(*design.microlens_array.tilt), math.hypot(*design.sensor.tilt)
+    moved = x_ml * (array + sensor) * (slope + cone)
+    moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
+    angle = x_ml * float(camera.inverse_m) / float(camera.gap)
+    for stop in design.all_stops:
+        moved += stop.diameter / 2 * math.hypot(*stop.tilt) * angle * s.scale(stop.distance)
+    height = x_ml * design.d_3 / float(camera.A)
+    return moved + height**2 / design.f * math.hypot(*design.main_lens.tilt) * s.scale(design.d_3)
+
+
+def tilts(s: Subject) -> Estimate:
+    """Shift [px] at the field's rim."""
+    if s.design.aligned:
+        return Estimate(0.0, "nothing is tilted")
+    moved = tilt_shift(s) / s.design.q
+    return Estimate(moved, f"tilts move microlens images by {moved:.3g} px {s.at}")
+
+
+def decentres(s: Subject) -> Estimate:
+    """How far all decentres, each at its worst, move a microlens image on the sensor [px], the same all over."""
+    design = s.design
+    moved = math.hypot(*design.main_lens.decentre) * s.scale(design.d_3) * design.d_3 / design.f
+    moved += math.hypot(*design.microlens_array.decentre) * abs(s.pitch) / design.d
+    moved += math.hypot(*design.sensor.decentre)
+    moved += sum(math.hypot(*stop.decentre) * s.scale(stop.distance) for stop in design.all_stops)
+    if moved == 0:
+        return Estimate(0.0, "nothing is decentred")
+    return Estimate(moved / design.q, f"decentres move microlens images by {moved / design.q:.3g} px")
+
+
+PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", pupil_geometry, always=True)
+VIGNETTING = Effect("vignetting", "Vignetting", "px", vignetting, cost_per_pixel=5e-9)
+OVERLAP = Effect(
+    "overlap",
+    "Overlap with neighbours",
+    "px",
+    overlap,
+    cost_per_pixel=5e-9,
+    required_by=("microlens_diffraction", "microlens_defocus"),
+)
+OBJECT_DEFOCUS = Effect("object_defocus", "Object out of focus", "pitch", object_defocus)
+COS4 = Effect("cos4", "cos^4 fall-off", "intensity", cos4)
+MLA_ROTATION = Effect("mla_rotation", "MLA rotation", "px", mla_rotation)
+TILTS = Effect("tilts", "Tilts", "px", tilts)
+DECENTRES = Effect("decentres", "Decentres", "px", decentres)
