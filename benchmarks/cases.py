@@ -20,7 +20,7 @@ WHITE = (3080, 4600)
 def peer_cases(quick: bool = False) -> list[Case]:
     """The comparisons with peers, in the order of the page."""
     rays = 200_000 if quick else 1_000_000
-    found = [ideal_lens(rays), singlet(rays), tolerance(quick), optimise(), geometry()]
+    found = [singlet(rays), tolerance(quick), optimise(), geometry()]
     shape = (600, 800) if quick else (1000, 1400)
     for layout, fill in (("hexagonal", 0.7), ("square", 0.7), ("hexagonal", 0.95), ("square", 0.95)):
         found.append(centres(layout, fill, shape, fast=layout == "hexagonal" and fill < 0.9))
@@ -47,40 +47,6 @@ def relative(allowed: Mapping[str, float], ours: Arrays, theirs: Arrays) -> Sequ
         word = name if len(name) <= 3 else name.replace("_", " ")  # symbols keep their subscripts
         found.append(Check(f"{word}, relative", float(np.abs(a - b).max() / np.abs(a).max()), limit))
     return tuple(found)
-
-
-def ideal_lens(rays: int) -> Case:
-    """Thin lens and a stop 120 mm in front of it; two thirds of the rays get through."""
-
-    def inputs() -> Mapping[str, Any]:
-        rng = np.random.default_rng(1)
-        f, d_1, d_3 = 100.0, 140.0, 120.0
-        x, y = rng.uniform(-11.0, 11.0, rays), rng.uniform(-7.0, 7.0, rays)
-        radius, angle = 1.75 * np.sqrt(rng.random(rays)), rng.uniform(0, 2 * np.pi, rays)
-        bend = 1 - d_3 / f
-        s = -(x * bend - radius * np.cos(angle)) / (d_1 * bend + d_3)
-        t = -(y * bend - radius * np.sin(angle)) / (d_1 * bend + d_3)
-        fixed = {"f": f, "d_1": d_1, "d_3": d_3, "plane": 350.0, "D": 50.8, "D_F": 2.9, "wavelength_um": GREEN_UM}
-        return {"x": x, "y": y, "s": s, "t": t, **fixed}
-
-    return Case(
-        "ideal-lens",
-        "Ideal lens with a stop in front, ready-made rays",
-        "rays",
-        rays,
-        (
-            Side("here, 2 threads", "here", "ideal_lens", 2),
-            Side("here, 1 thread", "here", "ideal_lens", 1),
-            Side("Optiland", "optiland", "ideal_lens", 2),
-            Side("plain numpy", "numpy", "ideal_lens", 1),
-        ),
-        inputs,
-        partial(rays_agree, 1e-9),
-        goals=(Goal("Optiland", 20.0, "20 times Optiland's ready-made rays, two threads"),),
-        note="From the array backward through lens and stop to the focal plane; each side writes end points and says "
-        "which rays were stopped. Optiland's numpy backend uses one thread whatever it is allowed.",
-        bytes_each=49.0,
-    )
 
 
 def singlet(rays: int) -> Case:

@@ -19,7 +19,6 @@ def own_cases(quick: bool = False) -> list[Case]:
         closed_forms(100_000 if quick else 1_000_000),
         *shapes(),
         *coverage(),
-        *rays(1_000_000 if quick else 10_000_000),
         *images(),
         *trials(),
         *searches(),
@@ -75,27 +74,6 @@ def coverage() -> list[Case]:
             fast=not cut,
         )
         for name, words, cut in (("", "", False), ("-cut", ", every image cut", True))
-    ]
-
-
-def rays(count: int) -> list[Case]:
-    """3D backward rays."""
-    return [
-        Case(
-            f"rays{name}",
-            f"3D backward rays, status and end points{words}",
-            "rays",
-            count,
-            (
-                _here("rays_3d", 2, rays=count, tilted=tilted),
-                _here("rays_3d", 1, rays=count, tilted=tilted),
-                *(() if tilted else (_numpy("rays_3d_numpy", rays=count),)),
-            ),
-            judge=partial(relative, {"kept": 1e-6, "x": 1e-12}),
-            bytes_each=33.0,
-            fast=not tilted,
-        )
-        for name, words, tilted in (("", "", False), ("-tilted", ", everything tilted", True))
     ]
 
 

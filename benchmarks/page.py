@@ -23,7 +23,7 @@ from roslf_design.report.figures.style import drawing, to_svg
 from .figures import plot_ratios, plot_scaling
 from .harness.words import digits, duration, interval, per, spread
 
-OWN = ("closed-forms", "shapes", "coverage", "rays", "white", "textured", "trials", "optimum", "parts", "commands")
+OWN = ("closed-forms", "shapes", "coverage", "white", "textured", "trials", "optimum", "parts", "commands")
 """Beginnings of the cases that have no peer."""
 
 REASONS = {

@@ -25,8 +25,6 @@ ROWS = (
     "shapes",
     "coverage",
     "coverage-cut",
-    "rays",
-    "rays-tilted",
     "white",
     "textured",
     "trials-closed",

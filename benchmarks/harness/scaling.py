@@ -94,12 +94,10 @@ def _point(axis: Axis, size: float) -> dict[str, Any]:
 
 def axes(quick: bool) -> list[Axis]:
     """Everything that is scaled."""
-    rays = (1e4, 1e5, 1e6) if quick else (1e4, 1e5, 1e6, 1e7, 1e8)
     trials = (1e3, 1e4, 1e5) if quick else (1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
     pixels = (1e6, 4e6) if quick else (1e6, 4e6, 14e6, 30e6, 60e6)
     steps = 20 if quick else 200
     return [
-        Axis("rays", "3D backward rays", "rays", "rays", rays, bytes_each=33.0, note="Blocks of at most 1e7 rays."),
         Axis(
             "trials",
             "Tolerance trials, whole studies in two processes",

@@ -5,30 +5,6 @@
 import numpy as np
 
 
-def ideal_lens(inputs, options):
-    """Ready-made backward rays: status and end points on the plane at Z."""
-    from roslf_design.rays import Array, Lens, Sensor, Stop, System
-    from roslf_design.rays.backward import Ends, compiled_ends
-
-    f, d_1, d_3, plane, lens, stop = (float(inputs[name]) for name in ("f", "d_1", "d_3", "plane", "D", "D_F"))
-    d_2 = 2.0
-    system = System(Lens(f, lens), (Stop(stop, d_3),), Array(d_1, d_2, 0.063), Sensor(d_2))
-    c = np.ascontiguousarray(inputs["x"]), np.ascontiguousarray(inputs["y"])
-    p = c[0] - d_2 * inputs["s"], c[1] - d_2 * inputs["t"]  # pinhole microlenses: any ray of the array
-    n = p[0].size
-    out = Ends(np.empty(n, np.uint8), np.empty(n), np.empty(n))
-
-    def run():
-        compiled_ends(system, p, c, distance=plane, out=out)
-
-    def result():
-        from roslf_design.rays import Status
-
-        return {"kept": out.status == Status.KEPT, "x": out.x, "y": out.y}
-
-    return run, result
-
-
 def _slanted(inputs):
     from roslf_design.lenses.trace import Rays
 
@@ -211,7 +187,6 @@ def white(inputs, options):
 
 
 WORK = {
-    "ideal_lens": ideal_lens,
     "singlet": singlet,
     "tolerance": tolerance,
     "optimise": optimise,

@@ -8,40 +8,6 @@ BLOCK = 4096
 """Rays done at once, so that temporaries stay in cache."""
 
 
-def ideal_lens(inputs, options):
-    """Thin lens and two rims, whole blocks, buffers reused."""
-    f, d_1, d_3, plane = (float(inputs[name]) for name in ("f", "d_1", "d_3", "plane"))
-    lens, stop = (float(inputs[name]) / 2 for name in ("D", "D_F"))
-    starts, slopes = (inputs["x"], inputs["y"]), (inputs["s"], inputs["t"])
-    n = starts[0].size
-    kept, ends = np.empty(n, bool), (np.empty(n), np.empty(n))
-    h, o, r, a = np.empty((4, BLOCK))
-
-    def run():
-        for begin in range(0, n, BLOCK):
-            part = slice(begin, min(begin + BLOCK, n))
-            m = part.stop - begin
-            on_lens, on_stop = np.zeros(m), np.zeros(m)
-            for start, slope, end in zip(starts, slopes, ends, strict=True):
-                np.multiply(slope[part], d_1, out=h[:m])
-                h[:m] += start[part]
-                np.multiply(h[:m], -1 / f, out=o[:m])
-                o[:m] += slope[part]
-                np.multiply(o[:m], plane, out=end[part])
-                end[part] += h[:m]
-                np.multiply(o[:m], d_3, out=a[:m])
-                a[:m] += h[:m]
-                for height, total in ((h, on_lens), (a, on_stop)):
-                    np.multiply(height[:m], height[:m], out=r[:m])
-                    total += r[:m]
-            np.logical_and(on_lens <= lens * lens, on_stop <= stop * stop, out=kept[part])
-
-    def result():
-        return {"kept": kept, "x": ends[0], "y": ends[1]}
-
-    return run, result
-
-
 def singlet(inputs, options):
     """Sphere and plane, whole blocks."""
     radius, thickness, behind = (float(inputs[name]) for name in ("radius", "thickness", "behind"))
@@ -119,4 +85,4 @@ def write(inputs, options):
     return run, result
 
 
-WORK = {"ideal_lens": ideal_lens, "singlet": singlet, "centres": centres, "write": write}
+WORK = {"singlet": singlet, "centres": centres, "write": write}

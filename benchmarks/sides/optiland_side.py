@@ -20,30 +20,6 @@ def _rays(inputs, start):
     return RealRays(x, y, np.full(x.size, float(start)), s * n, t * n, n, one, wave)
 
 
-def ideal_lens(inputs, options):
-    """Backward: array (z = -d_1), lens, stop, then the plane at Z; both rims clip."""
-    f, d_1, d_3, plane = (float(inputs[name]) for name in ("f", "d_1", "d_3", "plane"))
-    lens = Optic()
-    lens.surfaces.add(index=0, thickness=np.inf)
-    lens.surfaces.add(index=1, surface_type="paraxial", f=f, thickness=d_3, aperture=float(inputs["D"]))
-    lens.surfaces.add(index=2, thickness=plane - d_3, aperture=float(inputs["D_F"]), is_stop=True)
-    lens.surfaces.add(index=3)
-    made = _rays(inputs, -d_1)
-    names = ("x", "y", "z", "L", "M", "N", "i", "opd")
-    first = {name: getattr(made, name).copy() for name in names}
-    state = {}
-
-    def run():
-        rays = RealRays(*(first[name] for name in ("x", "y", "z", "L", "M", "N", "i")), made.w)
-        state["rays"] = lens.surfaces.trace(rays, skip=1, record=False)
-
-    def result():
-        rays = state["rays"]
-        return {"kept": rays.i > 0, "x": rays.x, "y": rays.y}
-
-    return run, result
-
-
 def _singlet(inputs, plane):
     lens = Optic()
     glass = Material("N-BK7", reference="schott")
@@ -168,4 +144,4 @@ def optimise(inputs, options):
     return run, result
 
 
-WORK = {"ideal_lens": ideal_lens, "singlet": singlet, "tolerance": tolerance, "optimise": optimise}
+WORK = {"singlet": singlet, "tolerance": tolerance, "optimise": optimise}

@@ -89,42 +89,6 @@ def coverage_numpy(inputs, options):
     return run, lambda: {"total": state["image"].sum() * len(axes) / len(few[0])}
 
 
-def rays_3d(inputs, options):
-    """Backward rays with a point on the microlens; straight or tilted camera."""
-    from dataclasses import replace
-
-    from benchmarks.bench_rays import DISTANCE, PAPER
-    from roslf_design.rays import Status
-    from roslf_design.rays.backward import Ends, compiled_ends
-
-    rng, n, c = np.random.default_rng(1), int(options["rays"]), (11.15, 3.0)
-    p = rng.uniform(-0.05, 0.05, (2, n)) + np.array(c)[:, None] * (1 - 0.0043478)
-    out, camera = Ends(np.empty(n, np.uint8), np.empty(n), np.empty(n)), PAPER
-    if options.get("tilted"):
-        sensor, lens = replace(PAPER.sensor, tilt=(1e-3, 0.0)), replace(PAPER.lens, tilt=(0.0, 0.01))
-        camera = replace(PAPER, sensor=sensor, lens=lens)
-
-    def run():
-        compiled_ends(camera, (p[0], p[1]), c, distance=DISTANCE, out=out)
-
-    return run, lambda: {"kept": np.mean(out.status == Status.KEPT), "x": out.x[:1000]}
-
-
-def rays_3d_numpy(inputs, options):
-    """The straight camera by hand, in blocks, one thread."""
-    from benchmarks.bench_rays import plain_numpy
-    from roslf_design.rays import Status
-
-    rng, n, c = np.random.default_rng(1), int(options["rays"]), (11.15, 3.0)
-    p = rng.uniform(-0.05, 0.05, (2, n)) + np.array(c)[:, None] * (1 - 0.0043478)
-    status, x, y = np.empty(n, np.uint8), np.empty(n), np.empty(n)
-
-    def run():
-        plain_numpy(p, c, None, status, x, y)
-
-    return run, lambda: {"kept": np.mean(status == Status.KEPT), "x": x[:1000]}
-
-
 def white(inputs, options):
     """A white image of a preset, as the plan of effects has it."""
     import roslf_design as roslf
@@ -216,8 +180,6 @@ WORK = {
     "shapes_numpy": shapes_numpy,
     "coverage": coverage,
     "coverage_numpy": coverage_numpy,
-    "rays_3d": rays_3d,
-    "rays_3d_numpy": rays_3d_numpy,
     "white": white,
     "white_numpy": white_numpy,
     "textured": textured,

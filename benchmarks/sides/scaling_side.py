@@ -8,24 +8,6 @@ BLOCK = 10_000_000
 """Rays held at once; more are done block by block through the same arrays."""
 
 
-def rays(inputs, options):
-    """Backward rays of a straight camera: 16 bytes in, 17 out for each."""
-    from benchmarks.bench_rays import DISTANCE, PAPER
-    from roslf_design.rays.backward import Ends, compiled_ends
-
-    total, c = int(options["size"]), (11.15, 3.0)
-    n = min(total, BLOCK)
-    rng = np.random.default_rng(1)
-    p = rng.uniform(-0.05, 0.05, (2, n)) + np.array(c)[:, None] * (1 - 0.0043478)
-    out = Ends(np.empty(n, np.uint8), np.empty(n), np.empty(n))
-
-    def run():
-        for _ in range(total // n):
-            compiled_ends(PAPER, (p[0], p[1]), c, distance=DISTANCE, out=out)
-
-    return run, dict
-
-
 def trials(inputs, options):
     """Whole tolerance studies in two processes, files and all, closed-form metrics."""
     import tempfile
@@ -82,4 +64,4 @@ def posterior(inputs, options):
     return run, dict
 
 
-WORK = {"rays": rays, "trials": trials, "pixels": pixels, "posterior": posterior}
+WORK = {"trials": trials, "pixels": pixels, "posterior": posterior}

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ..camera import Rim
 from ..design import Design
 from ..errors import InputError, Problem
 from . import lens
@@ -25,20 +26,21 @@ def cut_depth(s: Subject) -> float:
     diameter where nothing is left. Decentres count at their worst.
     """
     camera, f = s.camera, s.design.f
+    e = s.design.main_lens.decentre
 
-    def disc(distance: float, diameter: float) -> tuple[float, float, float]:
-        scale = s.scale(distance)
-        return scale, s.x_ml + scale * s.x_ml * (1 - distance / f), diameter / 2 * scale
+    def disc(rim: Rim) -> tuple[float, float, tuple[float, float]]:
+        """Centre along the field, radius, and what decentres add to the centre."""
+        z = float(rim.distance)
+        scale = s.scale(z)
+        own = (float(camera[f"{rim.part}.decentre.{axis}"]) for axis in (0, 1))
+        moved = [scale * (lens_at * z / f - at) for at, lens_at in zip(own, e, strict=True)]
+        return s.x_ml + scale * s.x_ml * (1 - z / f), float(rim.radius) * scale, (moved[0], moved[1])
 
-    fap_scale, centre, radius = disc(s.design.d_3, s.design.D_F)
-    fap = camera.decentre("aperture")
+    centre, radius, at = disc(camera.fap)
     depth = 0.0
     for rim in camera.rims:
-        scale, other, reach = disc(float(rim.distance), 2 * float(rim.radius))
-        offset = math.hypot(
-            *(float(scale * a - fap_scale * b) for a, b in zip(camera.decentre(rim.part), fap, strict=True))
-        )
-        depth = max(depth, abs(other - centre) + offset + radius - reach)
+        other, reach, there = disc(rim)
+        depth = max(depth, abs(other - centre) + math.dist(at, there) + radius - reach)
     return min(depth, 2 * radius)
 
 

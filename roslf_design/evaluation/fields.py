@@ -8,14 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._points import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..microlens.cells import area_in_polygon
 from ..microlens.discs import ClipStatus, intersect
 from ..microlens.lattice import cell_polygon
+from ..rays import Status, trace_pupil
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import half_field
-from ..theory.stop_images import LensPoint, MicrolensImages, Projected, lens_point, project, stop_discs
+from ..theory.stop_images import MicrolensImages, stop_discs
 from .result import Field, RayBudget, Share
 
 Array = NDArray[np.float64]
@@ -26,8 +28,6 @@ RAYS = 65_536
 """Rays per microlens, evenly over the FAP, where no accuracy is asked for."""
 BEST_ACCURACY = 3e-5
 """Below this, counting takes more rays than memory holds comfortably."""
-GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
-"""Turn between successive points of the sunflower [rad]."""
 
 
 def default_fields(design: Design) -> tuple[tuple[float, float], ...]:
@@ -215,13 +215,6 @@ def rays_for(accuracy: float) -> int:
     return max(256, math.ceil(math.pow(2 / accuracy, 4 / 3)))
 
 
-def sunflower(count: int) -> tuple[Array, Array]:
-    """Points x, y that fill the unit disc evenly (Vogel's spiral): the k-th at radius sqrt((k + 1/2)/N)."""
-    k = np.arange(count)
-    radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
-    return radius * np.cos(angle), radius * np.sin(angle)
-
-
 def _tilted(camera: Camera, axes: Sequence[tuple[float, float]], rays: int) -> tuple[Field, ...]:
     """Stops are ellipses on the sensor; the shares of the budget are counted."""
     images = MicrolensImages(camera, axes)
@@ -255,48 +248,16 @@ def _part_decentre(camera: Camera, part: str) -> tuple[float, float]:
     return float(camera[f"{part}.decentre.0"]), float(camera[f"{part}.decentre.1"])
 
 
-def _count(camera: Camera, axis: tuple[float, float], points: tuple[Array, Array]) -> tuple[Array, Array, float, float]:
+def _count(camera: Camera, axis: tuple[float, float], points: Array) -> tuple[Array, Array, float, float]:
     """Shares of rays past the rims, in the order of the file and of light; on the sensor; in the own cell."""
-    radius, sensor = camera.fap.radius, camera.pose("sensor")
-    a, b = radius * points[0], radius * points[1]
+    rays = trace_pupil(camera, (points[0], points[1]), axis)
+    traceable = rays.status != Status.UNTRACEABLE
 
-    def through(x: float, y: float) -> tuple[LensPoint, Projected]:
-        microlens = camera.microlens(x, y)
-        point = lens_point(camera, camera.fap, microlens)
-        return point, project(point, microlens, 1.0, sensor)
+    def shares(names: Sequence[str]) -> Array:
+        past = np.logical_and.accumulate([rays.passes[name] & traceable for name in names])
+        return np.asarray(past.mean(axis=1))
 
-    microlens = camera.microlens(*axis)
-    point, landing = through(*axis)
-    bend = 1.0 - microlens[2] / camera.f
-    front = landing.ahead(a, b)
-    passes = {"FAP": front}
-    for rim in camera.rims:
-        on_lens = rim.part == "main_lens"
-        crossing = Projected(*point) if on_lens else project(point, microlens, bend, camera.pose(rim.part))
-        x, y = crossing.at(a, b)
-        passes[rim.name] = (x * x + y * y <= rim.radius**2) & crossing.ahead(a, b)
-    x, y = landing.at(a, b)
-    width, height = camera.sensor_size
-    on_sensor = (np.abs(x) <= width / 2) & (np.abs(y) <= height / 2)
-    pitch = float(camera.d)
-    (ax, ay), (bx, by), (cx, cy), (dx, dy) = (
-        through(axis[0] + i * pitch, axis[1] + j * pitch)[1].centre for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    )
-    steps = np.array([[ax - bx, cx - dx], [ay - by, cy - dy]], float).reshape(2, 2) / 2
-    x0, y0 = landing.centre
-    u, v = np.linalg.solve(steps, np.stack([x - x0, y - y0])) if np.linalg.det(steps) else (np.inf * x, np.inf * y)
-    inside = np.maximum(np.abs(u), np.abs(v)) <= 0.5
-    if camera.layout == "hexagonal":
-        inside = (
-            (np.abs(u) <= 0.5)
-            & (np.abs(u / 2 + v * math.sqrt(0.75)) <= 0.5)
-            & (np.abs(u / 2 - v * math.sqrt(0.75)) <= 0.5)
-        )
-
-    def shares(order: Sequence[str]) -> Array:
-        masks = np.logical_and.accumulate([passes[name] for name in order])
-        return np.asarray(masks.mean(axis=1))
-
-    in_file, in_light = shares(_names(camera)), shares([rim.name for rim in camera.in_light_order])
-    clear = np.logical_and.reduce(list(passes.values()))
-    return in_file, in_light, float((clear & on_sensor).mean()), float((clear & on_sensor & inside).mean())
+    own = rays.status == Status.KEPT
+    on_sensor = own | (rays.status == Status.NEIGHBOUR)
+    in_light = shares([rim.name for rim in camera.in_light_order])
+    return shares(_names(camera)), in_light, float(on_sensor.mean()), float(own.mean())

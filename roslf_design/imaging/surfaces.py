@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import kernel
+from ..camera.frames import frame
 from ..design.parts import Part
-from ..rays.frames import rotation
 from ..scenes import Checkerboard, Picture, Plane, Scene, Sinusoid, Sphere, Tube, Uniform, White
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -67,10 +67,10 @@ def encode(scene: Scene, focal_plane: float) -> Surfaces:
 
 
 def _plane(row: NDArray[np.float64], plane: Plane, focal_plane: float) -> None:
-    axes = rotation(plane.tilt)
+    pose = frame((0.0, 0.0), 0.0, plane.tilt)
     row[KIND] = PLANE
     row[ORIGIN : ORIGIN + 3] = (*plane.centre, focal_plane if plane.distance is None else plane.distance)
-    row[ACROSS : ACROSS + 3], row[ALONG : ALONG + 3], row[NORMAL : NORMAL + 3] = axes[:, 0], axes[:, 1], axes[:, 2]
+    row[ACROSS : ACROSS + 3], row[ALONG : ALONG + 3], row[NORMAL : NORMAL + 3] = pose.x, pose.y, pose.z
     row[EXTENT : EXTENT + 2] = np.inf if plane.size is None else np.divide(plane.size, 2)
 
 

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
+from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
-from ..rays import System
-from ..rays.constants import constants, rims
-from ..rays.frames import frames
-from ..rays.kernels import (
+from ..rays.backward import (
     ARRAY_X,
     D_1,
+    HALF,
     LENS_RADIUS,
     LENS_X,
     PER_D_2,
@@ -31,6 +30,7 @@ from ..rays.kernels import (
     SENSOR_X,
     aligned_ray,
     crossing,
+    lay_out,
     posed_ray,
 )
 from ..scenes import Scene
@@ -90,12 +90,13 @@ class Tracer:
     def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
         """For a design, a plan and a scene."""
         seen = planned_design(design, plan)
-        system = System.from_design(seen)
+        camera = Camera.of(seen)
+        layout = lay_out(camera)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
         kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
         flags = [
-            not system.aligned,
+            camera.tilted or seen.microlens_array.rotation != 0,
             not plan.on("finite_microlens_aperture"),
             not plan.on("object_defocus"),
             not plan.on("overlap"),
@@ -104,16 +105,11 @@ class Tracer:
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)
         falloff = seen.d_f / seen.d_1 / (seen.d_f - seen.d_3) if plan.on("cos4") else 0.0
-        places, codes = rims(system)
-        # Frames hold the stops in the design's order; give the rims the same.
-        order = np.argsort(codes)
         return cls(
             seen,
             ImageLattice.of(seen),
             np.array(flags),
-            constants(system),
-            frames(system),
-            np.ascontiguousarray(places[order]),
+            *layout,
             encode(scene, seen.d_f),
             _airy_kicks(seen.D_F, wavelengths) if kicked else np.zeros((1, 3)),
             falloff,
@@ -195,7 +191,7 @@ def _trace(
     """Values of pixels by backward rays."""
     d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
     lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
-    half = k[13]
+    half = k[HALF]
     unit = 1.0 / 4294967296.0
     margin = reach + pixel * 0.7072
     for j in prange(y.size):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..rays.sampling import sunflower
+from .._points import sunflower
 from ..theory.field import FieldBound, nondistortion_bound
 from .camera import LensCamera, Plane
 from .images import sensor_of_pupil

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..rays.sampling import sunflower
+from .._points import sunflower
 from .camera import LensCamera, Views, chief_slope, views
 from .trace import KEPT
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._points import recurrence
 from ..errors import Problem
-from ..rays.sampling import recurrence
 from .camera import LensCamera, chief_slope
 from .images import sensor_of_pupil
 from .prescription import LensError

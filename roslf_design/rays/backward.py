@@ -1,12 +1,8 @@
-"""Backward rays: from a sensor point through a microlens and the main lens out to the object, and who stops them.
+"""The engine's primitive, a backward ray: from a point of the sensor through a point of a microlens to object space.
 
-The engine's one primitive; it needs no ray aiming. Every ray gets a status: kept, or the first element *in the
-direction of light* that takes it - stops from the object side (farthest vertex first), then the main lens, then the
-microlens's clear aperture - so that counting statuses gives a ledger that adds up. A ray on a rim is kept.
-
-Ideal lenses are exact collinear maps in their own frames: a ray that meets the lens at height h with slope o leaves
-with slope o - h/f, whatever the height; tilted, the same holds along the tilted axes. Tilting the MLA moves its
-microlenses in z and turns their axes; tilting a stop makes it a tilted disc.
+Backward rays need no aiming. The kernels have no branches, so the same source runs on numpy arrays (interpreted,
+broadcasting) and on floats inside compiled loops. What they need of a camera is laid out once: constants by their
+places, rigid maps as 3 x 4 blocks ``[R | t]`` (new = R old + t), rims as rows.
 """
 
 from __future__ import annotations
@@ -14,208 +10,102 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from .._jit import THREADS
-from . import kernels as kn
-from .clipping import Bytes, Mark, finite, outside, stop_marks, verdict
-from .constants import constants, lines, reach, rims, rows
-from .frames import LENS, Floats, frames
-from .status import Status
-from .system import System
+from .._jit import kernel
+from ..camera import Camera, Frame
+from ..camera.frames import frame
 
-Point = tuple[ArrayLike, ArrayLike]
-"""(x, y); two arrays that broadcast."""
+Floats = NDArray[np.float64]
 
-COMPILE_FROM = 2_000_000
-"""Rays from which the compiled loop is worth starting numba; below, the same arithmetic runs in numpy."""
-
-
-class Ends(NamedTuple):
-    """Where rays end in object space, and their fate."""
-
-    status: Bytes
-    """`Status` codes."""
-    x: Floats
-    """x at the object distance [mm]; for an infinite distance x/Z, the tangent of the direction."""
-    y: Floats
-    """y likewise."""
+D_1, PER_D_2, PER_F_ML, PER_F = 0, 1, 2, 3
+"""Places of a camera's constants: d_1, 1/d_2, 1/f_ml, 1/f."""
+SENSOR_X, ARRAY_X, LENS_X = 4, 6, 8
+"""Decentres of sensor against array, array against lens, lens against the axis; y follows x."""
+LENS_RADIUS, HALF = 10, 11
+"""Radius of the main lens; half width of a microlens."""
+SENSOR, ARRAY, LENS, STOPS = 0, 1, 2, 3
+"""Places in a stack of maps: sensor to array, array to lens, lens to object space, then lens to each stop."""
 
 
-class ObjectRays(NamedTuple):
-    """Rays in object space as straight lines, and their fate."""
+class Layout(NamedTuple):
+    """One camera behind an ideal lens, as the kernels take it."""
 
-    status: Bytes
-    """`Status` codes."""
-    height: tuple[Floats, Floats]
-    """(x, y) where the object-side ray, prolonged, meets the plane z = 0 [mm]; l where the lens is not tilted."""
-    slope: tuple[Floats, Floats]
-    """dx/dz and dy/dz, o."""
-
-    def at(self, distance: ArrayLike) -> tuple[Floats, Floats]:
-        """Points at object distances Z [mm] from the lens; for Z = inf, x/Z and y/Z."""
-        share, z = reach(distance)
-        return self.height[0] * share - self.slope[0] * z, self.height[1] * share - self.slope[1] * z
+    constants: Floats
+    """[mm] and [1/mm], at the places named above."""
+    maps: Floats
+    """Shape (3 + K, 3, 4)."""
+    rims: Floats
+    """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, radius; (K, 4) [mm]."""
 
 
-def trace(system: System, sensor: Point, microlens: Point, offset: Point = (0.0, 0.0)) -> ObjectRays:
-    """Trace sensor points back into object space.
+def lay_out(camera: Camera) -> Layout:
+    """One camera for the kernels of this module."""
+    n = camera.numbers
 
-    Parameters
-    ----------
-    system : System
-        Its trials broadcast with the points; `System.spread` makes room behind them.
-    sensor : pair of array_like
-        p, in the sensor's frame [mm].
-    microlens : pair of array_like
-        c, the microlens's axis, in the MLA's frame [mm].
-    offset : pair of array_like, optional
-        w - c, where on the microlens the ray passes, in the MLA's frame [mm]; zero is a pinhole.
+    def decentre(part: str) -> Floats:
+        return np.array([n[f"{part}.decentre.0"], n[f"{part}.decentre.1"]], float)
 
-    Returns
-    -------
-    ObjectRays
-        Rays that are stopped are traced on all the same; untraceable ones hold zeros.
-
-    Notes
-    -----
-    Aligned: s = (p - w)/d_2 + (w - c)/f_ml, l = w - s d_1, o = s + l/f.
-    """
-    (px, py), (cx, cy), (vx, vy) = ([np.asarray(c, float) for c in pair] for pair in (sensor, microlens, offset))
-    k = constants(system)
-    with np.errstate(all="ignore"):
-        follow = _aligned if system.aligned else _posed
-        heights, slopes, marks = follow(system, k, px, py, cx, cy, vx, vy)
-    shape = np.broadcast_shapes(px.shape, py.shape, cx.shape, cy.shape, vx.shape, vy.shape, system.shape)
-    status = verdict(shape, marks)
-    lit = status != Status.UNTRACEABLE
-    (hx, hy), (sx, sy) = ([np.where(lit, c, 0.0) for c in pair] for pair in (heights, slopes))
-    return ObjectRays(status, (hx, hy), (sx, sy))
+    sensor, array, lens = (decentre(part) for part in ("sensor", "microlens_array", "main_lens"))
+    ones = [camera.d_1, 1 / camera.d_2, 1 / camera.f_ml, 1 / camera.f, *(sensor - array), *(array - lens), *lens]
+    stops = (camera.fap, *camera.rims[1:])
+    own = frame((0.0, 0.0), 0.0, (0.0, 0.0))
+    to_array = camera.pose("sensor").seen_from(camera.pose("microlens_array"))
+    maps = [
+        _map(to_array),
+        _map(camera.pose("microlens_array")),
+        _map(own.seen_from(camera.world)),
+        *(_map(own.seen_from(camera.pose(stop.part))) for stop in stops),
+    ]
+    if not camera.tilted:
+        maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
+    rims = [[*(lens - decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
+    return Layout(np.array([*ones, camera.D / 2, camera.d / 2], float), np.array(maps, float), np.array(rims, float))
 
 
-def ends(
-    system: System,
-    sensor: Point,
-    microlens: Point,
-    offset: Point = (0.0, 0.0),
-    *,
-    distance: ArrayLike,
-    out: Ends | None = None,
-) -> Ends:
-    """Trace sensor points back to an object plane, perpendicular to the axis; the fast way for many rays.
-
-    Parameters
-    ----------
-    system, sensor, microlens, offset
-        As in `trace`.
-    distance : array_like
-        Z, the object plane's distance from the lens [mm]; inf gives directions.
-    out : Ends, optional
-        Contiguous arrays of the rays' shape to write into; fresh memory costs as much as the rays.
-
-    Returns
-    -------
-    Ends
-        Broadcast shape. x = l - o Z; for Z = inf, x/Z = -o. Untraceable rays hold zeros.
-
-    Raises
-    ------
-    ValueError
-        `out` does not fit.
-
-    Notes
-    -----
-    From `COMPILE_FROM` rays on a compiled loop runs on all threads, if the system and the distance do not change along
-    the last axis. Both ways give the same bits.
-    """
-    trials = np.broadcast_shapes(system.shape, np.shape(distance))
-    shape = np.broadcast_shapes(trials, *(np.shape(c) for c in (*sensor, *microlens, *offset)))
-    if int(np.prod(shape)) >= COMPILE_FROM and (not trials or trials[-1] == 1):
-        return compiled_ends(system, sensor, microlens, offset, distance=distance, out=out)
-    rays = trace(system, sensor, microlens, offset)
-    written = _room(shape, out)
-    written.status[...] = rays.status
-    written.x[...], written.y[...] = rays.at(distance)
-    return written
+def _map(pose: Frame) -> Floats:
+    """Block that takes coordinates of a part's own frame to those the pose is given in."""
+    return np.array([pose.x, pose.y, pose.z, pose.origin], float).T
 
 
-def compiled_ends(
-    system: System,
-    sensor: Point,
-    microlens: Point,
-    offset: Point = (0.0, 0.0),
-    *,
-    distance: ArrayLike,
-    out: Ends | None = None,
-) -> Ends:
-    """`ends` by the compiled loop, however few the rays; the last axis must be one of rays, not of trials.
-
-    Raises
-    ------
-    ValueError
-        The system or the distance changes along the last axis, or there are no rays.
-    """
-    groups = [[np.asarray(c, float) for c in pair] for pair in (sensor, microlens, offset)]
-    trials = np.broadcast_shapes(system.shape, np.shape(distance))
-    shape = np.broadcast_shapes((1,), trials, *(c.shape for group in groups for c in group))
-    if trials and trials[-1] != 1:
-        raise ValueError(f"the system changes along the last axis of {shape}; put the rays last (System.spread)")
-    if 0 in shape:
-        raise ValueError(f"no rays in an array of shape {shape}")
-    leading = shape[:-1] if trials else None
-    packed = [lines(group, shape) for group in groups]
-    steps = np.array([(int(bool(trials)), 0), *(step for _, step in packed)])
-    points = tuple(values for pair, _ in packed for values in pair)
-    places, codes = rims(system)
-    k, place_rows, code_rows = (
-        rows(constants(system, distance), 1, leading),
-        rows(places, 2, leading),
-        rows(codes, 1, leading),
-    )
-    written = _room(shape, out)
-    flat = (written.status.reshape(-1), written.x.reshape(-1), written.y.reshape(-1))
-    maps = None if system.aligned else rows(frames(system), 3, leading)
-    with THREADS:
-        if maps is None:
-            kn.aligned_ends.compiled(k, place_rows, code_rows, steps, shape[-1], points, *flat)
-        else:
-            kn.posed_ends.compiled(k, maps, place_rows, code_rows, steps, shape[-1], points, *flat)
-    return written
+@kernel()
+def aligned_ray(
+    d_1: Any, per_d_2: Any, per_f_ml: Any, per_f: Any, sensor: Any, array: Any, p: Any, c: Any, v: Any
+) -> Any:
+    """One coordinate of a backward ray where nothing is tilted: height against the lens's centre, object-side slope."""
+    s = (((p - c) + sensor) - v) * per_d_2 + v * per_f_ml
+    height = ((c + v) + array) - s * d_1
+    return height, s + height * per_f
 
 
-def _room(shape: tuple[int, ...], out: Ends | None) -> Ends:
-    """Arrays to write rays into."""
-    if out is None:
-        return Ends(np.empty(shape, np.uint8), np.empty(shape), np.empty(shape))
-    for name, kind in (("status", np.uint8), ("x", np.float64), ("y", np.float64)):
-        array: NDArray[Any] = getattr(out, name)
-        if array.shape != shape or array.dtype != kind or not array.flags.c_contiguous:
-            raise ValueError(f"out.{name}: needs a contiguous array of {kind.__name__} of shape {shape}")
-    return out
+@kernel()
+def posed_ray(k: Any, m: Any, px: Any, py: Any, cx: Any, cy: Any, vx: Any, vy: Any) -> Any:
+    """Backward ray through tilted elements: height and slope in the lens's frame, and whether light can go that way."""
+    dx = (((m[0, 0, 0] * px + m[0, 0, 1] * py) - cx) + m[0, 0, 3]) - vx
+    dy = (((m[0, 1, 0] * px + m[0, 1, 1] * py) - cy) + m[0, 1, 3]) - vy
+    dz = m[0, 2, 0] * px + m[0, 2, 1] * py + m[0, 2, 3]
+    gx = dx + vx * (dz * k[PER_F_ML])
+    gy = dy + vy * (dz * k[PER_F_ML])
+    tx = m[1, 0, 0] * gx + m[1, 0, 1] * gy + m[1, 0, 2] * dz
+    ty = m[1, 1, 0] * gx + m[1, 1, 1] * gy + m[1, 1, 2] * dz
+    tz = m[1, 2, 0] * gx + m[1, 2, 1] * gy + m[1, 2, 2] * dz
+    wx, wy = cx + vx, cy + vy
+    wz = m[1, 2, 0] * wx + m[1, 2, 1] * wy + m[1, 2, 3]
+    sx, sy = tx / tz, ty / tz
+    lx = (m[1, 0, 0] * wx + m[1, 0, 1] * wy + m[1, 0, 3]) - sx * wz
+    ly = (m[1, 1, 0] * wx + m[1, 1, 1] * wy + m[1, 1, 3]) - sy * wz
+    face = m[0, 0, 2] * dx + m[0, 1, 2] * dy + m[0, 2, 2] * dz
+    return lx, ly, sx + lx * k[PER_F], sy + ly * k[PER_F], (dz > 0.0) & (face > 0.0) & (tz > 0.0) & (wz > 0.0)
 
 
-def _aligned(system: System, k: Floats, *points: Floats) -> tuple[list[Floats], list[Floats], list[Mark]]:
-    d_1, per_d_2, per_f_ml, per_f = k[: kn.SENSOR_X]
-    (lx, ox), (ly, oy) = (
-        kn.aligned_ray(d_1, per_d_2, per_f_ml, per_f, k[kn.SENSOR_X + axis], k[kn.ARRAY_X + axis], *points[axis::2])
-        for axis in range(2)
-    )
-    marks = _first_marks(k, points, lx, ly)
-    for rim, code in zip(*rims(system), strict=True):
-        marks.append((outside((lx + rim[0]) - ox * rim[2], (ly + rim[1]) - oy * rim[2], rim[3]), code))
-    marks.append((~finite(lx, ly), Status.UNTRACEABLE))
-    return [lx + k[kn.LENS_X], ly + k[kn.LENS_X + 1]], [ox, oy], marks
-
-
-def _posed(system: System, k: Floats, *points: Floats) -> tuple[list[Floats], list[Floats], list[Mark]]:
-    maps = frames(system)
-    lx, ly, ox, oy, good = kn.posed_ray(k, maps, *points)
-    hx, hy, sx, sy, front = kn.crossing(maps[LENS], lx, ly, ox, oy)
-    marks, forward = stop_marks(system, maps, (lx, ly, ox, oy))
-    good = good & front & forward & finite(lx, ly)
-    return [hx, hy], [sx, sy], [*_first_marks(k, points, lx, ly), *marks, (~good, Status.UNTRACEABLE)]
-
-
-def _first_marks(k: Floats, points: tuple[Floats, ...], lx: Floats, ly: Floats) -> list[Mark]:
-    microlens = ~kn.in_microlens(k, points[4], points[5])
-    return [(microlens, Status.MICROLENS), (outside(lx, ly, k[kn.LENS_RADIUS]), Status.MAIN_LENS)]
+@kernel()
+def crossing(m: Any, lx: Any, ly: Any, ox: Any, oy: Any) -> Any:
+    """Height, slope and forwardness of an object-side ray in another element's frame."""
+    tx = m[0, 0] * ox + m[0, 1] * oy + m[0, 2]
+    ty = m[1, 0] * ox + m[1, 1] * oy + m[1, 2]
+    tz = m[2, 0] * ox + m[2, 1] * oy + m[2, 2]
+    sx, sy = tx / tz, ty / tz
+    z = m[2, 0] * lx + m[2, 1] * ly + m[2, 3]
+    ax = (m[0, 0] * lx + m[0, 1] * ly + m[0, 3]) - sx * z
+    ay = (m[1, 0] * lx + m[1, 1] * ly + m[1, 3]) - sy * z
+    return ax, ay, sx, sy, tz > 0.0

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..evaluation import default_fields
 from ..evaluation.rims import axes_in_space
-from ..rays.forward import trace_pupil
-from ..rays.frames import poses
-from ..rays.status import Status
-from ..rays.system import System
+from ..rays import PASSED, Status, trace_pupil
 from .figures.style import BLOCKED, FIELD_COLOURS, INK, LENS_COLOUR, SKY, STOP_COLOURS
 
 if TYPE_CHECKING:
@@ -26,7 +24,6 @@ WIDTH = 1800
 """Pixels."""
 YAW, PITCH = math.radians(24), math.radians(16)
 """The view: turned from the side towards the object, and raised."""
-PASSED = (Status.KEPT, Status.NEIGHBOUR, Status.OFF_SENSOR)
 
 
 class Name(NamedTuple):
@@ -79,7 +76,11 @@ def _wall(design: Design) -> float:
 
 
 def _elements(design: Design, wall: float, front: float) -> list[dict[str, Any]]:
-    sensor, array, lens, *stops = poses(System.from_design(design))
+    camera = Camera.of(design)
+    openings = ("aperture", *(rim.part for rim in camera.rims[1:]))
+    sensor, array, lens, *stops = (
+        camera.pose(part).seen_from(camera.world) for part in ("sensor", "microlens_array", "main_lens", *openings)
+    )
     parts: list[dict[str, Any]] = []
     for index, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
         colour = "#4d4d4d" if index == 0 else STOP_COLOURS[(index - 1) % len(STOP_COLOURS)]
@@ -115,8 +116,8 @@ def _elements(design: Design, wall: float, front: float) -> list[dict[str, Any]]
 
 
 def _rays(design: Design, start: float) -> list[dict[str, Any]]:
-    """Pencils of the centre, the right edge and a lower corner: rim and middle of the FAP."""
-    system = System.from_design(design)
+    """Pencils of the centre, the right edge and a lower corner: circle and middle of the FAP."""
+    camera = Camera.of(design)
     centre, edge, (x, y) = default_fields(design)
     far_corner = (2 * centre[0] - x, 2 * centre[1] - y)
     around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
@@ -129,7 +130,7 @@ def _rays(design: Design, start: float) -> list[dict[str, Any]]:
     places = {"centre": centre, "edge": edge, "corner": far_corner}
     for (name, place), colour in zip(places.items(), FIELD_COLOURS, strict=True):
         # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
-        rays = trace_pupil(system, (0.999 * pupil[0], 0.999 * pupil[1]), place)
+        rays = trace_pupil(camera, (0.999 * pupil[0], 0.999 * pupil[1]), place)
         (mla,) = axes_in_space(design, [place])
         landing = np.add(np.stack(rays.sensor, -1), design.sensor.decentre)
         kept: list[list[list[float]]] = []
@@ -183,15 +184,17 @@ def _names(
 
 
 def _vertex(pose: Any) -> list[float]:
-    return [float(v) for v in pose.vertex]
+    return [float(value) for value in pose.origin]
 
 
 def _normal(pose: Any) -> list[float]:
-    return [float(v) for v in pose.axes[:, 2]]
+    return [float(value) for value in pose.z]
 
 
 def _circle(pose: Any, radius: float) -> list[list[float]]:
     t = np.linspace(0, 2 * math.pi, 97)
     local = np.stack([radius * np.cos(t), radius * np.sin(t), np.zeros_like(t)])
-    points: list[list[float]] = (pose.axes @ local + np.array(_vertex(pose))[:, None]).T.tolist()
+    points: list[list[float]] = (
+        np.stack([pose.x, pose.y, pose.z], -1) @ local + np.array(_vertex(pose))[:, None]
+    ).T.tolist()
     return points

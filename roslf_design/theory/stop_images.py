@@ -61,7 +61,7 @@ class Projected(NamedTuple):
     @property
     def centre(self) -> tuple[Number, Number]:
         """Image of the stop's centre [mm]."""
-        return self.u[0] / self.w[0], self.v[0] / self.w[0]
+        return np.divide(self.u[0], self.w[0]), np.divide(self.v[0], self.w[0])
 
     def at(self, a: Array, b: Array) -> tuple[Array, Array]:
         """Image of points (a, b) of the stop's plane [mm]."""

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import mpmath as mp
 
-from roslf_design.rays import Status, System
+from roslf_design.design import Design
+from roslf_design.rays import Status
 
 DIGITS = 60
 Vector = tuple[Any, Any, Any]
@@ -106,52 +107,52 @@ class Traced(NamedTuple):
         return min(abs(miss - radius) for miss, radius in self.misses.values())
 
 
-def planes(system: System) -> tuple[Plane, Plane, Plane, list[Plane]]:
+def planes(design: Design) -> tuple[Plane, Plane, Plane, list[Plane]]:
     """Sensor, array, main lens and stops."""
-    array, sensor = system.array, system.sensor
-    d_1, d_2 = mp.mpf(float(array.distance)), mp.mpf(float(sensor.distance))
-    stops = [Plane.of(stop, -mp.mpf(float(stop.distance))) for stop in system.stops]
+    array, sensor = design.microlens_array, design.sensor
+    d_1, d_2 = mp.mpf(design.d_1), mp.mpf(float(sensor.distance))
+    stops = [Plane.of(stop, -mp.mpf(float(stop.distance))) for stop in design.all_stops]
     return (
         Plane.of(sensor, d_1 + d_2),
         Plane.of(array, d_1, float(array.rotation)),
-        Plane.of(system.lens, mp.mpf(0)),
+        Plane.of(design.main_lens, mp.mpf(0)),
         stops,
     )
 
 
-def backward(system: System, sensor: Any, microlens: Any, offset: Any = (0.0, 0.0)) -> Traced:
+def backward(design: Design, sensor: Any, microlens: Any, offset: Any = (0.0, 0.0)) -> Traced:
     """Follow one ray from the sensor back into object space."""
     with mp.workdps(DIGITS):
-        detector, array, lens, stops = planes(system)
+        detector, array, lens, stops = planes(design)
         axis = array.place(*microlens)
         start = detector.place(*sensor)
         where = add(add(axis, array.x, mp.mpf(float(offset[0]))), array.y, mp.mpf(float(offset[1])))
         behind = add(where, start, -1)
-        between = bent(array, axis, mp.mpf(float(system.array.focal_length)), where, behind)
+        between = bent(array, axis, mp.mpf(design.f_ml), where, behind)
         on_lens = lens.meet(where, between)
-        back = bent(lens, lens.vertex, mp.mpf(float(system.lens.focal_length)), on_lens, between)
+        back = bent(lens, lens.vertex, mp.mpf(design.f), on_lens, between)
         misses = {}
         crossings = [stop.local(stop.meet(on_lens, back)) for stop in stops]
         for k, crossing in enumerate(crossings):
-            misses[Status.APERTURE + k] = (mp.hypot(*crossing), mp.mpf(float(system.stops[k].diameter)) / 2)
-        order = sorted(misses, key=lambda code: (-float(system.stops[code - Status.APERTURE].distance), code))
-        misses[int(Status.MAIN_LENS)] = (mp.hypot(*lens.local(on_lens)), mp.mpf(float(system.lens.diameter)) / 2)
+            misses[Status.APERTURE + k] = (mp.hypot(*crossing), mp.mpf(design.all_stops[k].diameter) / 2)
+        order = sorted(misses, key=lambda code: (-design.all_stops[code - Status.APERTURE].distance, code))
+        misses[int(Status.MAIN_LENS)] = (mp.hypot(*lens.local(on_lens)), mp.mpf(design.D) / 2)
         v = [abs(mp.mpf(float(x))) for x in offset]
-        reach = mp.hypot(*v) if system.array.lens_shape == "circular" else max(v)
-        misses[int(Status.MICROLENS)] = (reach, mp.mpf(float(system.array.pitch)) / 2)
+        reach = mp.hypot(*v) if design.microlens_array.lens_shape == "circular" else max(v)
+        misses[int(Status.MICROLENS)] = (reach, mp.mpf(design.d) / 2)
         order += [int(Status.MAIN_LENS), int(Status.MICROLENS)]
         return Traced(on_lens, add((0, 0, 0), back, -1), misses, order, crossings)
 
 
 def forward(
-    system: System, point: Vector, direction: Vector, microlens: Any
+    design: Design, point: Vector, direction: Vector, microlens: Any
 ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Follow one ray from object space on; where it meets the array and the sensor, in their frames."""
     with mp.workdps(DIGITS):
-        detector, array, lens, _ = planes(system)
+        detector, array, lens, _ = planes(design)
         on_lens = lens.meet(point, direction)
-        between = bent(lens, lens.vertex, mp.mpf(float(system.lens.focal_length)), on_lens, direction)
+        between = bent(lens, lens.vertex, mp.mpf(design.f), on_lens, direction)
         where = array.meet(on_lens, between)
         axis = array.place(*microlens)
-        behind = bent(array, axis, mp.mpf(float(system.array.focal_length)), where, between)
+        behind = bent(array, axis, mp.mpf(design.f_ml), where, between)
         return array.local(where), detector.local(detector.meet(where, behind))

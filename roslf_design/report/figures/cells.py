@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rays.forward import trace_pupil
-from ...rays.status import Status
-from ...rays.system import System
+from ...camera import Camera
+from ...rays import PASSED, trace_pupil
 from .style import BLOCKED, BLUE, GREY, INK, PALE, SKY, new_axes
 
 if TYPE_CHECKING:
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from ...design import Design
 
 Floats = NDArray[np.float64]
-
-PASSED = (int(Status.KEPT), int(Status.NEIGHBOUR), int(Status.OFF_SENSOR))
 
 
 def plot_cells(design: Design, place: float = 0.0, ax: Axes | None = None, microlenses: int = 5) -> Axes:
@@ -45,7 +42,7 @@ def plot_cells(design: Design, place: float = 0.0, ax: Axes | None = None, micro
     half = microlenses // 2
     offsets = design.d * np.arange(-half, half + 1)
     share = np.linspace(-1, 1, 129)
-    rays = trace_pupil(System.from_design(design), (share, 0.0), (place + offsets[:, None], 0.0))
+    rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
     origin = place + design.microlens_array.decentre[0]
     landing = 1e3 * (rays.sensor[0] + design.sensor.decentre[0] - origin)
     passed = np.isin(rays.status, PASSED)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera import Camera
 from ...evaluation import default_fields
-from ...rays.fans import fans
-from ...rays.status import Status
-from ...rays.system import System
+from ...rays import PASSED, fans
 from .style import BLOCKED, FIELD_COLOURS, GREY, INK, LENS_COLOUR, SKY, STOP_COLOURS, new_axes
 
 if TYPE_CHECKING:
@@ -25,8 +24,6 @@ FILL = 1.5
 """Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""
 RAYS = 13
 """Rays of a fan; with `FILL` above, every fourth of a radius."""
-PASSED = (Status.KEPT, Status.NEIGHBOUR, Status.OFF_SENSOR)
-"""Past every element; where on the sensor a ray lands is told by other figures."""
 
 
 class LabelledFan(NamedTuple):
@@ -48,7 +45,7 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
         places = {"centre": 0.0, "edge": edge, "corner": math.hypot(*corner)}
     else:
         places = {"centre": x, "edge +x": edge, "edge -x": 2 * x - edge}
-    found = fans(System.from_design(design), list(places.values()), rays=RAYS, fill=FILL)
+    found = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
     kept = np.isin(found.status, PASSED)
     return [LabelledFan(label, kept[i], found.z[i], found.x[i]) for i, label in enumerate(places)]
 
