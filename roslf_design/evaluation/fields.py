@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._points import sunflower
 from ..camera import Camera
 from ..design import Design
-from ..microlens.cells import area_in_polygon
-from ..microlens.discs import ClipStatus, intersect
-from ..microlens.lattice import cell_polygon
 from ..rays import Status, trace_pupil
+from ..shapes.cells import area_in_polygon
+from ..shapes.discs import ClipStatus, intersect
+from ..shapes.lattice import cell_polygon
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import half_field
 from ..theory.stop_images import MicrolensImages, stop_discs

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, floats, product
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import dot, minus, plus, times
-from ..microlens.discs import DiscIntersection, intersect
-from ..microlens.ellipses import intersect_ellipses
+from ..shapes.discs import DiscIntersection, intersect
+from ..shapes.ellipses import intersect_ellipses
 from .exit_pupil import stop_angle
 
 Linear = tuple[Number, Number, Number]

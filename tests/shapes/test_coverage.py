@@ -8,15 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design._jit import Kernel
-from roslf_design.microlens import coverage as coverage_module
-from roslf_design.microlens.cells import area_in_rectangle
-from roslf_design.microlens.coverage import coverage_image, pixel_areas
-from roslf_design.microlens.discs import intersect
-from roslf_design.microlens.images import stop_images
-from roslf_design.microlens.lattice import Lattice, lens_centres
+from roslf_design.shapes import coverage as coverage_module
+from roslf_design.shapes.cells import area_in_rectangle
+from roslf_design.shapes.coverage import coverage_image
+from roslf_design.shapes.discs import intersect
+from roslf_design.shapes.lattice import Lattice, lens_centres
 from tests.oracles import discs as oracle
-
-P1 = {"focal_length": 100.0, "focal_plane": 350.0, "mla_distance": 140.0, "sensor_distance": 2.0}
+from tests.shapes.blocks import paper_discs, pixel_areas
 
 disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.2, 2))
 sets = st.lists(disc, min_size=1, max_size=4).map(np.array)
@@ -119,14 +117,14 @@ def test_tiny_part_of_one_pixel_is_not_missed():
     np.testing.assert_allclose(block.area[0, 0], intersect([[0, 0], [2e-7 - 1e-12, 0]], [1e-7, 1e-7]).area, rtol=2e-4)
 
 
-def paper_sensor(shape, stops=([2.9, 50.8], [120.0, 0.0]), decentre=(0.0, 0.0), layout="square"):
+def paper_sensor(shape, stops=(), layout="square"):
     """Microlenses, discs and keywords for a part of P1's sensor."""
     axes = lens_centres(Lattice(0.063, (shape[0] * 4.9e-3 + 0.2, shape[1] * 4.9e-3 + 0.2), layout, rotation=2e-3))
-    centres, radii = stop_images(axes, *stops, decentre, **P1)
+    centres, radii = paper_discs(axes, {"stops": stops})
     return (axes, centres, radii), {"pixel": 4.847826e-3, "size": shape}
 
 
-CLIPPED = {"stops": ([2.9, 2.8], [120.0, 100.0]), "decentre": [(0.0, 0.0), (0.5, 0.2)]}
+CLIPPED = {"stops": [{"diameter": 2.8, "distance": 100.0, "decentre": (0.5, 0.2)}]}
 
 
 @pytest.mark.parametrize("layout", ["square", "hexagonal"])
@@ -230,8 +228,3 @@ def test_bad_input_is_named(change, message):
     arguments = {"axes": [0.0, 0.0], "centres": [[0.0, 0.0]], "radii": [1.0], "pixel": 0.5, "size": (4, 5)} | change
     with pytest.raises(ValueError, match=message):
         coverage_image(**arguments)
-
-
-def test_pixel_areas_takes_one_microlens():
-    with pytest.raises(ValueError, match="one microlens, not 2"):
-        pixel_areas([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], [1.0], pixel=0.5)

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.microlens._ellipses import ellipse_shapes
-from roslf_design.microlens.discs import ClipStatus, intersect
-from roslf_design.microlens.ellipses import intersect_ellipses
+from roslf_design.shapes.discs import ClipStatus, intersect
+from roslf_design.shapes.ellipses import ellipse_shapes, intersect_ellipses
 
 
 def stretched(centres, radii, affine):

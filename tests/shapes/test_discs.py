@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roslf_design.microlens.discs import ClipStatus, boundary_arcs, intersect, outline
+from roslf_design.shapes.discs import ClipStatus, boundary_arcs, intersect, outline
 from tests.oracles import discs as oracle
 
 log_gap = st.floats(-12, 0)

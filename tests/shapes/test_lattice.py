@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.microlens.lattice import Lattice, cell_polygon, lens_centres, lens_count, lens_indices, nearest_lens
+from roslf_design.shapes.lattice import Lattice, cell_polygon, lens_centres, lens_count, lens_indices, nearest_lens
 
 layouts = st.sampled_from(["square", "hexagonal"])
 lattices = st.builds(
