@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimize.conflicts import relaxed_problem
-from roslf_design.optimize.problem import Constraint, Goal, Problem
-from roslf_design.optimize.quantities import quantity_named
+from roslf_design.optimize.problem import SIGNS, Constraint, DesignProblem, Goal, Variable
 from roslf_design.optimize.solve import Settings, solve
-from roslf_design.optimize.variables import Variable
+from roslf_design.theory.quantities import quantity_named
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +16,7 @@ def impossible():
     def limit(name, low=None, high=None, at=None):
         return Constraint(quantity_named(name), low, high, at)
 
-    return Problem(
+    return DesignProblem(
         "impossible",
         roslf.load("paper"),
         (Variable("d_2", 0.5, 10), Variable("d_3", 0, 300), Variable("d_1", 110, 300)),
@@ -32,6 +30,17 @@ def impossible():
         ),
         (Goal(quantity_named("views_independent"), "max"),),
     )
+
+
+def relaxed_problem(problem, relaxation):
+    """The problem with one limit moved to where it makes the whole feasible."""
+    changed = []
+    for limit in problem.constraints:
+        for side in limit.sides:
+            if relaxation.label == f"{limit.label} {SIGNS[side]}" and relaxation.limit == limit.limit(side):
+                limit = replace(limit, **{"low" if side == "min" else "high": relaxation.needed})
+        changed.append(limit)
+    return replace(problem, constraints=tuple(changed))
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimize.local import search
-from roslf_design.optimize.problem import Constraint, Goal, Problem
-from roslf_design.optimize.quantities import quantity_named
+from roslf_design.optimize.problem import Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimize.search import search
 from roslf_design.optimize.solve import Settings, solve
-from roslf_design.optimize.variables import Variable
+from roslf_design.theory.light import half_diagonal
+from roslf_design.theory.quantities import quantity_named
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
 
 STARTS = 20
@@ -34,7 +34,7 @@ def starts(n):
 
 def test_matching_a_given_bore_from_every_start(paper):
     """D_F and d_3 are the bore's: the only matched d_2 is Eq. 7's."""
-    problem = Problem(
+    problem = DesignProblem(
         "match",
         paper,
         (Variable("d_2", 0.1, 20.0),),
@@ -50,7 +50,7 @@ def test_matching_a_given_bore_from_every_start(paper):
 
 def test_matched_with_the_widest_pupil_from_every_start(paper):
     """Depth precision wants the widest pupil that the bore allows, and d_2 that matches it."""
-    problem = Problem(
+    problem = DesignProblem(
         "match",
         paper,
         (Variable("d_2", 0.1, 20.0), Variable("D_F", 0.5, 4.0)),
@@ -67,14 +67,14 @@ def test_matched_with_the_widest_pupil_from_every_start(paper):
 def test_largest_undistorted_field_from_every_start(paper):
     """With a lens narrower than the array Eq. 6 ends the field: it is active at the optimum."""
     design = paper.replace(D=24.0, d_3=90.0)
-    problem = Problem(
+    problem = DesignProblem(
         "field",
         design,
         (Variable("d_f", 150.0, 5000.0), Variable("D_F", 1.0, 5.0)),
         (constraint("non_distortion_room_mm", 0.0),),
         (goal("field_half_diagonal_mm", "max"),),
     )
-    half = float(problem.cameras(np.full((1, 2), 0.5)).half_diagonal)
+    half = float(half_diagonal(problem.base))
     wanted = float(largest_undistorted_plane(design.replace(D_F=1.0), half))
     assert 150 < wanted < 5000
     for start in starts(2):
@@ -83,7 +83,7 @@ def test_largest_undistorted_field_from_every_start(paper):
 
 
 def test_the_papers_bench_recovers_a_matched_design_near_it(paper):
-    problem = Problem(
+    problem = DesignProblem(
         "bench",
         paper,
         tuple(Variable(s, getattr(paper, s) * 0.99, getattr(paper, s) * 1.01) for s in ("d_2", "d_3", "d_1")),
@@ -102,7 +102,7 @@ def test_the_papers_bench_recovers_a_matched_design_near_it(paper):
 
 @pytest.fixture(scope="module")
 def scope_problem():
-    return Problem(
+    return DesignProblem(
         "scope",
         roslf.load("rigid-scope"),
         (
@@ -184,7 +184,7 @@ def test_multipliers_say_what_a_relaxed_limit_buys(scope_problem):
 def test_freedom_that_no_goal_decides_is_told(paper):
     """The goal does not see d_2, and nothing holds it."""
     variables = (Variable("D_F", 1.0, 4.0), Variable("d_2", 0.5, 9.0))
-    problem = Problem("free", paper, variables, (), (goal("sigma_z_mm", "min"),))
+    problem = DesignProblem("free", paper, variables, (), (goal("sigma_z_mm", "min"),))
     answer = solve(problem, Settings(starts=5, check=False))
     assert set(answer.loose()) == {"d_2"}
     assert answer.same == 5

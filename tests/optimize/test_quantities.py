@@ -5,22 +5,18 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimize.bounds import Boxes, prunable
-from roslf_design.optimize.cameras import Cameras, places_of
-from roslf_design.optimize.combinations import Combinations
-from roslf_design.optimize.gradients import gradient_error, value_and_jacobian
+from roslf_design.camera import Camera
 from roslf_design.optimize.parts import Catalogue
-from roslf_design.optimize.problem import Constraint, Goal, Problem
-from roslf_design.optimize.quantities import QUANTITIES, quantity_named
-from roslf_design.optimize.variables import Variable
+from roslf_design.optimize.problem import Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimize.ranking import Boxes, Combinations, prunable
+from roslf_design.optimize.search import gradient_error, value_and_jacobian
+from roslf_design.theory.quantities import QUANTITIES, quantity_named
 
 PRESETS = ("paper", "paper-mismatched", "rigid-scope", "ear-speculum", "pipe-bore")
 
 
 def number(design, name, at=None):
-    quantity = quantity_named(name)
-    found = quantity.of(Cameras(places_of(design), {}), at)
-    return float(found if quantity.worst is None else quantity.worst(found))
+    return float(quantity_named(name)(Camera.of(design), at))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -76,7 +72,7 @@ def paper_problem():
         Variable("d_f", 200.0, 600.0),
         Variable("d_2", 0.5, 9.0),
     )
-    return Problem(
+    return DesignProblem(
         "p", roslf.load("paper"), variables, tuple(limits), (Goal(quantity_named("sigma_z_mm"), "min", 150.0),)
     )
 
@@ -119,7 +115,7 @@ def test_derivatives_against_mpmath(unit):
     assert gradient_error(problem.vector, unit) < 1e-7
 
 
-BOXED = [name for name, quantity in QUANTITIES.items() if quantity.monotone]
+BOXED = [name for name, quantity in QUANTITIES.items() if quantity.monotone and quantity.of is not None]
 LENGTHS = (
     Variable("D_F", 1.0, 6.0),
     Variable("d_3", 0.0, 250.0),
@@ -152,7 +148,7 @@ def test_boxes_hold_nothing_beyond_their_bounds(name):
     for low, high in boxes(rng):
         corners = rng.integers(0, 2, (200, 5))
         units = low + np.concatenate([corners, rng.beta(0.5, 0.5, (800, 5))]) * (high - low)
-        problem = Problem("b", design, LENGTHS, (), (Goal(quantity, "min", at),))
+        problem = DesignProblem("b", design, LENGTHS, (), (Goal(quantity, "min", at),))
         assert prunable(problem, problem.goals[0])
         rows = problem.vector(units)[1:]
         real = (rows <= 0).all(axis=0)
@@ -163,7 +159,7 @@ def test_boxes_hold_nothing_beyond_their_bounds(name):
         least, most = float(values.min()), float(values.max())
 
         def bound(constraints, direction, low=low, high=high):
-            posed = Problem("b", design, LENGTHS, constraints, (Goal(quantity, direction, at),))
+            posed = DesignProblem("b", design, LENGTHS, constraints, (Goal(quantity, direction, at),))
             combinations = Combinations.of(posed, Catalogue(), ())
             found = Boxes(combinations, np.zeros(1, np.intp), low[None], high[None]).bound()[0]
             return found, combinations.problem

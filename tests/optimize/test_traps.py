@@ -8,9 +8,7 @@ import nlopt
 import numpy as np
 import pytest
 
-from roslf_design.optimize.guard import Guard
-from roslf_design.optimize.local import search
-from roslf_design.optimize.runs import globally, slsqp
+from roslf_design.optimize.search import Guard, globally, search, slsqp
 
 
 @dataclass(frozen=True)
@@ -33,20 +31,11 @@ def nan_region(units, rows):
     return np.where(units[:, 0] > 0.66, np.nan, rows)
 
 
-def raising(units, rows):
-    if (units[:, 0] > 0.66).any():
-        raise ValueError("no such camera")
-    return rows
-
-
-@pytest.mark.parametrize("spoil", [nan_region, raising])
 @pytest.mark.parametrize("start", [(0.1, 0.1), (0.5, 0.2), (0.3, 0.9)])
-def test_regions_without_numbers_are_walked_around(spoil, start):
-    found = search(Toy(spoil), np.array(start))
+def test_regions_without_numbers_are_walked_around(start):
+    found = search(Toy(nan_region), np.array(start))
     assert found.feasible
     assert found.unit == pytest.approx(OPTIMUM, abs=1e-5)
-    if spoil is raising and found.faults:
-        assert found.fault == "no such camera"
 
 
 def test_a_start_in_the_nan_region_gives_no_wrong_optimum():

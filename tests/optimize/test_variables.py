@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimize.cameras import places_of
-from roslf_design.optimize.problem import Goal, Problem
-from roslf_design.optimize.quantities import quantity_named
-from roslf_design.optimize.variables import Variable, check_name, check_together
+from roslf_design.camera import Camera
+from roslf_design.optimize.problem import DesignProblem, Goal, Variable, check_name, check_together
+from roslf_design.theory.quantities import quantity_named
 
 TUBE = roslf.load("paper").replace({"stops": ({"diameter": 5.0, "distance": 150.0},)})
 
@@ -31,7 +30,7 @@ def test_derived_lengths_set_the_places_they_mean():
         Variable("tube_diameter", 2.0, 6.0),
         Variable("working_distance", 100.0, 300.0),
     )
-    problem = Problem("tube", TUBE, variables, (), (Goal(quantity_named("sigma_z_mm"), "min"),))
+    problem = DesignProblem("tube", TUBE, variables, (), (Goal(quantity_named("sigma_z_mm"), "min"),))
     unit = np.array([0.5, 0.25, 0.5])
     design = problem.design_at(unit)
     values = {variable.name: float(variable.value(u)) for variable, u in zip(variables, unit, strict=True)}
@@ -44,7 +43,7 @@ def test_derived_lengths_set_the_places_they_mean():
 
 
 def test_microlenses_in_focus():
-    problem = Problem(
+    problem = DesignProblem(
         "focus", TUBE, (Variable("d_2", 1.0, 4.0),), (), (Goal(quantity_named("sigma_z_mm"), "min"),), in_focus=True
     )
     design = problem.design_at(np.array([0.3]))
@@ -64,6 +63,6 @@ def test_microlenses_in_focus():
 )
 def test_what_would_be_set_twice(names, said):
     for name in names:
-        check_name(name, places_of(TUBE))
+        check_name(name, Camera.of(TUBE).numbers)
     with pytest.raises(ValueError, match=said):
         check_together(names)
