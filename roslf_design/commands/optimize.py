@@ -46,9 +46,10 @@ def optimize(
         it, and the best is polished. Default: every search is polished, to 1e-6 or better.
     """
     # Here, so that `roslf --help` starts without them.
+    from ..accuracy.statement import check_accuracy
     from ..errors import InputError, Problem
     from ..optimize.run import run, to_dict
-    from ..optimize.solve import check_optimum_accuracy
+    from ..optimize.search import QUICK
     from ..optimize.study import load_study
 
     if seed is not None and seed < 0:
@@ -57,7 +58,7 @@ def optimize(
     if blocked is not None:
         raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
     if accuracy is not None:
-        check_optimum_accuracy(accuracy)
+        check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
     with StatusLine("optimize") as status:
         try:

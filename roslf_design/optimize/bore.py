@@ -82,22 +82,11 @@ class Bore:
     """Whether another reduction would change nothing."""
 
 
-def reduce_bore(design: Design, rims: Sequence[Stop], field: float | None = None) -> EquivalentPupil:
-    """One stop that stands for several, for the field of a design.
+def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
+    """One stop that stands for the rims of a bore (without the main lens), for the field that a design's sensor sees.
 
-    Parameters
-    ----------
-    design : Design
-        Gives lens, focus and array; its own aperture and stops are not looked at.
-    rims : sequence of Stop
-        Of the bore, without the main lens.
-    field : float, optional
-        How far off axis microlenses count [mm on the array]; to the corner of what the sensor sees where not given.
-
-    Returns
-    -------
-    EquivalentPupil
-        Exact (nothing misplaced) for a single rim, and where one rim is the only one that ever cuts.
+    The design gives lens, focus and array; its own aperture and stops are not looked at. Exact (nothing misplaced) for
+    a single rim, and where one rim is the only one that ever cuts.
 
     Raises
     ------
@@ -114,13 +103,13 @@ def reduce_bore(design: Design, rims: Sequence[Stop], field: float | None = None
     angle = min(rim.diameter / (design.d_f - rim.distance) for rim in rims)
     tried = [(rim.diameter, rim.distance) for rim in rims]
     tried += [(angle * (design.d_f - z), z) for z in np.linspace(near, far, 9).tolist()]
-    best = min((judge_pupil(design, rims, stop, field) for stop in tried), key=lambda pupil: pupil.cost)
+    best = min((judge_pupil(design, rims, stop) for stop in tried), key=lambda pupil: pupil.cost)
     if best.worst_misplaced == 0 or far == near:
         return best
-    return _refined(design, rims, field, best)
+    return _refined(design, rims, best)
 
 
-def _refined(design: Design, rims: Sequence[Stop], field: float | None, best: EquivalentPupil) -> EquivalentPupil:
+def _refined(design: Design, rims: Sequence[Stop], best: EquivalentPupil) -> EquivalentPupil:
     """Nelder and Mead's simplex on (D_F, d_3): the cost has kinks where another field becomes the worst."""
     import nlopt
 
@@ -131,7 +120,7 @@ def _refined(design: Design, rims: Sequence[Stop], field: float | None, best: Eq
     def cost(unit: Array, _: Array) -> float:
         nonlocal best
         diameter, distance = (low + np.array(unit) * (high - low)).tolist()
-        pupil = judge_pupil(design, rims, (diameter, distance), field)
+        pupil = judge_pupil(design, rims, (diameter, distance))
         best = min(best, pupil, key=lambda each: each.cost)
         return pupil.worst_misplaced
 
@@ -146,12 +135,10 @@ def _refined(design: Design, rims: Sequence[Stop], field: float | None, best: Eq
     return best
 
 
-def judge_pupil(
-    design: Design, rims: Sequence[Stop], stop: tuple[float, float], field: float | None = None
-) -> EquivalentPupil:
-    """How well a stop of some diameter and distance [mm] stands for a bore; parameters as for `reduce_bore`."""
+def judge_pupil(design: Design, rims: Sequence[Stop], stop: tuple[float, float]) -> EquivalentPupil:
+    """How well a stop of some diameter and distance [mm] stands for a bore; the rest as for `reduce_bore`."""
     camera = _behind(design, tuple(rims)).replace({"aperture.diameter": stop[0], "aperture.distance": stop[1]})
-    fields = np.linspace(0.0, float(half_diagonal(camera)) if field is None else field, FIELDS)
+    fields = np.linspace(0.0, float(half_diagonal(camera)), FIELDS)
     centres, radii = stop_discs(camera, np.stack([fields, np.zeros_like(fields)], axis=1))
     whole = np.pi * radii[:, 0] ** 2
     pupil, bore, both = (

@@ -60,18 +60,9 @@ class Conflict:
 
 
 def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, seed: int) -> Conflict:
-    """Find what stands in the way.
+    """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
 
-    Parameters
-    ----------
-    problem : DesignProblem
-        No search found it feasible.
-    points : sequence of ndarray
-        Where searches ended, best first.
-    deadline : float
-        On the monotonic clock; a few seconds more are taken where it has passed.
-    seed : int
-        Of further starts.
+    The deadline is on the monotonic clock; a few seconds more are taken where it has passed.
     """
     deadline = max(deadline, time.monotonic() + 10.0)
     pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, STARTS, seed + 1)])

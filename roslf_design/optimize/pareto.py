@@ -55,24 +55,19 @@ def pareto_front(
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Front:
-    """Trade two or three goals.
+    """Trade two or three goals, of which the first is optimised while the others are limited.
 
     Parameters
     ----------
     problem : DesignProblem
         Its own goals are not looked at.
     goals : sequence of Goal
-        The first is optimised while the others are limited.
     points : int
         Limits along the second goal; of the third a third as many.
     known : sequence of ndarray
-        Feasible points, scaled; searches start there.
+        Feasible points, scaled; searches start there, and from Sobol points by the seed.
     deadline : float
         On the monotonic clock [s].
-    seed : int
-        Of fresh starts.
-    tell : callable
-        Told what is being done.
     """
     designs: list[FrontPoint] = []
     spent = 0

@@ -24,7 +24,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
 """measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
 maker; unverified: stated without a source at hand; typical: a size that many makers list, not one part."""
-CONFIDENCE: tuple[Confidence, ...] = get_args(Confidence)
 
 SHIPPED = Path(__file__).with_name("catalogue")
 

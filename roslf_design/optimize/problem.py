@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -43,9 +44,6 @@ DERIVED = {
     "tube_diameter": "of the FAP and every further stop together",
 }
 """Lengths that set several places."""
-
-DOMAIN = ("real image: d_f beyond f", "focal plane in front of the bore", "microlens images of positive pitch")
-"""What every camera must be, whatever the limits."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +140,21 @@ class Constraint(_Asked):
         assert value is not None
         return value
 
+    def measured(self, camera: Camera) -> Array:
+        """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
+        if self.quantity.name == "fill_factor":
+            return inverse_fill_factor(camera)
+        return self.values(camera) if self.quantity.worst is None else self.each(camera)
+
+    def row(self, side: Side, spread: float) -> tuple[Callable[[Array], Array], float]:
+        """From what is measured to a row, and how much the quantity changes where that changes by 1."""
+        limit, sign = self.limit(side), -1.0 if side == "min" else 1.0
+        if self.quantity.name == "fill_factor":  # linear in the inverse, where the fill factor has poles
+            return lambda inverse: sign * (1 - limit * inverse), limit
+        if self.quantity.positive and limit > 0:
+            return lambda value: sign * np.log(value / limit), limit
+        return lambda value: sign * (value - limit) / spread, spread
+
     def __str__(self) -> str:
         if len(self.sides) == 2:
             return f"{self.low:.6g} <= {self.label} <= {self.with_unit(self.limit('max'))}"
@@ -171,14 +184,17 @@ class Goal(_Asked):
 
 @dataclass(frozen=True)
 class Limit:
-    """One scalar condition that a constraint gives: a row, not above 0 or, of an equality, 0."""
+    """One scalar condition: a row, not above 0 or, of an equality, 0."""
 
     constraint: int
     """Index among the problem's constraints; -1 for what every camera must be."""
     side: Side
-    component: int | None = None
-    """Of a quantity with several values (one a rim)."""
-    note: str = ""
+    label: str
+    """In words."""
+    size: float
+    """How much the quantity changes where the row changes by 1, at its limit."""
+    of: Callable[[Camera, Array], Array]
+    """The row, from cameras and what of them is `Constraint.measured`."""
 
 
 @dataclass(frozen=True)
@@ -243,28 +259,41 @@ class DesignProblem:
     @cached_property
     def rows(self) -> tuple[Limit, ...]:
         """Inequalities (rows that must not be above 0), then equalities."""
-        every = tuple(self._rows())
-        return (*(row for row in every if row.side != "equal"), *(row for row in every if row.side == "equal"))
+        every = [*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c))]
+        return tuple(sorted(every, key=lambda row: row.side == "equal"))
 
     @property
     def equalities(self) -> int:
         """How many rows must be 0: the last ones."""
         return sum(row.side == "equal" for row in self.rows)
 
-    def _rows(self) -> Iterator[Limit]:
-        stops = 1 + len(self.design.stops)
-        if not set(CONJUGATES[1:]) <= set(self._set_places):
-            yield Limit(-1, "min", None, DOMAIN[0])
-        yield from (Limit(-1, "min", k, DOMAIN[1]) for k in range(stops))
-        yield Limit(-1, "min", None, DOMAIN[2])
-        for index, constraint in enumerate(self.constraints):
-            widest = constraint.quantity.name == "largest_diameter_mm"
-            for side in constraint.sides:
-                # Where all of several values must hold, each is a smooth row of its own; their worst has kinks.
-                if constraint.quantity.worst is not None and side == ("max" if widest else "min"):
-                    yield from (Limit(index, side, k) for k in range(stops + widest))
-                else:
-                    yield Limit(index, side)
+    def _always(self) -> Iterator[Limit]:
+        """What every camera must be, whatever the limits."""
+
+        def row(label: str, room: Callable[[Camera], Number]) -> Limit:
+            return Limit(-1, "min", label, 1.0, lambda camera, _: np.asarray(ROOM - room(camera)))
+
+        plane, distance = (place in self._set_places for place in CONJUGATES[1:])
+        if not (plane and distance):
+            yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
+        yield row("focal plane in front of the bore", lambda c: 1 - (c.tip if self.tip else c.d_3) / c.d_f)
+        for k in range(1, 1 + self.base.stops):
+            yield row("focal plane in front of the bore", lambda c, k=k: 1 - c.rims[k].distance / c.d_f)  # type: ignore[misc]
+        yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
+
+    def _rows_of(self, index: int, constraint: Constraint) -> Iterator[Limit]:
+        worst = constraint.quantity.worst
+        widest = constraint.quantity.name == "largest_diameter_mm"
+        rims = [""] * (2 + self.base.stops) if widest else [f" ({rim.name})" for rim in self.base.rims]
+        for side in constraint.sides:
+            row, size = constraint.row(side, self._spreads[0][index])
+            words = f"{SIGNS[side]} {constraint.with_unit(constraint.limit(side))}"
+            if worst is not None and side == ("max" if widest else "min"):
+                # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
+                for k, rim in enumerate(rims):
+                    yield Limit(index, side, f"{constraint.label}{rim} {words}", size, _after(row, itemgetter(k)))
+            else:
+                yield Limit(index, side, f"{constraint.label} {words}", size, _after(row, worst or np.asarray))
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
@@ -299,19 +328,9 @@ class DesignProblem:
         return result
 
     def _fill(self, result: Array, cameras: Camera) -> None:
-        values = [
-            inverse_fill_factor(cameras)
-            if c.quantity.name == "fill_factor"
-            else c.each(cameras)
-            if c.quantity.worst is not None
-            else c.values(cameras)
-            for c in self.constraints
-        ]
+        values = [*(constraint.measured(cameras) for constraint in self.constraints), np.empty(0)]
         for number, row in enumerate(self.rows):
-            if row.constraint < 0:
-                result[number] = self._domain(row, cameras)
-            else:
-                result[number] = self._row(row, values[row.constraint])
+            result[number] = row.of(cameras, values[row.constraint])
 
     def merit(self, cameras: Camera) -> Array:
         """Weighted mean of the goals, small is good; shape (N,)."""
@@ -321,28 +340,6 @@ class DesignProblem:
             total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
         return total / sum(goal.weight for goal in self.goals)
 
-    def _domain(self, row: Limit, c: Camera) -> Array:
-        if row.note == DOMAIN[0]:
-            return np.asarray(ROOM - ((c.d_f if CONJUGATES[1] in self._set_places else c.d_1) - c.f) / c.f)
-        if row.note == DOMAIN[2]:
-            return np.asarray(ROOM - (1 + c.d_2 * c.vergence))
-        stop = c.rims[row.component].distance if row.component else c.tip if self.tip else c.d_3
-        return np.asarray(ROOM - (1 - stop / c.d_f))
-
-    def _row(self, row: Limit, value: Array) -> Array:
-        constraint = self.constraints[row.constraint]
-        quantity, limit = constraint.quantity, constraint.limit(row.side)
-        sign = -1.0 if row.side == "min" else 1.0
-        if quantity.name == "fill_factor":
-            return sign * (1 - limit * value)
-        if row.component is not None:
-            value = value[row.component]
-        elif quantity.worst is not None:
-            value = quantity.worst(value)
-        if quantity.positive and limit > 0:
-            return sign * np.log(value / limit)
-        return sign * (value - limit) / self._spreads[0][row.constraint]
-
     def with_scales(self) -> DesignProblem:
         """The same problem with its scales written down, so that merits on other parts compare."""
         return replace(self, scales=self._spreads)
@@ -351,25 +348,13 @@ class DesignProblem:
         """What a goal of either sign is counted in."""
         return self._spreads[1][goal]
 
-    def unit_of_row(self, row: Limit) -> float:
-        """How much the quantity changes where the row changes by 1, at its limit."""
-        constraint = self.constraints[row.constraint]
-        limit = constraint.limit(row.side)
-        return limit if constraint.quantity.positive and limit > 0 else self._spreads[0][row.constraint]
-
-    def label(self, row: Limit) -> str:
-        """What a row holds, in words."""
-        if row.constraint < 0:
-            return row.note
-        constraint = self.constraints[row.constraint]
-        rim = ""
-        if row.component is not None and constraint.quantity.name != "largest_diameter_mm":
-            rim = f" ({'main lens' if row.component == 0 else f'stop {row.component}'})"
-        return f"{constraint.label}{rim} {SIGNS[row.side]} {constraint.with_unit(constraint.limit(row.side))}"
-
     def without(self, keep: frozenset[int]) -> DesignProblem:
         """The same problem with only some of its constraints."""
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep))
+
+
+def _after(row: Callable[[Array], Array], pick: Callable[[Array], Array]) -> Callable[[Camera, Array], Array]:
+    return lambda _, measured: row(pick(measured))
 
 
 def sobol_units(n: int, count: int, seed: int) -> Array:

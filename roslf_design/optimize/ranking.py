@@ -104,10 +104,6 @@ class Combinations:
         """The problem with a combination's parts in its base design."""
         return replace(self.problem, design=with_parts(self.problem.design, self.chosen(number)))
 
-    def title(self, number: int) -> str:
-        """The parts' names."""
-        return ", ".join(part.part for part in self.chosen(number))
-
 
 def with_parts(design: Design, parts: Sequence[Entry]) -> Design:
     """A design with parts of the catalogue in it; d_1 stays, and d_f follows a new lens."""
@@ -318,7 +314,6 @@ class Ranking:
     optimised: int
     open: int
     """Combinations neither ruled out nor optimised when the time was up; 0: the list is complete."""
-    evaluations: int
     seconds: float
 
 
@@ -329,20 +324,7 @@ def rank(
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Ranking:
-    """Find the best combinations.
-
-    Parameters
-    ----------
-    combinations : Combinations
-    keep : int
-        How many.
-    seconds : float
-        After which the best so far count.
-    seed : int
-        Of further starts.
-    tell : callable
-        Told what is being done.
-    """
+    """Find the `keep` best combinations; after some seconds those that are best so far."""
     began = time.monotonic()
     n, count = combinations.problem.n, len(combinations)
     state = _State(combinations, keep, began + seconds, sobol_units(n, 1, seed))
@@ -368,8 +350,7 @@ def rank(
     boxes, _ = state.alive(boxes, bound)
     open_ = len(np.unique(boxes.owner))
     ruled_out = count - state.optimised - open_
-    seconds = time.monotonic() - began
-    return Ranking(combinations, tuple(state.best), ruled_out, state.optimised, open_, state.evaluations, seconds)
+    return Ranking(combinations, tuple(state.best), ruled_out, state.optimised, open_, time.monotonic() - began)
 
 
 class _State:
@@ -379,7 +360,7 @@ class _State:
         self.combinations, self.keep, self.deadline, self.starts = combinations, keep, deadline, starts
         self.best: list[Ranked] = []
         self.done = np.zeros(len(combinations), bool)
-        self.optimised = self.evaluations = 0
+        self.optimised = 0
 
     @property
     def threshold(self) -> float:
@@ -412,7 +393,6 @@ class _State:
             return  # these parts make no design
         for start in ((low + high) / 2, *(low + self.starts * (high - low))):
             result = search(problem, start, self.deadline + 1.0, 80, polish=False)
-            self.evaluations += result.evaluations
             if result.feasible:
                 self.best.append(Ranked(number, result))
                 self.best.sort(key=lambda ranked: (ranked.search.merit, ranked.number))
@@ -424,7 +404,6 @@ class _State:
         polished = []
         for ranked in [each for each in self.best if each.search.merit < self.threshold]:
             again = search(self.combinations.problem_at(ranked.number), ranked.search.unit, self.deadline + 10.0)
-            self.evaluations += again.evaluations
             better = again.feasible and again.merit < ranked.search.merit
             polished.append(Ranked(ranked.number, again) if better else ranked)
         self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))[: self.keep]

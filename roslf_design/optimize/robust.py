@@ -70,7 +70,6 @@ class Robust:
     """Of each constraint: label, share of nominal and of robust builds that hold it."""
     trials: int
     evaluations: int
-    seconds: float
 
 
 def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
@@ -126,23 +125,10 @@ def maximise_robustness(
     deadline: float,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Robust:
-    """Maximise yield, or a quantile of the first goal, starting from the nominal optimum.
+    """Maximise yield, or a quantile of the first goal, as a study's table says, starting from the nominal optimum.
 
-    Parameters
-    ----------
-    problem : DesignProblem
-        Whose constraints builds are held to.
-    table : RobustTable
-        What is maximised.
-    scatter : Scatter
-    nominal : ndarray
-        The nominal optimum, scaled.
-    deadline : float
-        On the monotonic clock [s].
-    tell : callable
-        Told what is being done.
+    Builds are held to the problem's constraints. The nominal optimum is scaled; the deadline is on the monotonic clock.
     """
-    began = time.monotonic()
     aim = _Aim(problem, table, scatter, problem.number(problem.goals[0], nominal))
     best, spent = nominal, 0
     for width in SHARP:
@@ -154,7 +140,7 @@ def maximise_robustness(
         best, after = nominal, before  # fresh numbers are the judge
     labels = [constraint.label for constraint in problem.constraints]
     yields = tuple(zip(labels, before.each, after.each, strict=True))
-    return Robust(best, before, after, yields, scatter.fresh.shape[1], spent, time.monotonic() - began)
+    return Robust(best, before, after, yields, scatter.fresh.shape[1], spent)
 
 
 def _climb(merit: Callable[[Array], float], start: Array, deadline: float) -> tuple[Array, int]:

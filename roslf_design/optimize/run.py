@@ -38,13 +38,7 @@ class Result:
 
 
 def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
-    """Run a study.
-
-    Parameters
-    ----------
-    study : OptimizeStudy
-    tell : callable
-        Told what is being done.
+    """Run a study; `tell` is told what is being done.
 
     Raises
     ------
@@ -104,14 +98,7 @@ def designs(result: Result) -> Iterator[tuple[str, Design]]:
 
 
 def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
-    """The study's results as one JSON object; what is not finite is null.
-
-    Parameters
-    ----------
-    result : Result
-    timings : bool
-        Whether seconds are told; without, the same study gives the same bytes.
-    """
+    """The study's results as one JSON object, what is not finite null; without timings the same bytes every time."""
     answer = result.answer
     accuracy = optimum_accuracy(answer, result.study.settings, result.seconds)
     data: dict[str, Any] = {

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -16,8 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-Ending = Literal["converged", "evaluations", "time", "round-off", "failed"]
-"""Why a run stopped."""
 Global = Literal["crs2", "isres"]
 
 BIG = 1e6
@@ -58,25 +58,11 @@ class Smooth(Protocol):
 
 
 def value_and_jacobian(vector: Callable[[Array], Array], unit: Array, step: float = STEP) -> tuple[Array, Array]:
-    """Rows at a point and their derivatives by five-point differences, one call for all points.
+    """Rows (R,) of a vector function at a point (n,) of the unit box, and their derivatives (R, n); one call for all.
 
-    The closed forms are right to a few ulp, so that with a step of 1e-3 of the box the fourth-order formula is right to
-    about 1e-12: better than the optimiser's own algebra. At a bound the points lie inside the box, for beyond d_3 = 0 a
-    design has a kink.
-
-    Parameters
-    ----------
-    vector : callable
-        Points (N, n) to rows (R, N).
-    unit : ndarray, shape (n,)
-        In the unit box.
-    step : float
-        Of the box.
-
-    Returns
-    -------
-    (values, jacobian)
-        Shapes (R,) and (R, n).
+    By five-point differences: the closed forms are right to a few ulp, so that with a step of 1e-3 of the box the
+    fourth-order formula is right to about 1e-12, better than the optimiser's own algebra. At a bound the points lie
+    inside the box, for beyond d_3 = 0 a design has a kink.
     """
     n = len(unit)
     points = np.repeat(unit[None], 1 + 4 * n, axis=0)
@@ -169,7 +155,7 @@ def violation_of(rows: Array, equalities: int) -> float:
     return float(np.max(violations(rows, equalities), initial=0.0))
 
 
-def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = FTOL) -> Ending:
+def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = FTOL) -> None:
     """Sequential quadratic programming from a start (clipped to the box)."""
     import nlopt
 
@@ -201,18 +187,15 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
     optimiser.set_ftol_rel(ftol)
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
-    return _run(optimiser, guard, start, evaluations)
+    _run(optimiser, guard, start, evaluations)
 
 
 def globally(
     guard: Guard, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
-) -> tuple[Ending, Array]:
+) -> Array:
     """A global search: CRS2_LM on the merit plus `weight` times the violation, or ISRES with the rows themselves.
 
-    Returns
-    -------
-    (ending, unit)
-        Why it stopped; the point of least merit plus penalty, feasible or not.
+    Gives the point of least merit plus penalty, feasible or not.
     """
     import nlopt
 
@@ -236,14 +219,16 @@ def globally(
             add = optimiser.add_equality_constraint if equal else optimiser.add_inequality_constraint
             add(lambda x, _, k=number: float(guard.rows(x)[0][k]), FEASIBLE)
     optimiser.set_ftol_rel(ftol)
-    return _run(optimiser, guard, middle, evaluations), best[0][1]
+    _run(optimiser, guard, middle, evaluations)
+    return best[0][1]
 
 
-def _run(optimiser: Any, guard: Guard, start: ArrayLike, evaluations: int) -> Ending:
+def _run(optimiser: Any, guard: Guard, start: ArrayLike, evaluations: int) -> None:
+    """Run; what it finds is in the guard, for on round-off and where a search breaks down nlopt gives no point back."""
     import nlopt
 
     if guard.seconds_left <= 0:
-        return "time"
+        return
     optimiser.set_lower_bounds(np.zeros(guard.problem.n))
     optimiser.set_upper_bounds(np.ones(guard.problem.n))
     optimiser.set_xtol_rel(XTOL)
@@ -252,21 +237,14 @@ def _run(optimiser: Any, guard: Guard, start: ArrayLike, evaluations: int) -> En
     if np.isfinite(guard.seconds_left):
         optimiser.set_maxtime(guard.seconds_left)
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
-    limited = tuple(getattr(nlopt, name) for name in ("RoundoffLimited", "roundoff_limited") if hasattr(nlopt, name))
-    try:
+    names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
+    with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
         optimiser.optimize(_inside(start))
-    except limited:
-        return "round-off"  # no point comes back; the guard has the best one
-    except (RuntimeError, getattr(nlopt, "runtime_error", RuntimeError)):
-        return "failed"
-    reason = optimiser.last_optimize_result()
-    if reason == nlopt.MAXEVAL_REACHED:
-        return "evaluations"
-    return "time" if reason == nlopt.MAXTIME_REACHED else "converged"
 
 
 def _inside(unit: ArrayLike) -> Array:
-    return np.clip(np.array(unit, float), 0.0, 1.0)
+    inside: Array = np.clip(np.array(unit, float), 0.0, 1.0)
+    return inside
 
 
 @dataclass(frozen=True)
@@ -278,10 +256,10 @@ class Elastic:
     weights: tuple[float, ...]
     """One a row; infinite for rows that stay hard."""
 
-    @property
+    @cached_property
     def soft(self) -> NDArray[np.bool_]:
         """Which rows have a slack."""
-        return np.asarray(np.isfinite(self.weights))
+        return np.array([np.isfinite(weight) for weight in self.weights])
 
     @property
     def n(self) -> int:
@@ -306,21 +284,10 @@ class Elastic:
 def least_violation(
     guard: Guard, starts: Sequence[Array], weights: Sequence[float] | None = None, evaluations: int = 200
 ) -> tuple[Array, Array]:
-    """The point of least weighted violation, by relaxing each row.
+    """The point of least weighted violation, by relaxing each row, and its rows (positive: violated).
 
-    Parameters
-    ----------
-    guard : Guard
-        Of the problem; remembers every point tried, so that a feasible one met on the way is kept.
-    starts : sequence of ndarray
-        Where searches start.
-    weights : sequence of float, optional
-        One a row: what a scaled unit of violation costs; infinite keeps the row hard. Default: 1 each.
-
-    Returns
-    -------
-    (unit, rows)
-        The point and its rows (positive: violated).
+    The guard remembers every point tried, so that a feasible one met on the way is kept. A weight says what a scaled
+    unit of a row's violation costs; infinite keeps the row hard. Without weights: 1 each.
     """
     n, equalities = guard.problem.n, guard.problem.equalities
     count = len(guard.rows(_inside(starts[0]))[0]) - 1
@@ -355,9 +322,9 @@ class Search:
     """Scaled variables."""
     merit: float
     violation: float
-    stop: Ending
     evaluations: int
     mapped: int
+    """Evaluations with a value that was not finite."""
     clipped: bool
     """Whether the start lay outside the bounds and was moved onto them."""
 
@@ -383,10 +350,8 @@ def search(
     problem : Smooth
     start : array-like, shape (n,)
         Outside the unit box it is clipped to it.
-    deadline : float
-        On the monotonic clock [s].
-    evaluations : int
-        Of each run.
+    deadline, evaluations : float, int
+        On the monotonic clock [s]; of each run.
     polish : bool
         Whether the run is repeated from its own end until nothing is gained; if not, it also ends earlier.
     tolerance : float
@@ -395,22 +360,22 @@ def search(
     guard = Guard(problem, deadline)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     ftol = FTOL if polish else tolerance
-    stop = slsqp(guard, begin, evaluations, ftol)
+    slsqp(guard, begin, evaluations, ftol)
     if not guard.feasible and guard.seconds_left > 0:
         starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
         unit, _ = least_violation(guard, starts, evaluations=evaluations)
         if guard.feasible:
-            stop = slsqp(guard, unit, evaluations, ftol)
+            slsqp(guard, unit, evaluations, ftol)
     for _ in range(4 if polish else 0):
         before = guard.merit
         if guard.unit is None or not guard.feasible or guard.seconds_left <= 0:
             break
-        stop = slsqp(guard, guard.unit, evaluations)
+        slsqp(guard, guard.unit, evaluations)
         if before - guard.merit <= 1e-12 * max(1.0, abs(before)):
             break
     unit, merit, violation = _on_limits(guard, begin)
     clipped = bool((np.asarray(start) != begin).any())
-    return Search(unit, merit, violation, stop, guard.evaluations, guard.mapped, clipped)
+    return Search(unit, merit, violation, guard.evaluations, guard.mapped, clipped)
 
 
 def _on_limits(guard: Guard, begin: Array) -> tuple[Array, float, float]:

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..accuracy.statement import Accuracy, check_accuracy
+from ..accuracy.statement import Accuracy
 from .conflicts import Conflict, explain
 from .problem import Constraint, DesignProblem, Goal, sobol_units
 from .search import (
     FTOL,
     GLOBAL_FTOL,
-    QUICK,
-    Ending,
     Global,
     Guard,
     Search,
@@ -76,7 +74,6 @@ class Check:
 
     solver: str
     evaluations: int
-    stop: Ending
     merit: float | None
     """Of its own best feasible point; None where it met none."""
     polished: Search
@@ -187,15 +184,7 @@ class Answer:
 
 
 def solve(problem: DesignProblem, settings: Settings = Settings(), tell: Tell = lambda _: None) -> Answer:
-    """The best design, or what stands in the way.
-
-    Parameters
-    ----------
-    problem : DesignProblem
-    settings : Settings
-    tell : callable
-        Told what is being done.
-    """
+    """The best design, or what stands in the way; `tell` is told what is being done."""
     began = time.monotonic()
     deadline = began + settings.seconds
     starts = _starts(problem, settings)
@@ -305,13 +294,13 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: f
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem, deadline)
     ftol = max(GLOBAL_FTOL, settings.tolerance)
-    stop, unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
+    unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
     if name == "isres" and guard.unit is not None:
         unit = guard.unit  # it minimises no penalty: its best point is the best feasible one
     polished = _search(problem, unit, deadline, settings)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
     merit = guard.merit if guard.feasible else None
-    return Check(solver, guard.evaluations, stop, merit, polished, settings.agree)
+    return Check(solver, guard.evaluations, merit, polished, settings.agree)
 
 
 def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
@@ -341,7 +330,7 @@ def conditions(problem: DesignProblem, unit: Array) -> Conditions:
         kind = problem.constraints[row.constraint].quantity.unit
         for sign in (1.0, -1.0) if equal else (1.0,):
             columns.append(sign * jacobian[1 + number])
-            limits.append((problem.label(row), kind, problem.unit_of_row(row)))
+            limits.append((row.label, kind, row.size))
     for i, variable in enumerate(problem.variables):
         if variable.high == variable.low or TOUCHING <= unit[i] <= 1 - TOUCHING:
             continue
@@ -369,17 +358,6 @@ def _goal_per_merit(problem: DesignProblem, unit: Array) -> float | None:
         return None
     goal = problem.goals[0]
     return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
-
-
-def check_optimum_accuracy(accuracy: float) -> float:
-    """Refuse what no optimum can be known to: a merit is known no better than some of its limits together.
-
-    Raises
-    ------
-    InputError
-        Not between `QUICK` and 1.
-    """
-    return check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
 
 
 def optimum_accuracy(answer: Answer, settings: Settings, seconds: float | None = None) -> Accuracy | None:

@@ -15,14 +15,14 @@ def tube_rims(diameter, length, distance):
 
 
 def test_a_single_rim_is_itself():
-    found = reduce_bore(PAPER, [Stop(diameter=3.3, distance=77.0)], 13.0)
+    found = reduce_bore(PAPER, [Stop(diameter=3.3, distance=77.0)])
     assert (found.diameter, found.distance) == (3.3, 77.0)
     assert found.worst_misplaced == 0
     assert found.worst_kept_difference == 0
 
 
 def test_a_rim_that_never_cuts_does_not_count():
-    found = reduce_bore(PAPER, [Stop(diameter=3.0, distance=110.0), Stop(diameter=60.0, distance=200.0)], 13.0)
+    found = reduce_bore(PAPER, [Stop(diameter=3.0, distance=110.0), Stop(diameter=60.0, distance=200.0)])
     assert (found.diameter, found.distance) == (3.0, 110.0)
     assert found.worst_misplaced == 0
 
@@ -41,7 +41,7 @@ def seen(design, rims, axis, grid):
 
 @pytest.mark.parametrize("tube", [tube_rims(8.0, 60.0, 60.0), tube_rims(14.0, 40.0, 100.0)])
 def test_shares_against_counted_rays(tube):
-    found = reduce_bore(PAPER, tube, 13.0)
+    found = reduce_bore(PAPER, tube)
     assert tube[0].distance <= found.distance <= tube[1].distance
     assert found.worst_kept_difference <= found.worst_misplaced + 1e-12
     assert found.worst_misplaced > 1e-3
@@ -63,13 +63,13 @@ def test_shares_against_counted_rays(tube):
 
 def test_no_stop_nearby_does_better():
     tube = tube_rims(8.0, 60.0, 60.0)
-    found = reduce_bore(PAPER, tube, 13.0)
+    found = reduce_bore(PAPER, tube)
     for diameter in np.linspace(0.9, 1.1, 9) * found.diameter:
         for distance in np.linspace(60, 120, 13):
-            other = judge_pupil(PAPER, tube, (float(diameter), float(distance)), 13.0)
+            other = judge_pupil(PAPER, tube, (float(diameter), float(distance)))
             assert other.worst_misplaced >= found.worst_misplaced - 1e-6
 
 
 def test_a_bore_beyond_the_focal_plane_is_refused():
     with pytest.raises(ValueError, match="in the bore"):
-        reduce_bore(PAPER, tube_rims(8.0, 400.0, 10.0), 13.0)
+        reduce_bore(PAPER, tube_rims(8.0, 400.0, 10.0))

@@ -69,7 +69,7 @@ def test_the_best_point_survives_a_search_that_breaks_down(monkeypatch, error):
 
     monkeypatch.setattr(nlopt.opt, "optimize", broken)
     guard = Guard(Toy())
-    assert slsqp(guard, np.array([0.1, 0.9])) == ("round-off" if error is nlopt.RoundoffLimited else "failed")
+    slsqp(guard, np.array([0.1, 0.9]))
     assert guard.feasible
     assert guard.unit == pytest.approx(OPTIMUM, abs=1e-6)
 
@@ -89,17 +89,11 @@ def test_time_is_kept_and_the_best_point_with_it():
         return rows
 
     guard = Guard(Toy(slow), deadline=time.monotonic() + 0.15)
-    assert slsqp(guard, np.array([0.0, 0.0]), 10_000) in ("time", "converged")
+    slsqp(guard, np.array([0.0, 0.0]), 10_000)
     assert guard.evaluations < 50
     assert guard.unit is not None
     late = search(Toy(), np.array([0.2, 0.2]), deadline=time.monotonic() - 1)
-    assert late.stop == "time"
     assert late.evaluations <= 2
-
-
-def test_few_evaluations_are_told():
-    guard = Guard(Toy())
-    assert slsqp(guard, np.array([0.0, 0.0]), 2) == "evaluations"
 
 
 def test_points_are_copied_from_nlopts_memory():
