@@ -21,6 +21,7 @@ from ..microlens.discs import intersect
 from ..theory.light import half_diagonal
 from ..theory.stop_images import stop_discs
 from .problem import DesignProblem
+from .search import simplex
 from .solve import Answer, Settings, Tell, solve
 
 Array = NDArray[np.float64]
@@ -111,28 +112,16 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
 
 def _refined(design: Design, rims: Sequence[Stop], best: EquivalentPupil) -> EquivalentPupil:
     """Nelder and Mead's simplex on (D_F, d_3): the cost has kinks where another field becomes the worst."""
-    import nlopt
-
     ends = [rim.distance for rim in rims]
     low, high = np.array([0.3 * best.diameter, min(ends)]), np.array([2.0 * best.diameter, max(ends)])
-    start = np.array([best.diameter, best.distance])
 
-    def cost(unit: Array, _: Array) -> float:
-        nonlocal best
-        diameter, distance = (low + np.array(unit) * (high - low)).tolist()
-        pupil = judge_pupil(design, rims, (diameter, distance))
-        best = min(best, pupil, key=lambda each: each.cost)
-        return pupil.worst_misplaced
+    def pupil(unit: Array) -> EquivalentPupil:
+        diameter, distance = (low + unit * (high - low)).tolist()
+        return judge_pupil(design, rims, (diameter, distance))
 
-    optimiser = nlopt.opt(nlopt.LN_NELDERMEAD, 2)
-    optimiser.set_lower_bounds(np.zeros(2))
-    optimiser.set_upper_bounds(np.ones(2))
-    optimiser.set_min_objective(cost)
-    optimiser.set_xtol_abs(1e-7)
-    optimiser.set_maxeval(400)
-    optimiser.set_initial_step(0.1)
-    optimiser.optimize((start - low) / (high - low))
-    return best
+    start = (np.array([best.diameter, best.distance]) - low) / (high - low)
+    unit, _ = simplex("LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, step=0.1, xtol=1e-7, evaluations=400)
+    return min(best, pupil(unit), key=lambda each: each.cost)
 
 
 def judge_pupil(design: Design, rims: Sequence[Stop], stop: tuple[float, float]) -> EquivalentPupil:

@@ -45,8 +45,11 @@ class Entry(BaseModel):
     remark: str = ""
 
     @property
-    def lengths(self) -> tuple[float, ...]:
-        """What it gives at its `places` [mm]."""
+    def numbers(self) -> dict[str, float]:
+        """Place of a design to what this part gives there [mm]."""
+        return dict(zip(self.places, self._lengths(), strict=True))
+
+    def _lengths(self) -> tuple[float, ...]:
         return ()
 
 
@@ -67,9 +70,7 @@ class LensPart(Entry):
         """D [mm]."""
         return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
 
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """What it gives at its `places` [mm]."""
+    def _lengths(self) -> tuple[float, ...]:
         return self.aperture, self.focal_length
 
     @model_validator(mode="after")
@@ -103,9 +104,7 @@ class ArrayPart(Entry):
         """f_ml [mm]: the effective one where it is known."""
         return self.effective_focal_length if self.effective_focal_length is not None else self.focal_length
 
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """What it gives at its `places` [mm]."""
+    def _lengths(self) -> tuple[float, ...]:
         return self.pitch, self.focal, *self.size
 
 
@@ -122,9 +121,7 @@ class SensorPart(Entry):
         """Of the pixel field [mm]."""
         return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
 
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """What it gives at its `places` [mm]."""
+    def _lengths(self) -> tuple[float, ...]:
         return self.pixel, *self.size
 
     @model_validator(mode="after")

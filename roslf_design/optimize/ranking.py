@@ -85,7 +85,7 @@ class Combinations:
     @cached_property
     def _columns(self) -> list[dict[str, Array]]:
         return [
-            dict(zip(parts[0].places, np.array([part.lengths for part in parts]).T, strict=True))
+            {place: np.array([part.numbers[place] for part in parts]) for place in parts[0].places}
             for parts in self.parts
         ]
 
@@ -109,7 +109,7 @@ def with_parts(design: Design, parts: Sequence[Entry]) -> Design:
     """A design with parts of the catalogue in it; d_1 stays, and d_f follows a new lens."""
     changes: dict[str, Any] = {}
     for part in parts:
-        changes |= zip(part.places, part.lengths, strict=True)
+        changes |= part.numbers
         if isinstance(part, ArrayPart):
             changes |= {"microlens_array.layout": part.layout, "microlens_array.lens_shape": part.lens_shape}
     focal = changes.get(CONJUGATES[0])

@@ -6,7 +6,6 @@ so that two designs differ by what they are and not by chance. The final figures
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,7 +20,7 @@ from ..tolerance.draws import Draws, Perturbation
 from ..tolerance.places import expand, nominal_values, parse_tolerance, perturbable
 from ..tolerance.yields import Yield
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE
+from .search import FEASIBLE, simplex
 from .study import RobustTable
 
 Array = NDArray[np.float64]
@@ -133,7 +132,15 @@ def maximise_robustness(
     best, spent = nominal, 0
     for width in SHARP:
         tell(f"robust: {table.maximise}, softened by {width:g}")
-        best, count = _climb(lambda unit, width=width: aim.merit(unit, width), best, deadline)  # type: ignore[misc]
+        best, count = simplex(
+            "LN_SBPLX",
+            lambda unit, width=width: (-aim.merit(unit, width),),  # type: ignore[misc]
+            best,
+            step=0.05,
+            xtol=1e-5,
+            evaluations=150 * problem.n,
+            deadline=deadline,
+        )
         spent += count
     before, after = aim.statistics(nominal), aim.statistics(best)
     if aim.better(before, after):
@@ -141,37 +148,6 @@ def maximise_robustness(
     labels = [constraint.label for constraint in problem.constraints]
     yields = tuple(zip(labels, before.each, after.each, strict=True))
     return Robust(best, before, after, yields, scatter.fresh.shape[1], spent)
-
-
-def _climb(merit: Callable[[Array], float], start: Array, deadline: float) -> tuple[Array, int]:
-    """Subplex from a start; the best point met, and how many were tried."""
-    import nlopt
-
-    best, count = (merit(start), start), 0
-
-    def value(x: Array, _: Array) -> float:
-        nonlocal best, count
-        count += 1
-        unit = np.array(x)
-        result = merit(unit)
-        if result > best[0]:
-            best = (result, unit)
-        return result
-
-    left = deadline - time.monotonic()
-    if left <= 0:
-        return start, 0
-    n = len(start)
-    optimiser = nlopt.opt(nlopt.LN_SBPLX, n)
-    optimiser.set_lower_bounds(np.zeros(n))
-    optimiser.set_upper_bounds(np.ones(n))
-    optimiser.set_max_objective(value)
-    optimiser.set_initial_step(np.full(n, 0.05))
-    optimiser.set_xtol_abs(1e-5)
-    optimiser.set_maxeval(150 * n)
-    optimiser.set_maxtime(left)
-    optimiser.optimize(start)
-    return best[1], count
 
 
 @dataclass(frozen=True)

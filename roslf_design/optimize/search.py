@@ -187,7 +187,8 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
     optimiser.set_ftol_rel(ftol)
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
-    _run(optimiser, guard, start, evaluations)
+    optimiser.set_xtol_rel(XTOL)
+    _run(optimiser, start, XTOL, evaluations, guard.deadline)
 
 
 def globally(
@@ -219,23 +220,59 @@ def globally(
             add = optimiser.add_equality_constraint if equal else optimiser.add_inequality_constraint
             add(lambda x, _, k=number: float(guard.rows(x)[0][k]), FEASIBLE)
     optimiser.set_ftol_rel(ftol)
-    _run(optimiser, guard, middle, evaluations)
+    optimiser.set_xtol_rel(XTOL)
+    _run(optimiser, middle, XTOL, evaluations, guard.deadline)
     return best[0][1]
 
 
-def _run(optimiser: Any, guard: Guard, start: ArrayLike, evaluations: int) -> None:
-    """Run; what it finds is in the guard, for on round-off and where a search breaks down nlopt gives no point back."""
+def simplex(
+    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX"],
+    cost: Callable[[Array], tuple[float, ...]],
+    start: Array,
+    *,
+    step: float,
+    xtol: float,
+    evaluations: int,
+    deadline: float = float("inf"),
+) -> tuple[Array, int]:
+    """The point of least cost that nlopt's simplexes meet from a start in the unit box, and how many they tried.
+
+    The cost may have kinks; its first number is made small, further ones decide between equals.
+    """
     import nlopt
 
-    if guard.seconds_left <= 0:
+    best, count = (cost(start), start), 0
+
+    def value(x: Array, _: Array) -> float:
+        nonlocal best, count
+        count += 1
+        unit = np.array(x)
+        own = cost(unit)
+        if own < best[0]:
+            best = (own, unit)
+        return own[0]
+
+    optimiser = nlopt.opt(getattr(nlopt, algorithm), len(start))
+    optimiser.set_min_objective(value)
+    optimiser.set_initial_step(np.full(len(start), step))
+    _run(optimiser, start, xtol, evaluations, deadline)
+    return best[1], count
+
+
+def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, deadline: float) -> None:
+    """Run; callers keep the best point, for on round-off and where a search breaks down nlopt gives none back."""
+    import nlopt
+
+    left = deadline - time.monotonic()
+    if left <= 0:
         return
-    optimiser.set_lower_bounds(np.zeros(guard.problem.n))
-    optimiser.set_upper_bounds(np.ones(guard.problem.n))
-    optimiser.set_xtol_rel(XTOL)
-    optimiser.set_xtol_abs(XTOL)
+    n = optimiser.get_dimension()
+    optimiser.set_lower_bounds(np.zeros(n))
+    optimiser.set_upper_bounds(np.ones(n))
+    optimiser.set_xtol_abs(xtol)
     optimiser.set_maxeval(evaluations)
-    if np.isfinite(guard.seconds_left):
-        optimiser.set_maxtime(guard.seconds_left)
+    if np.isfinite(left):
+        optimiser.set_maxtime(left)
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
     names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
     with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
