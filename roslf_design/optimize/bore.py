@@ -128,7 +128,7 @@ def judge_pupil(design: Design, rims: Sequence[Stop], stop: tuple[float, float])
     """How well a stop of some diameter and distance [mm] stands for a bore; the rest as for `reduce_bore`."""
     camera = _behind(design, tuple(rims)).replace({"aperture.diameter": stop[0], "aperture.distance": stop[1]})
     fields = np.linspace(0.0, float(half_diagonal(camera)), FIELDS)
-    centres, radii = stop_discs(camera, np.stack([fields, np.zeros_like(fields)], axis=1))
+    centres, radii = stop_discs(camera, fields, 0.0)
     whole = np.pi * radii[:, 0] ** 2
     pupil, bore, both = (
         intersect(centres[:, some], radii[:, some]).area / whole for some in (slice(2), slice(1, None), slice(None))
