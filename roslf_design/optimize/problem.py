@@ -183,7 +183,7 @@ class Goal(_Asked):
 
 
 @dataclass(frozen=True)
-class Limit:
+class LimitRow:
     """One scalar condition: a row, not above 0 or, of an equality, 0."""
 
     constraint: int
@@ -257,7 +257,7 @@ class DesignProblem:
         return self.design.replace({**changes, "name": name or f"{self.name}, optimised"})
 
     @cached_property
-    def rows(self) -> tuple[Limit, ...]:
+    def rows(self) -> tuple[LimitRow, ...]:
         """Inequalities (rows that must not be above 0), then equalities."""
         every = [*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c))]
         return tuple(sorted(every, key=lambda row: row.side == "equal"))
@@ -267,11 +267,11 @@ class DesignProblem:
         """How many rows must be 0: the last ones."""
         return sum(row.side == "equal" for row in self.rows)
 
-    def _always(self) -> Iterator[Limit]:
+    def _always(self) -> Iterator[LimitRow]:
         """What every camera must be, whatever the limits."""
 
-        def row(label: str, room: Callable[[Camera], Number]) -> Limit:
-            return Limit(-1, "min", label, 1.0, lambda camera, _: np.asarray(ROOM - room(camera)))
+        def row(label: str, room: Callable[[Camera], Number]) -> LimitRow:
+            return LimitRow(-1, "min", label, 1.0, lambda camera, _: np.asarray(ROOM - room(camera)))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
         if not (plane and distance):
@@ -281,7 +281,7 @@ class DesignProblem:
             yield row("focal plane in front of the bore", lambda c, k=k: 1 - c.rims[k].distance / c.d_f)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
 
-    def _rows_of(self, index: int, constraint: Constraint) -> Iterator[Limit]:
+    def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
         worst = constraint.quantity.worst
         widest = constraint.quantity.name == "largest_diameter_mm"
         rims = [""] * (2 + self.base.stops) if widest else [f" ({rim.name})" for rim in self.base.rims]
@@ -291,9 +291,9 @@ class DesignProblem:
             if worst is not None and side == ("max" if widest else "min"):
                 # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
                 for k, rim in enumerate(rims):
-                    yield Limit(index, side, f"{constraint.label}{rim} {words}", size, _after(row, itemgetter(k)))
+                    yield LimitRow(index, side, f"{constraint.label}{rim} {words}", size, _after(row, itemgetter(k)))
             else:
-                yield Limit(index, side, f"{constraint.label} {words}", size, _after(row, worst or np.asarray))
+                yield LimitRow(index, side, f"{constraint.label} {words}", size, _after(row, worst or np.asarray))
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
