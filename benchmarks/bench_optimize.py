@@ -12,16 +12,16 @@ import roslf_design as roslf
 from roslf_design.optimize import (
     Combinations,
     Constraint,
+    DesignProblem,
     Goal,
-    Problem,
     Settings,
     Variable,
     quantity_named,
     rank,
     solve,
 )
-from roslf_design.optimize.gradients import value_and_jacobian
 from roslf_design.optimize.parts import Catalogue
+from roslf_design.optimize.search import value_and_jacobian
 
 
 def main(repeats: int = 5) -> None:
@@ -47,9 +47,9 @@ def main(repeats: int = 5) -> None:
     print(f"{ranking.ruled_out} ruled out by bounds, {ranking.optimised} optimised, {ranking.open} left open")
 
 
-def endoscope() -> Problem:
+def endoscope() -> DesignProblem:
     """A rigid scope with six variables."""
-    return Problem(
+    return DesignProblem(
         "scope",
         roslf.load("rigid-scope"),
         (
@@ -72,9 +72,9 @@ def endoscope() -> Problem:
     )
 
 
-def bench() -> Problem:
+def bench() -> DesignProblem:
     """A bench system around bought parts: three variables are left."""
-    return Problem(
+    return DesignProblem(
         "bench",
         roslf.load("paper"),
         (Variable("d_2", 0.2, 20.0), Variable("d_f", 210.0, 2000.0), Variable("D_F", 1.0, 8.0)),

@@ -96,11 +96,11 @@ def tolerance(inputs, options):
 def optimise(inputs, options):
     """Where object, stop and array go so that the image has the wanted size and is telecentric."""
     import roslf_design as roslf
-    from roslf_design.optimize import Constraint, Goal, Problem, Settings, Variable, quantity_named, solve
+    from roslf_design.optimize import Constraint, DesignProblem, Goal, Settings, Variable, quantity_named, solve
 
     design = roslf.load("paper").replace(f=float(inputs["f"]))
     wanted, state = float(inputs["magnification"]), {}
-    problem = Problem(
+    problem = DesignProblem(
         "telecentric bench",
         design,
         (

@@ -138,8 +138,8 @@ def _first(kind: type) -> str:
 
 def optimise_study() -> str:
     """Every table of an optimise study, and its quantities."""
-    from roslf_design.optimize import tables
-    from roslf_design.optimize.quantities import QUANTITIES
+    from roslf_design.optimize import study as tables
+    from roslf_design.theory.quantities import QUANTITIES
 
     limits = {"min": "Text with a unit for lengths, else a number.", "max": "The same.", "quantity": QUANTITY}
     own: dict[str, tuple[type, dict[str, str]]] = {
@@ -214,8 +214,9 @@ def optimise_study() -> str:
     }
     parts = [f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, told)}" for head, (kind, told) in own.items()]
     rows = [
-        (code(q.name), q.unit, {"never": "", "optional": "may", "needed": "must"}[q.at], plain(q.meaning))
+        (code(q.name), q.unit, {"never": "", "optional": "may", "needed": "must"}[q.at], plain(q.words))
         for q in QUANTITIES.values()
+        if q.of is not None
     ]
     return "\n".join([*parts, "### Quantities\n\n" + markdown(("quantity", "unit", "has `at`", "meaning"), rows)])
 

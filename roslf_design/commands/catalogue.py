@@ -35,8 +35,7 @@ def catalogue(
     json
         Print JSON instead of tables.
     """
-    from ..optimize.filters import read_condition
-    from ..optimize.parts import KINDS, load_catalogue, rows
+    from ..optimize.parts import KINDS, load_catalogue, read_condition, rows
 
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])

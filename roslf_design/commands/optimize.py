@@ -45,11 +45,11 @@ def optimize(
         What the merit of the optimum may be off by, as 1e-4 (0.01 is 1 % of a goal): searches stop at a hundredth of
         it, and the best is polished. Default: every search is polished, to 1e-6 or better.
     """
+    # Here, so that `roslf --help` starts without them.
+    from ..accuracy.statement import check_accuracy
     from ..errors import InputError, Problem
-    from ..optimize.files import write_result
-    from ..optimize.precision import check_optimum_accuracy
-    from ..optimize.result import to_dict
-    from ..optimize.run import run
+    from ..optimize.run import run, to_dict
+    from ..optimize.search import QUICK
     from ..optimize.study import load_study
 
     if seed is not None and seed < 0:
@@ -58,7 +58,7 @@ def optimize(
     if blocked is not None:
         raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
     if accuracy is not None:
-        check_optimum_accuracy(accuracy)
+        check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
     with StatusLine("optimize") as status:
         try:
@@ -75,6 +75,48 @@ def optimize(
     from rich.console import Console
 
     print_result(result, written, Console())
+
+
+def write_result(result: Result, folder: Path, command: str) -> list[Path]:
+    """Write results.json, the designs, the figures and a page; each file appears whole or not at all.
+
+    Parameters
+    ----------
+    result : Result
+    folder : Path
+        Made if needed.
+    command : str
+        That reruns the study.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    from .. import __version__
+    from ..design import dumps
+    from ..design.write import write_atomically
+    from ..optimize.figures import drawn
+    from ..optimize.run import designs, to_dict
+    from ..optimize.section import optimize_section
+    from ..report.blocks import Report
+    from ..report.figures.style import to_png
+    from ..report.html import render_html
+
+    answer = result.answer
+    text = json_text.dumps(to_dict(result, timings=False), indent=1, allow_nan=False, ensure_ascii=False)
+    section = optimize_section(result, command)
+    page = Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
+    files = {
+        "results.json": (text + "\n").encode(),
+        **{name: dumps(design).encode() for name, design in designs(result)},
+        **{f"{name}.png": to_png(figure) for name, figure in drawn(result).items()},
+        "index.html": render_html(page).encode(),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        write_atomically(folder / name, content)
+    return [folder / name for name in files]
 
 
 def print_result(result: Result, written: list[Path], console: Console) -> None:

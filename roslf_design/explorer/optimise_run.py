@@ -162,11 +162,11 @@ def run(request: OptimiseRequest, tell: Tell = lambda share, text: None) -> Opti
 
 def study(request: OptimiseRequest) -> dict[str, Any]:
     """The run as a study file would say it, but for the design."""
-    from ..optimize.cameras import TIP, Cameras, places_of
-    from ..optimize.quantities import quantity_named
+    from ..camera import Camera
+    from ..theory.quantities import quantity_named
 
     design = request.design.thin_twin
-    camera = Cameras({**places_of(design), TIP: 0.0}, {})
+    camera = Camera.of(design)
     _, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
     data: dict[str, Any] = {
@@ -184,7 +184,7 @@ def study(request: OptimiseRequest) -> dict[str, Any]:
     for key in request.held:
         name, side = HELD[key]
         asked = quantity_named(name)
-        value = float(asked.of(camera, None)) * (1 + GIVE if side == "max" else 1 - GIVE)
+        value = float(asked(camera)) * (1 + GIVE if side == "max" else 1 - GIVE)
         limits.append({"quantity": name, side: format_quantity(value, "length") if asked.length else value})
     if request.against and request.against != request.goal:
         _, other, way = GOALS[request.against]
@@ -230,13 +230,12 @@ def _ends(answer: Answer) -> Iterator[End]:
 
 
 def _result(request: OptimiseRequest, found: Result) -> OptimiseResult:
-    from ..optimize.cameras import Cameras
     from ..optimize.section import statements
     from ..report.words import in_words
 
     answer = found.answer
     goal = answer.asked.goals[0]
-    before = float(np.ravel(goal.values(Cameras(answer.problem.places, {})))[0])
+    before = float(np.ravel(goal.values(answer.problem.base))[0])
     values = answer.variables()
     changes = tuple(
         Change(symbol, float(getattr(request.design, symbol)), values[symbol], *bounds_of(request, symbol))

@@ -1,23 +1,22 @@
 """Optimising designs: from a bore and what must be seen to a design and a parts list, or to what stands in the way.
 
-A study file gives a `Problem` (variables, constraints, goals); `solve` finds the best design from many starts and says
-how far to trust it, or names the smallest set of limits that cannot hold together and what would relax it. `run` does
-everything that a study file asks for: reduce a bore to one stop, trace a front, make a design robust, choose parts.
+A study file gives a `DesignProblem` (variables, constraints, goals); `solve` finds the best design from many starts and
+says how far to trust it, or names the smallest set of limits that cannot hold together and what would relax it. `run`
+does everything that a study file asks for: reduce a bore to one stop, trace a front, make a design robust,
+choose parts.
 """
 
 from __future__ import annotations
 
-from .bore import EquivalentPupil, Tube, reduce_bore
-from .combinations import Combinations
+from ..theory.quantities import QUANTITIES, Quantity, quantity_named
+from .bore import EquivalentPupil, reduce_bore
 from .pareto import Front, pareto_front
 from .parts import Catalogue, load_catalogue
-from .problem import Constraint, Goal, Problem
-from .quantities import QUANTITIES, Quantity, quantity_named
+from .problem import Constraint, DesignProblem, Goal, Variable
+from .ranking import Combinations, Ranking, rank
 from .run import Result, run
-from .search import Ranking, rank
 from .solve import Answer, Settings, solve
-from .study import Study, load_study, read_study
-from .variables import Variable
+from .study import OptimizeStudy, load_study, read_study
 
 __all__ = [
     "QUANTITIES",
@@ -25,16 +24,15 @@ __all__ = [
     "Catalogue",
     "Combinations",
     "Constraint",
+    "DesignProblem",
     "EquivalentPupil",
     "Front",
     "Goal",
-    "Problem",
+    "OptimizeStudy",
     "Quantity",
     "Ranking",
     "Result",
     "Settings",
-    "Study",
-    "Tube",
     "Variable",
     "load_catalogue",
     "load_study",

@@ -8,10 +8,11 @@ import numpy as np
 
 from ..report.figures.style import BLUE, GREY, ORANGE, VERMILLION, drawing, new_axes
 from ..report.words import in_words
+from .bore import Bore
 from .pareto import Front
 from .problem import Goal
 from .robust import Robust
-from .run import Bore, Result
+from .run import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,174 +1,440 @@
-"""The best combinations of catalogue parts, the continuous rest optimised for each.
+"""One search over the unit box, through nlopt: from any start to the best point near it, feasible if there is one.
 
-Branch and bound: boxes of variables that cannot hold a feasible camera, or none good enough for the list, are left out
-for all combinations at once; what remains is split, and the most promising combinations are optimised as they come up.
+nlopt passes views of its own memory, stops without a point on round-off, and some of its algorithms die of NaN. Every
+evaluation therefore goes through a `Guard`, which copies, maps, counts, and never loses the best point.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-
-from ..errors import InputError
-from .bounds import Boxes
-from .combinations import Combinations
-from .local import Search, search
-from .sampling import sobol_units
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-AT_ONCE = 10
-"""Combinations optimised between two rounds of splitting."""
-BOXES = 200_000
-"""Most boxes kept; beyond, splitting stops and the rest is optimised in the order of bounds."""
-ROUNDS = 16
-TIES = 1e-3
-"""Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
+Global = Literal["crs2", "isres"]
+
+BIG = 1e6
+"""What stands for a value that is not finite: far beyond any merit or row of a camera."""
+FEASIBLE = 1e-9
+"""Largest violation of a scaled row that counts as none: 1e-9 of a limit."""
+XTOL, FTOL = 1e-11, 1e-14
+QUICK = 1e-8
+"""Relative change of the merit at which an unpolished search ends."""
+GLOBAL_FTOL = 1e-9
+ROW_TOLERANCE = 1e-11
+"""Passed to nlopt; the guard's own `FEASIBLE` decides."""
+NEAR = 1e-7
+"""Rows this close to their limit are put exactly on it in the end."""
+LARGEST_SLACK = 50.0
+"""Of a scaled row that is relaxed; what is worse is cut off there."""
+
+STEP = 5e-4
+"""Of differences, in the unit box."""
+CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12)
+FORWARD = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12)
+"""Offsets in steps, and weights; FORWARD also takes -25/12 of the middle."""
+
+
+class Smooth(Protocol):
+    """What an optimiser can work on, over the unit box."""
+
+    @property
+    def n(self) -> int:
+        """How many variables."""
+
+    @property
+    def equalities(self) -> int:
+        """How many of the last rows must be 0; the others must not be above 0."""
+
+    def vector(self, units: Array) -> Array:
+        """Merit and rows, shape (1 + rows, N), at points of shape (N, n)."""
+
+
+def value_and_jacobian(vector: Callable[[Array], Array], unit: Array, step: float = STEP) -> tuple[Array, Array]:
+    """Rows (R,) of a vector function at a point (n,) of the unit box, and their derivatives (R, n); one call for all.
+
+    By five-point differences: the closed forms are right to a few ulp, so that with a step of 1e-3 of the box the
+    fourth-order formula is right to about 1e-12, better than the optimiser's own algebra. At a bound the points lie
+    inside the box, for beyond d_3 = 0 a design has a kink.
+    """
+    n = len(unit)
+    points = np.repeat(unit[None], 1 + 4 * n, axis=0)
+    weights, middle = np.zeros((n, 4)), np.zeros(n)
+    for i in range(n):
+        inwards = 1.0 if unit[i] < 2 * step else -1.0 if unit[i] > 1 - 2 * step else 0.0
+        offsets, weights[i] = (inwards * FORWARD[0], inwards * FORWARD[1]) if inwards else CENTRAL
+        middle[i] = -25 / 12 * inwards
+        points[1 + 4 * i : 5 + 4 * i, i] += offsets * step
+    rows = vector(points)
+    values, around = rows[:, 0], rows[:, 1:].reshape(len(rows), n, 4)
+    with np.errstate(invalid="ignore"):
+        return values, (np.einsum("rnk,nk->rn", around, weights) + values[:, None] * middle) / step
+
+
+def gradient_error(vector: Callable[[Array], Array], unit: Array) -> float:
+    """Largest difference between derivatives at two step sizes, over the largest derivative of the same row."""
+    _, fine = value_and_jacobian(vector, unit)
+    _, coarse = value_and_jacobian(vector, unit, 2 * STEP)
+    difference = np.abs(fine - coarse).max(axis=1) / np.maximum(np.abs(fine).max(axis=1), 1e-12)
+    return float(np.nanmax(difference, initial=0.0))
+
+
+@dataclass
+class Guard:
+    """Evaluations of a problem, watched."""
+
+    problem: Smooth
+    deadline: float = float("inf")
+    """On the monotonic clock [s]."""
+    evaluations: int = 0
+    """Points asked for by the optimiser; those for derivatives are not counted."""
+    mapped: int = 0
+    """Evaluations with a value that was not finite."""
+    unit: Array | None = None
+    """Best point so far: the best feasible or, before there is one, the least violating."""
+    merit: float = float("inf")
+    violation: float = float("inf")
+    _last: tuple[bytes, Array, Array | None] | None = field(default=None, repr=False)
+
+    def rows(self, unit: Array, derivatives: bool = False) -> tuple[Array, Array]:
+        """Merit and rows, all finite, and their derivatives (empty where not asked for)."""
+        key = unit.tobytes()
+        if self._last is None or self._last[0] != key:
+            self.evaluations += 1
+            self._last = None
+        if self._last is None or (derivatives and self._last[2] is None):
+            own, jacobian = _inside(unit), None  # a copy: nlopt reuses its memory
+            if derivatives:
+                values, jacobian = value_and_jacobian(self.problem.vector, own)
+                jacobian = np.where(np.isfinite(jacobian), np.clip(jacobian, -BIG, BIG), 0.0)
+            else:
+                values = self.problem.vector(own[None])[:, 0]
+            if np.isfinite(values).all():
+                self._remember(own, values)
+            else:
+                self.mapped += 1
+                values = np.where(np.isnan(values), BIG, np.clip(values, -BIG, BIG))
+            self._last = (key, values, jacobian)
+        _, values, jacobian = self._last
+        return values, np.empty((0, 0)) if jacobian is None else jacobian
+
+    def _remember(self, unit: Array, values: Array) -> None:
+        violation = violation_of(values[1:], self.problem.equalities)
+        better = violation < self.violation
+        if violation <= FEASIBLE:
+            better = self.violation > FEASIBLE or values[0] < self.merit
+        if better:
+            self.unit, self.merit, self.violation = unit, float(values[0]), violation
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the best point holds every row."""
+        return self.violation <= FEASIBLE
+
+    @property
+    def seconds_left(self) -> float:
+        """Until the deadline."""
+        return self.deadline - time.monotonic()
+
+
+def violations(rows: Array, equalities: int) -> Array:
+    """How far each row (without the merit) is violated, 0 where it holds."""
+    split = len(rows) - equalities
+    return np.concatenate([np.maximum(rows[:split], 0.0), np.abs(rows[split:])])
+
+
+def violation_of(rows: Array, equalities: int) -> float:
+    """Largest violation of the rows, 0 where all hold."""
+    return float(np.max(violations(rows, equalities), initial=0.0))
+
+
+def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = FTOL) -> None:
+    """Sequential quadratic programming from a start (clipped to the box)."""
+    import nlopt
+
+    equalities = guard.problem.equalities
+    count = len(guard.rows(_inside(start), True)[0])
+    optimiser = nlopt.opt(nlopt.LD_SLSQP, guard.problem.n)
+
+    def merit(x: Array, gradient: Array) -> float:
+        values, jacobian = guard.rows(x, gradient.size > 0)
+        if gradient.size:
+            gradient[:] = jacobian[0]
+        return float(values[0])
+
+    def block(rows: slice) -> Callable[[Array, Array, Array], None]:
+        def fill(result: Array, x: Array, gradient: Array) -> None:
+            values, jacobian = guard.rows(x, gradient.size > 0)
+            result[:] = values[rows]
+            if gradient.size:
+                gradient[:] = jacobian[rows]
+
+        return fill
+
+    optimiser.set_min_objective(merit)
+    if count - 1 > equalities:
+        tolerances = np.full(count - 1 - equalities, ROW_TOLERANCE)
+        optimiser.add_inequality_mconstraint(block(slice(1, count - equalities)), tolerances)
+    if equalities:
+        optimiser.add_equality_mconstraint(block(slice(count - equalities, count)), np.full(equalities, ROW_TOLERANCE))
+    optimiser.set_ftol_rel(ftol)
+    if ftol > FTOL:
+        optimiser.set_ftol_abs(ftol)
+    optimiser.set_xtol_rel(XTOL)
+    _run(optimiser, start, XTOL, evaluations, guard.deadline)
+
+
+def globally(
+    guard: Guard, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
+) -> Array:
+    """A global search: CRS2_LM on the merit plus `weight` times the violation, or ISRES with the rows themselves.
+
+    Gives the point of least merit plus penalty, feasible or not.
+    """
+    import nlopt
+
+    nlopt.srand(seed + 1)  # 0 would mean the clock
+    middle, equalities = np.full(guard.problem.n, 0.5), guard.problem.equalities
+    optimiser = nlopt.opt(nlopt.GN_CRS2_LM if algorithm == "crs2" else nlopt.GN_ISRES, guard.problem.n)
+    count = len(guard.rows(middle)[0])
+    best: list[tuple[float, Array]] = [(np.inf, middle)]
+
+    def merit(x: Array, _: Array) -> float:
+        values, _ = guard.rows(x)
+        total = float(values[0] + weight * violations(values[1:], equalities).sum())
+        if total < best[0][0]:
+            best[0] = (total, np.array(x))
+        return float(values[0]) if algorithm == "isres" else total
+
+    optimiser.set_min_objective(merit)
+    if algorithm == "isres":
+        for number in range(1, count):
+            equal = number >= count - equalities
+            add = optimiser.add_equality_constraint if equal else optimiser.add_inequality_constraint
+            add(lambda x, _, k=number: float(guard.rows(x)[0][k]), FEASIBLE)
+    optimiser.set_ftol_rel(ftol)
+    optimiser.set_xtol_rel(XTOL)
+    _run(optimiser, middle, XTOL, evaluations, guard.deadline)
+    return best[0][1]
+
+
+def simplex(
+    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX"],
+    cost: Callable[[Array], tuple[float, ...]],
+    start: Array,
+    *,
+    step: float,
+    xtol: float,
+    evaluations: int,
+    deadline: float = float("inf"),
+) -> tuple[Array, int]:
+    """The point of least cost that nlopt's simplexes meet from a start in the unit box, and how many they tried.
+
+    The cost may have kinks; its first number is made small, further ones decide between equals.
+    """
+    import nlopt
+
+    best, count = (cost(start), start), 0
+
+    def value(x: Array, _: Array) -> float:
+        nonlocal best, count
+        count += 1
+        unit = np.array(x)
+        own = cost(unit)
+        if own < best[0]:
+            best = (own, unit)
+        return own[0]
+
+    optimiser = nlopt.opt(getattr(nlopt, algorithm), len(start))
+    optimiser.set_min_objective(value)
+    optimiser.set_initial_step(np.full(len(start), step))
+    _run(optimiser, start, xtol, evaluations, deadline)
+    return best[1], count
+
+
+def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, deadline: float) -> None:
+    """Run; callers keep the best point, for on round-off and where a search breaks down nlopt gives none back."""
+    import nlopt
+
+    left = deadline - time.monotonic()
+    if left <= 0:
+        return
+    n = optimiser.get_dimension()
+    optimiser.set_lower_bounds(np.zeros(n))
+    optimiser.set_upper_bounds(np.ones(n))
+    optimiser.set_xtol_abs(xtol)
+    optimiser.set_maxeval(evaluations)
+    if np.isfinite(left):
+        optimiser.set_maxtime(left)
+    # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
+    names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
+    with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
+        optimiser.optimize(_inside(start))
+
+
+def _inside(unit: ArrayLike) -> Array:
+    inside: Array = np.clip(np.array(unit, float), 0.0, 1.0)
+    return inside
 
 
 @dataclass(frozen=True)
-class Ranked:
-    """One combination, optimised."""
+class Elastic:
+    """A problem with a slack for each row, minimising their weighted sum; slacks are scaled to the unit box too."""
 
-    number: int
-    search: Search
+    problem: Smooth
+    """Whose rows are relaxed."""
+    weights: tuple[float, ...]
+    """One a row; infinite for rows that stay hard."""
+
+    @cached_property
+    def soft(self) -> NDArray[np.bool_]:
+        """Which rows have a slack."""
+        return np.array([np.isfinite(weight) for weight in self.weights])
+
+    @property
+    def n(self) -> int:
+        """The problem's variables and the slacks."""
+        return self.problem.n + int(self.soft.sum())
+
+    @property
+    def equalities(self) -> int:
+        """None: an equality becomes two inequalities."""
+        return 0
+
+    def vector(self, units: Array) -> Array:
+        """Weighted sum of slacks; rows less their slacks."""
+        n, split = self.problem.n, len(self.weights) - self.problem.equalities
+        rows = self.problem.vector(units[:, :n])[1:]
+        slack = np.zeros_like(rows)
+        slack[self.soft] = LARGEST_SLACK * units[:, n:].T
+        total = np.asarray(self.weights)[self.soft] @ slack[self.soft]
+        return np.concatenate([total[None], rows - slack, -rows[split:] - slack[split:]])
+
+
+def least_violation(
+    guard: Guard, starts: Sequence[Array], weights: Sequence[float] | None = None, evaluations: int = 200
+) -> tuple[Array, Array]:
+    """The point of least weighted violation, by relaxing each row, and its rows (positive: violated).
+
+    The guard remembers every point tried, so that a feasible one met on the way is kept. A weight says what a scaled
+    unit of a row's violation costs; infinite keeps the row hard. Without weights: 1 each.
+    """
+    n, equalities = guard.problem.n, guard.problem.equalities
+    count = len(guard.rows(_inside(starts[0]))[0]) - 1
+    elastic = Elastic(guard.problem, (1.0,) * count if weights is None else tuple(weights))
+    soft, costs = elastic.soft, np.asarray(elastic.weights)
+    best: tuple[float, float, Array, Array] | None = None
+    for start in starts:
+        inner = Guard(elastic, guard.deadline)
+        over = violations(guard.rows(_inside(start))[0][1:], equalities)
+        slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations)
+        if inner.unit is None:
+            continue
+        unit = inner.unit[:n]
+        rows = guard.rows(unit)[0][1:]
+        over = violations(rows, equalities)
+        cost, hard = float(over[soft] @ costs[soft]), float(over[~soft].max(initial=0.0))
+        if best is None or (round(hard, 7), cost) < best[:2]:
+            best = (round(hard, 7), cost, unit, rows)
+        if hard <= 1e-9 and cost <= 1e-10:
+            break
+    if best is None:
+        unit = _inside(starts[0])
+        return unit, guard.rows(unit)[0][1:]
+    return best[2], best[3]
 
 
 @dataclass(frozen=True)
-class Ranking:
-    """The best combinations."""
+class Search:
+    """What one search found."""
 
-    combinations: Combinations
-    best: tuple[Ranked, ...]
-    """Best first, feasible ones only."""
-    ruled_out: int
-    """Combinations that bounds showed to be infeasible or not good enough."""
-    optimised: int
-    open: int
-    """Combinations neither ruled out nor optimised when the time was up; 0: the list is complete."""
+    unit: Array
+    """Scaled variables."""
+    merit: float
+    violation: float
     evaluations: int
-    seconds: float
+    mapped: int
+    """Evaluations with a value that was not finite."""
+    clipped: bool
+    """Whether the start lay outside the bounds and was moved onto them."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every row holds."""
+        return self.violation <= FEASIBLE
 
 
-def rank(
-    combinations: Combinations,
-    keep: int,
-    seconds: float,
-    seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Ranking:
-    """Find the best combinations.
+def search(
+    problem: Smooth,
+    start: ArrayLike,
+    deadline: float = float("inf"),
+    evaluations: int = 300,
+    *,
+    polish: bool = True,
+    tolerance: float = QUICK,
+) -> Search:
+    """SLSQP from a start, by way of the least violation where it does not reach a feasible point, then polished.
 
     Parameters
     ----------
-    combinations : Combinations
-    keep : int
-        How many.
-    seconds : float
-        After which the best so far count.
-    seed : int
-        Of further starts.
-    tell : callable
-        Told what is being done.
+    problem : Smooth
+    start : array-like, shape (n,)
+        Outside the unit box it is clipped to it.
+    deadline, evaluations : float, int
+        On the monotonic clock [s]; of each run.
+    polish : bool
+        Whether the run is repeated from its own end until nothing is gained; if not, it also ends earlier.
+    tolerance : float
+        Change of the merit, absolute and relative, at which an unpolished search ends.
     """
-    began = time.monotonic()
-    n, count = combinations.problem.n, len(combinations)
-    state = _State(combinations, keep, began + seconds, sobol_units(n, 1, seed))
-    boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
-    for round_ in range(ROUNDS):
-        boxes = boxes.shaved(state.threshold)
-        bound = boxes.bound()
-        alive = (bound < state.threshold) & ~state.done[boxes.owner]
-        boxes, bound = boxes.where(alive), bound[alive]
-        if not len(boxes) or time.monotonic() > state.deadline:
+    guard = Guard(problem, deadline)
+    begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
+    ftol = FTOL if polish else tolerance
+    slsqp(guard, begin, evaluations, ftol)
+    if not guard.feasible and guard.seconds_left > 0:
+        starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
+        unit, _ = least_violation(guard, starts, evaluations=evaluations)
+        if guard.feasible:
+            slsqp(guard, unit, evaluations, ftol)
+    for _ in range(4 if polish else 0):
+        before = guard.merit
+        if guard.unit is None or not guard.feasible or guard.seconds_left <= 0:
             break
-        left = len(np.unique(boxes.owner))
-        tell(f"catalogue: {left} of {count} combinations left, {state.optimised} optimised")
-        # From the first round on: bounds rule out more, the better what they are held against.
-        state.settle(boxes, bound, AT_ONCE)
-        alive = (bound < state.threshold) & ~state.done[boxes.owner]
-        boxes = boxes.where(alive)
-        if 2 * len(boxes) > BOXES:
+        slsqp(guard, guard.unit, evaluations)
+        if before - guard.merit <= 1e-12 * max(1.0, abs(before)):
             break
-        if round_ % 2:
-            boxes = boxes.split()
-    bound = boxes.bound()
-    while len(boxes) and time.monotonic() < state.deadline:
-        alive = (bound < state.threshold) & ~state.done[boxes.owner]
-        boxes, bound = boxes.where(alive), bound[alive]
-        if len(boxes):
-            tell(f"catalogue: {len(np.unique(boxes.owner))} combinations left, {state.optimised} optimised")
-            state.settle(boxes, bound, AT_ONCE)
-    state.polish()
-    alive = (bound < state.threshold) & ~state.done[boxes.owner]
-    open_ = len(np.unique(boxes.owner[alive]))
-    return Ranking(
-        combinations,
-        tuple(state.best),
-        count - state.optimised - open_,
-        state.optimised,
-        open_,
-        state.evaluations,
-        time.monotonic() - began,
-    )
+    unit, merit, violation = _on_limits(guard, begin)
+    clipped = bool((np.asarray(start) != begin).any())
+    return Search(unit, merit, violation, guard.evaluations, guard.mapped, clipped)
 
 
-class _State:
-    """The list so far."""
-
-    def __init__(self, combinations: Combinations, keep: int, deadline: float, starts: Array) -> None:
-        self.combinations, self.keep, self.deadline, self.starts = combinations, keep, deadline, starts
-        self.best: list[Ranked] = []
-        self.done = np.zeros(len(combinations), bool)
-        self.optimised = self.evaluations = 0
-
-    @property
-    def threshold(self) -> float:
-        """Merit that a combination must beat to enter the list."""
-        return self.best[self.keep - 1].search.merit + TIES if len(self.best) >= self.keep else np.inf
-
-    def settle(self, boxes: Boxes, bound: Array, count: int) -> None:
-        """Optimise the most promising combinations, from the middle of their best boxes."""
-        order = np.lexsort((boxes.owner, bound))
-        tried = 0
-        for index in order:
-            number = int(boxes.owner[index])
-            if self.done[number]:
-                continue
-            if bound[index] >= self.threshold or tried == count or time.monotonic() > self.deadline:
-                return
-            tried += 1
-            self._optimise(number, boxes.low[index], boxes.high[index])
-
-    def _optimise(self, number: int, low: Array, high: Array) -> None:
-        self.done[number] = True
-        self.optimised += 1
-        try:
-            problem = self.combinations.problem_at(number)
-        except InputError:
-            return  # these parts make no design
-        found = None
-        for start in ((low + high) / 2, *(low + self.starts * (high - low))):
-            result = search(problem, start, self.deadline + 1.0, 80, polish=False)
-            self.evaluations += result.evaluations
-            if result.feasible:
-                found = result
-                break
-        if found is not None:
-            self.best.append(Ranked(number, found))
-            self.best.sort(key=lambda ranked: (ranked.search.merit, ranked.number))
-            del self.best[3 * self.keep :]
-
-    def polish(self) -> None:
-        """Search again, thoroughly, from what the list holds."""
-        polished = []
-        for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            again = search(self.combinations.problem_at(ranked.number), ranked.search.unit, self.deadline + 10.0)
-            self.evaluations += again.evaluations
-            better = again.feasible and again.merit < ranked.search.merit
-            polished.append(Ranked(ranked.number, again) if better else ranked)
-        self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))[: self.keep]
+def _on_limits(guard: Guard, begin: Array) -> tuple[Array, float, float]:
+    """The guard's best point, moved by Newton's method exactly onto the limits that it touches."""
+    if guard.unit is None:
+        return begin, BIG, BIG
+    unit, merit, violation = guard.unit, guard.merit, guard.violation
+    if violation > FEASIBLE:
+        return unit, merit, violation
+    equalities = guard.problem.equalities
+    moved = unit
+    for _ in range(4):
+        values, jacobian = guard.rows(moved, True)
+        rows = values[1:]
+        touching = (rows > -NEAR) | (np.arange(len(rows)) >= len(rows) - equalities)
+        over = violation_of(rows, equalities)
+        if over <= violation and values[0] <= merit + 1e-6:
+            unit, merit, violation = moved, float(values[0]), over
+        if not touching.any() or over <= 1e-15:
+            break
+        free = (moved > 0) & (moved < 1)
+        step = np.zeros_like(moved)
+        step[free] = -np.linalg.lstsq(jacobian[1:][touching][:, free], rows[touching], rcond=1e-12)[0]
+        moved = _inside(moved + step)
+    return unit, merit, violation

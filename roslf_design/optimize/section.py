@@ -11,10 +11,9 @@ from ..report.words import in_words
 from .conflicts import Conflict
 from .figures import drawn
 from .pareto import Front
-from .precision import optimum_accuracy
 from .problem import Constraint, Goal
 from .run import Result
-from .solve import Answer
+from .solve import Answer, optimum_accuracy
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),

@@ -9,22 +9,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..accuracy.statement import Accuracy
 from .conflicts import Conflict, explain
-from .gradients import gradient_error
-from .guard import Guard
-from .local import Search, search
-from .multipliers import Conditions, conditions
-from .problem import Constraint, Goal, Problem
-from .runs import FTOL, GLOBAL_FTOL, Global, Stop, globally
-from .sampling import sobol_units
+from .problem import Constraint, DesignProblem, Goal, sobol_units
+from .search import (
+    FTOL,
+    GLOBAL_FTOL,
+    Global,
+    Guard,
+    Search,
+    globally,
+    gradient_error,
+    search,
+    value_and_jacobian,
+)
 
 Array = NDArray[np.float64]
 
 AGREE = 1e-6
 """Difference of merit (1e-6: goals equal to 1e-4 %) within which two searches found the same."""
-
 LOOSE = 0.01
 """Relative difference of a variable between equally good designs that is worth telling."""
+TOUCHING = 1e-6
+"""Scaled rows and variables this close to their limit count as on it."""
 
 Tell = Callable[[str], None]
 
@@ -67,7 +74,6 @@ class Check:
 
     solver: str
     evaluations: int
-    stop: Stop
     merit: float | None
     """Of its own best feasible point; None where it met none."""
     polished: Search
@@ -91,12 +97,37 @@ class Stage:
 
 
 @dataclass(frozen=True)
+class Active:
+    """A limit that the optimum touches."""
+
+    label: str
+    """E.g. ``fill_factor <= 1`` or ``d_3 <= 8 mm``."""
+    unit: str
+    """Of the limit."""
+    multiplier: float
+    """Change of the scaled merit per unit of the scaled row; 0 where the limit only happens to be touched."""
+    merit_per_unit: float
+    """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit."""
+    goal_per_unit: float | None
+    """The same for a single goal, in the goal's unit: how much better it gets."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """First-order conditions at a point."""
+
+    active: tuple[Active, ...]
+    residual: float
+    """Length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum."""
+
+
+@dataclass(frozen=True)
 class Answer:
     """What was found."""
 
-    problem: Problem
+    problem: DesignProblem
     """As solved: of a lexicographic order, the last stage."""
-    asked: Problem
+    asked: DesignProblem
     """As posed."""
     unit: Array
     """Scaled variables of the best or, where nothing is feasible, the least violating point."""
@@ -120,9 +151,14 @@ class Answer:
     """By how much the merit fell when the best was polished once more: what the searches had left."""
 
     @property
+    def equals(self) -> tuple[Search, ...]:
+        """Searches that ended at the answer, or equally good."""
+        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.agree)
+
+    @property
     def same(self) -> int:
         """How many starts ended at the answer."""
-        return sum(s.feasible and abs(s.merit - self.merit) <= self.agree for s in self.searches)
+        return len(self.equals)
 
     @property
     def reached(self) -> int:
@@ -131,52 +167,44 @@ class Answer:
 
     def loose(self) -> dict[str, tuple[float, float]]:
         """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
-        equal = [s.unit for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.agree]
-        if len(equal) < 2:
-            return {}
-        values = self.problem.values(np.stack(equal))
-        ends = {v.name: (float(values[v.place].min()), float(values[v.place].max())) for v in self.problem.variables}
+        designs = [self.problem.named(s.unit) for s in self.equals]
+        ends = {
+            v.name: (min(d[v.name] for d in designs), max(d[v.name] for d in designs))
+            for v in (self.problem.variables if designs else ())
+        }
         return {name: (low, high) for name, (low, high) in ends.items() if high - low > LOOSE * max(abs(high), 1e-12)}
 
     def variables(self) -> dict[str, float]:
         """Name to value [mm]."""
-        values = self.problem.values(self.unit[None])
-        return {v.name: float(values[v.place][0]) for v in self.problem.variables}
+        return self.problem.named(self.unit)
 
     def number(self, part: Constraint | Goal) -> float:
         """Value of a constraint's or goal's quantity."""
-        return float(np.ravel(part.values(self.problem.cameras(self.unit[None])))[0])
+        return self.problem.number(part, self.unit)
 
 
-def solve(problem: Problem, settings: Settings = Settings(), tell: Tell = lambda _: None) -> Answer:
-    """The best design, or what stands in the way.
-
-    Parameters
-    ----------
-    problem : Problem
-    settings : Settings
-    tell : callable
-        Told what is being done.
-    """
+def solve(problem: DesignProblem, settings: Settings = Settings(), tell: Tell = lambda _: None) -> Answer:
+    """The best design, or what stands in the way; `tell` is told what is being done."""
     began = time.monotonic()
     deadline = began + settings.seconds
+    starts = _starts(problem, settings)
     if problem.order == "weighted" or len(problem.goals) == 1:
-        answer = _solve(problem, settings, deadline, tell, _starts(problem, settings))
+        answer = _solve(problem, settings, deadline, tell, starts)
         return replace(answer, seconds=time.monotonic() - began)
     stages: list[Stage] = []
-    current = replace(problem, goals=problem.goals[:1], order="weighted")
-    spent, starts = 0, _starts(problem, settings)
-    for number, goal in enumerate(problem.goals):
+    current, spent = replace(problem, order="weighted"), 0
+    for number, goal in enumerate(problem.goals, 1):
         current = replace(current, goals=(goal,))
-        last = number == len(problem.goals) - 1
+        last = number == len(problem.goals)
         part = settings if last else replace(settings, check=False, isres=False)
         answer = _solve(current, part, deadline, tell, starts)
         spent += answer.evaluations
         if not answer.feasible:
             break
-        held = _held(answer, goal, problem.slack)
         value = answer.number(goal)
-        limit = "" if last else f"{goal.label} {'<=' if held.low is None else '>='} {held.limit(held.sides[0]):.6g}"
+        give = problem.slack * (abs(value) if goal.quantity.positive else current.goal_scale(0))
+        held = goal.held(value + goal.sign * give)
+        limit = "" if last else f"{goal.label} {'<=' if goal.sign > 0 else '>='} {value + goal.sign * give:.6g}"
         stages.append(Stage(goal.label, value, limit))
         starts = [answer.unit, *starts]
         if not last:
@@ -184,102 +212,76 @@ def solve(problem: Problem, settings: Settings = Settings(), tell: Tell = lambda
     return replace(answer, asked=problem, stages=tuple(stages), evaluations=spent, seconds=time.monotonic() - began)
 
 
-def _held(answer: Answer, goal: Goal, slack: float) -> Constraint:
-    value = answer.number(goal)
-    give = slack * (abs(value) if goal.quantity.positive else answer.problem.goal_scale(0)) * goal.sign
-    limit = value + give
-    return Constraint(goal.quantity, None if goal.sign > 0 else limit, limit if goal.sign > 0 else None, goal.at)
-
-
-def _starts(problem: Problem, settings: Settings) -> list[Array]:
-    given = [v.start for v in problem.variables]
+def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
+    """Where searches start: as given, not clipped, so that a start outside its bounds can be told; Sobol points."""
     first = []
-    if any(value is not None for value in given):
-        # Unclipped, so that a start outside its bounds can be told.
-        first = [
-            np.array(
-                [
-                    0.5 if s is None else _unclipped(v.unit(s), s, v.low, v.high)
-                    for v, s in zip(problem.variables, given, strict=True)
-                ]
-            )
+    if any(v.start is not None for v in problem.variables):
+        units = [
+            0.5 if v.start is None else -0.01 if v.start < v.low else 1.01 if v.start > v.high else v.unit(v.start)
+            for v in problem.variables
         ]
+        first = [np.array(units)]
     return [*first, *sobol_units(problem.n, settings.starts, settings.seed)]
 
 
-def _unclipped(unit: float, value: float, low: float, high: float) -> float:
-    return -0.01 if value < low else 1.01 if value > high else unit
-
-
-def _solve(problem: Problem, settings: Settings, deadline: float, tell: Tell, starts: Sequence[Array]) -> Answer:
-    found: list[Search] = []
+def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Tell, starts: Sequence[Array]) -> Answer:
+    searches: list[Search] = []
     for number, start in enumerate(starts, 1):
-        if found and time.monotonic() > deadline:
+        if searches and time.monotonic() > deadline:
             break
         tell(f"start {number} of {len(starts)}")
-        found.append(_search(problem, start, deadline, settings))
-    best = min(found, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
+        searches.append(_search(problem, start, deadline, settings))
+    best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
-    conditions_found = conditions(problem, best.unit) if best.feasible else None
     for name in _checkers(settings):
         if time.monotonic() > deadline:
             break
         tell(f"checking with {name}")
-        check = _check(problem, name, settings, deadline, conditions_found)
-        checks.append(check)
-        if (check.polished.feasible, -check.polished.merit) > (best.feasible, -best.merit) and check.polished.feasible:
-            better_by = best.merit - check.polished.merit if best.feasible else np.inf
-            if better_by > settings.agree:
-                best = check.polished
-                conditions_found = conditions(problem, best.unit)
-    gained = 0.0
+        checks.append(_check(problem, name, settings, deadline, best))
+        other = checks[-1].polished
+        if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
+            best = other
+    gained, conflict = 0.0, None
     if best.feasible:
         polished = search(problem, best.unit, deadline, settings.evaluations)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
-            conditions_found = conditions(problem, best.unit)
-    conflict = None
-    if not best.feasible:
+    else:
         tell("finding what stands in the way")
-        conflict = explain(problem, [s.unit for s in sorted(found, key=lambda s: s.violation)], deadline, settings.seed)
-        if conflict.feasible_after_all is not None:
-            again = search(problem, conflict.feasible_after_all, deadline, settings.evaluations)
+        points = [s.unit for s in sorted(searches, key=lambda s: s.violation)]
+        conflict = explain(problem, points, deadline, settings.seed)
+        best = replace(best, unit=conflict.unit, violation=conflict.violation)
+        if conflict.feasible_after_all:
+            again = search(problem, conflict.unit, deadline, settings.evaluations)
             if again.feasible:
-                found.append(again)
-                best, conflict, conditions_found = again, None, conditions(problem, again.unit)
-        else:
-            best = replace(best, unit=conflict.unit, violation=conflict.violation)
+                searches.append(again)
+                best, conflict = again, None
+    feasible = best.feasible and conflict is None
     return Answer(
         problem=problem,
         asked=problem,
         unit=best.unit,
         merit=best.merit,
         violation=best.violation,
-        feasible=best.feasible and conflict is None,
-        conditions=conditions_found,
+        feasible=feasible,
+        conditions=conditions(problem, best.unit) if feasible else None,
         conflict=conflict,
-        searches=tuple(found),
+        searches=tuple(searches),
         checks=tuple(checks),
         stages=(),
         gradient_error=gradient_error(problem.vector, best.unit),
-        evaluations=sum(s.evaluations for s in found) + sum(c.evaluations + c.polished.evaluations for c in checks),
+        evaluations=sum(s.evaluations for s in searches) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
-        notes=tuple(_notes(found, len(starts))),
+        notes=tuple(_notes(searches, len(starts))),
         agree=settings.agree,
         gained=gained,
     )
 
 
-def _search(problem: Problem, start: Array, deadline: float, settings: Settings) -> Search:
+def _search(problem: DesignProblem, start: Array, deadline: float, settings: Settings) -> Search:
     """A local search, as thorough as the accuracy asks for."""
-    return search(
-        problem,
-        start,
-        deadline,
-        settings.evaluations,
-        polish=settings.accuracy is None,
-        tolerance=settings.tolerance,
-    )
+    polish = settings.accuracy is None
+    return search(problem, start, deadline, settings.evaluations, polish=polish, tolerance=settings.tolerance)
 
 
 def _checkers(settings: Settings) -> list[Global]:
@@ -287,34 +289,90 @@ def _checkers(settings: Settings) -> list[Global]:
     return [name for name, wanted in asked if wanted]
 
 
-def _check(problem: Problem, name: Global, settings: Settings, deadline: float, known: Conditions | None) -> Check:
-    steepest = max((a.multiplier for a in known.active), default=0.0) if known is not None else 10.0
+def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: float, best: Search) -> Check:
+    known = conditions(problem, best.unit).active if best.feasible else ()
+    steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem, deadline)
     ftol = max(GLOBAL_FTOL, settings.tolerance)
-    stop, unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
+    unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
     if name == "isres" and guard.unit is not None:
         unit = guard.unit  # it minimises no penalty: its best point is the best feasible one
     polished = _search(problem, unit, deadline, settings)
-    return Check(
-        {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name],
-        guard.evaluations,
-        stop,
-        guard.merit if guard.feasible else None,
-        polished,
-        settings.agree,
-    )
+    solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
+    merit = guard.merit if guard.feasible else None
+    return Check(solver, guard.evaluations, merit, polished, settings.agree)
 
 
-def _notes(found: Sequence[Search], wanted: int) -> list[str]:
+def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
     notes = []
-    if len(found) < wanted:
-        notes.append(f"time ran out after {len(found)} of {wanted} starts; give more seconds for a surer answer")
-    if any(s.clipped for s in found):
+    if len(searches) < wanted:
+        notes.append(f"time ran out after {len(searches)} of {wanted} starts; give more seconds for a surer answer")
+    if any(s.clipped for s in searches):
         notes.append("a start lay outside the bounds and was moved onto them")
-    mapped, faults = sum(s.mapped for s in found), sum(s.faults for s in found)
+    mapped = sum(s.mapped for s in searches)
     if mapped:
         notes.append(f"{mapped} evaluations met numbers that are not finite; they counted as very bad")
-    if faults:
-        first = next(s.fault for s in found if s.fault)
-        notes.append(f"{faults} evaluations were refused; the first because: {first}")
     return notes
+
+
+def conditions(problem: DesignProblem, unit: Array) -> Conditions:
+    """Active limits and their multipliers, by non-negative least squares on the gradients."""
+    from scipy.optimize import nnls
+
+    values, jacobian = value_and_jacobian(problem.vector, unit)
+    slope, rows = jacobian[0], values[1:]
+    columns: list[Array] = []
+    limits: list[tuple[str, str, float]] = []
+    for number, row in enumerate(problem.rows):
+        equal = row.side == "equal"
+        if row.constraint < 0 or (rows[number] < -TOUCHING and not equal):
+            continue
+        kind = problem.constraints[row.constraint].quantity.unit
+        for sign in (1.0, -1.0) if equal else (1.0,):
+            columns.append(sign * jacobian[1 + number])
+            limits.append((row.label, kind, row.size))
+    for i, variable in enumerate(problem.variables):
+        if variable.high == variable.low or TOUCHING <= unit[i] <= 1 - TOUCHING:
+            continue
+        upper = unit[i] > 0.5
+        columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
+        words = f"<= {variable.high:.6g} mm" if upper else f">= {variable.low:.6g} mm"
+        limits.append((f"{variable.name} {words}", "mm", variable.rate(float(unit[i]))))
+    length = float(np.linalg.norm(slope))
+    if not columns:
+        return Conditions((), 1.0 if length > 1e-6 else 0.0)
+    per_merit = _goal_per_merit(problem, unit)
+    multipliers, residual = nnls(np.stack(columns, axis=1), -slope)
+    merged: dict[str, Active] = {}
+    for (label, kind, size), multiplier in zip(limits, multipliers.tolist(), strict=True):
+        gain = multiplier / size
+        if label not in merged or multiplier > merged[label].multiplier:
+            merged[label] = Active(label, kind, multiplier, gain, None if per_merit is None else gain * per_merit)
+    order = sorted(merged.values(), key=lambda a: -a.multiplier)
+    return Conditions(tuple(order), float(residual) / max(length, 1e-12))
+
+
+def _goal_per_merit(problem: DesignProblem, unit: Array) -> float | None:
+    """How much a single goal changes where the merit changes by 1."""
+    if len(problem.goals) != 1:
+        return None
+    goal = problem.goals[0]
+    return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
+
+
+def optimum_accuracy(answer: Answer, settings: Settings, seconds: float | None = None) -> Accuracy | None:
+    """Method, expected and measured error of an answer's merit; None where no design was found."""
+    if not answer.feasible:
+        return None
+    checks = ", ".join(check.solver for check in answer.checks)
+    method = f"SLSQP from {len(answer.searches)} starts to {settings.tolerance:g}, the best polished"
+    return Accuracy(
+        "merit of the optimum (0.01: 1 % of a goal)",
+        method + (f"; checked by {checks}" if checks else ""),
+        AGREE if settings.accuracy is None else settings.accuracy,
+        answer.gained,
+        "what one more search gained",
+        settings.accuracy,
+        seconds,
+        model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
+    )

@@ -194,7 +194,7 @@ def _planned(design: Design, asked: CalibrationPart) -> Plan | str:
 
 def _taken(result: Result, name: str) -> Design | None:
     """A design of an optimisation by its name; None where it was not found."""
-    from ..optimize.files import designs
+    from ..optimize.run import designs
 
     return dict(designs(result)).get(f"{name}.toml")
 
@@ -209,7 +209,7 @@ def _chosen(take: str, design: Design) -> str:
 
 
 def _nothing(result: Result, name: str) -> str:
-    from ..optimize.files import designs
+    from ..optimize.run import designs
 
     if not result.answer.feasible:
         conflict = result.answer.conflict

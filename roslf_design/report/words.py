@@ -47,6 +47,7 @@ WORDS = {
     "centre_error_y_px": "image-centre error along y",
     "depth_error_mm": "depth error",
     "disparity_pitches_per_mm": "disparity per depth",
+    "aperture_constant": "aperture constant H",
     "inverse_aperture_constant": "1/H",
 }
 """Name of a quantity, of a metric, or of a variable that is no symbol of the paper, to words; the unit goes beside."""

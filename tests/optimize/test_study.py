@@ -145,6 +145,7 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ("d_2 = [", "d2 = [", "'d2' is nothing that can vary; did you mean 'd_2'?"),
         ("d_2 = [", "tube_length = [", "'tube_length' needs a design with a further stop"),
         ('quantity = "fill_factor"', 'quantity = "fil_factor"', "did you mean 'fill_factor'?"),
+        ('quantity = "fill_factor"', 'quantity = "kept_fraction"', "'kept_fraction' differs from field to field"),
         ('quantity = "sigma_z_mm"', 'quantity = "sigma_zz"', "did you mean 'sigma_z_mm'?"),
         ('direction = "min"', "", "goals.0: goal sigma_z_mm has no direction"),
         ('direction = "min"', 'direction = "down"', 'direction "down" of goal sigma_z_mm is not known'),

@@ -8,9 +8,7 @@ import nlopt
 import numpy as np
 import pytest
 
-from roslf_design.optimize.guard import Guard
-from roslf_design.optimize.local import search
-from roslf_design.optimize.runs import globally, slsqp
+from roslf_design.optimize.search import Guard, globally, search, slsqp
 
 
 @dataclass(frozen=True)
@@ -33,20 +31,11 @@ def nan_region(units, rows):
     return np.where(units[:, 0] > 0.66, np.nan, rows)
 
 
-def raising(units, rows):
-    if (units[:, 0] > 0.66).any():
-        raise ValueError("no such camera")
-    return rows
-
-
-@pytest.mark.parametrize("spoil", [nan_region, raising])
 @pytest.mark.parametrize("start", [(0.1, 0.1), (0.5, 0.2), (0.3, 0.9)])
-def test_regions_without_numbers_are_walked_around(spoil, start):
-    found = search(Toy(spoil), np.array(start))
+def test_regions_without_numbers_are_walked_around(start):
+    found = search(Toy(nan_region), np.array(start))
     assert found.feasible
     assert found.unit == pytest.approx(OPTIMUM, abs=1e-5)
-    if spoil is raising and found.faults:
-        assert found.fault == "no such camera"
 
 
 def test_a_start_in_the_nan_region_gives_no_wrong_optimum():
@@ -80,7 +69,7 @@ def test_the_best_point_survives_a_search_that_breaks_down(monkeypatch, error):
 
     monkeypatch.setattr(nlopt.opt, "optimize", broken)
     guard = Guard(Toy())
-    assert slsqp(guard, np.array([0.1, 0.9])) == ("round-off" if error is nlopt.RoundoffLimited else "failed")
+    slsqp(guard, np.array([0.1, 0.9]))
     assert guard.feasible
     assert guard.unit == pytest.approx(OPTIMUM, abs=1e-6)
 
@@ -100,17 +89,11 @@ def test_time_is_kept_and_the_best_point_with_it():
         return rows
 
     guard = Guard(Toy(slow), deadline=time.monotonic() + 0.15)
-    assert slsqp(guard, np.array([0.0, 0.0]), 10_000) in ("time", "converged")
+    slsqp(guard, np.array([0.0, 0.0]), 10_000)
     assert guard.evaluations < 50
     assert guard.unit is not None
     late = search(Toy(), np.array([0.2, 0.2]), deadline=time.monotonic() - 1)
-    assert late.stop == "time"
     assert late.evaluations <= 2
-
-
-def test_few_evaluations_are_told():
-    guard = Guard(Toy())
-    assert slsqp(guard, np.array([0.0, 0.0]), 2) == "evaluations"
 
 
 def test_points_are_copied_from_nlopts_memory():

@@ -1,0 +1,409 @@
+"""The best combinations of catalogue parts, the continuous rest optimised for each.
+
+Branch and bound: boxes of variables that cannot hold a feasible camera, or none good enough for the list, are left out
+for all combinations at once; what remains is split, and the most promising combinations are optimised as they come up.
+
+The closed forms rise or fall in each single length throughout, whichever way; then their extremes over a box lie at its
+corners, and corners are cheap. Quantities for which that does not hold bound nothing, and rule nothing out.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..design import Design
+from ..design.conjugates import CONJUGATES
+from ..errors import InputError
+from ..theory.f_number import inverse_fill_factor
+from .parts import ArrayPart, Catalogue, Entry, Kind, given_by
+from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units, spread
+from .search import Search, search
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+Nearby = Literal["smooth", "zero", "pole", "jump"]
+"""What a quantity does where the focal plane comes to the bore: nothing, go to zero, or to infinity, from above or with
+either sign."""
+
+ROUNDING = 1e-9
+"""What bounds leave for rounding, relative."""
+CHUNK = 8_000
+"""Boxes evaluated at once: their corners stay in a processor's cache."""
+SLICES = 5
+"""Parts of a side that are tried when shaving."""
+AT_ONCE = 10
+"""Combinations optimised between two rounds of splitting."""
+MOST_BOXES = 200_000
+"""Beyond, splitting stops and the rest is optimised in the order of bounds."""
+ROUNDS = 16
+TIES = 1e-3
+"""Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
+
+
+@dataclass(frozen=True)
+class Combinations:
+    """Every combination of some kinds of parts, numbered with the last kind running fastest."""
+
+    problem: DesignProblem
+    kinds: tuple[Kind, ...]
+    parts: tuple[tuple[Entry, ...], ...]
+    """Of each kind."""
+
+    @classmethod
+    def of(cls, problem: DesignProblem, catalogue: Catalogue, kinds: Sequence[Kind]) -> Combinations:
+        """Combinations of a catalogue; kinds left out keep the base design's part.
+
+        What the parts give does not vary any more; an array's microlenses have the focal length that they have.
+        """
+        given = given_by(kinds)
+        left = tuple(variable for variable in problem.variables if variable.place not in given)
+        in_focus = problem.in_focus and "microlens_arrays" not in kinds
+        posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
+        return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds))
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return tuple(len(parts) for parts in self.parts)
+
+    def __len__(self) -> int:
+        return int(np.prod(self._shape))
+
+    def chosen(self, number: int) -> tuple[Entry, ...]:
+        """The parts of a combination."""
+        return tuple(parts[i] for parts, i in zip(self.parts, np.unravel_index(number, self._shape), strict=True))
+
+    @cached_property
+    def _columns(self) -> list[dict[str, Array]]:
+        return [
+            {place: np.array([part.numbers[place] for part in parts]) for place in parts[0].places}
+            for parts in self.parts
+        ]
+
+    def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
+        """Place to the parts' numbers, for many combinations at once."""
+        if not self.parts:
+            return {}
+        which = np.unravel_index(numbers, self._shape)
+        return {
+            place: column[index]
+            for index, columns in zip(which, self._columns, strict=True)
+            for place, column in columns.items()
+        }
+
+    def problem_at(self, number: int) -> DesignProblem:
+        """The problem with a combination's parts in its base design."""
+        return replace(self.problem, design=with_parts(self.problem.design, self.chosen(number)))
+
+
+def with_parts(design: Design, parts: Sequence[Entry]) -> Design:
+    """A design with parts of the catalogue in it; d_1 stays, and d_f follows a new lens."""
+    changes: dict[str, Any] = {}
+    for part in parts:
+        changes |= part.numbers
+        if isinstance(part, ArrayPart):
+            changes |= {"microlens_array.layout": part.layout, "microlens_array.lens_shape": part.lens_shape}
+    focal = changes.get(CONJUGATES[0])
+    if focal is not None:
+        # Where this lens forms no image at the old d_1, or of the bore: the variables will say where it does.
+        bore = max(stop.distance for stop in design.all_stops)
+        distance = design.d_1 if focal < design.d_1 else 1.5 * focal
+        while focal * distance / (distance - focal) <= bore:
+            distance = (distance + focal) / 2
+        if distance != design.d_1:
+            changes[CONJUGATES[2]] = distance
+    return design.replace(changes)
+
+
+class Boxes:
+    """Boxes of scaled variables, each belonging to a combination."""
+
+    def __init__(self, combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> None:
+        self.combinations, self.owner, self.low, self.high = combinations, owner, low, high
+
+    def __len__(self) -> int:
+        return len(self.owner)
+
+    def where(self, keep: Flags) -> Boxes:
+        """Some of them."""
+        return Boxes(self.combinations, self.owner[keep], self.low[keep], self.high[keep])
+
+    def split(self) -> Boxes:
+        """Each in two, across its widest side."""
+        axis = np.argmax(self.high - self.low, axis=1)
+        row = np.arange(len(self))
+        left, right = self.high.copy(), self.low.copy()
+        left[row, axis] = right[row, axis] = (self.low[row, axis] + self.high[row, axis]) / 2
+        owner = np.concatenate([self.owner, self.owner])
+        return Boxes(self.combinations, owner, np.concatenate([self.low, right]), np.concatenate([left, self.high]))
+
+    def shaved(self, threshold: float) -> Boxes:
+        """Each with the ends of its sides cut off where nothing feasible, or nothing below a merit, can lie."""
+        low, high = self.low.copy(), self.high.copy()
+        alive = np.ones(len(self), bool)
+        for axis in range(low.shape[1]):
+            start, side = low[:, axis].copy(), high[:, axis] - low[:, axis]
+            possible = np.empty((SLICES, len(self)), bool)
+            for index in range(SLICES):
+                left, right = low.copy(), high.copy()
+                left[:, axis] = start + side * (index / SLICES)
+                right[:, axis] = start + side * ((index + 1) / SLICES)
+                possible[index] = Boxes(self.combinations, self.owner, left, right).bound() < threshold
+            first = np.argmax(possible, axis=0)
+            last = SLICES - np.argmax(possible[::-1], axis=0)
+            alive &= possible.any(axis=0)
+            low[:, axis] = np.where(first > 0, start + side * (first / SLICES), start)
+            high[:, axis] = np.where(last < SLICES, start + side * (last / SLICES), high[:, axis])
+        return Boxes(self.combinations, self.owner, low, high).where(alive)
+
+    def bound(self) -> Array:
+        """Least merit that a box can hold, shape (B,); infinite where nothing in it is feasible."""
+        bounds = np.empty(len(self))
+        for start in range(0, len(self), CHUNK):
+            piece = slice(start, start + CHUNK)
+            bounds[piece] = _bound(self.combinations, self.owner[piece], self.low[piece], self.high[piece])
+        return bounds
+
+
+def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
+    """Whether a quantity's extremes over boxes of these variables lie at corners."""
+    quantity, names = part.quantity, {variable.place for variable in problem.variables}
+    if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
+        return False
+    if quantity.bent_in_f and CONJUGATES[0] in names:
+        return False
+    if names & (DERIVED.keys() - {"working_distance"}):
+        return False
+    with_plane = ("total_length_mm", "vergence_at_mla_per_mm", "microlens_defocus_px")
+    if "working_distance" in names and quantity.name in with_plane:
+        return False
+    if problem.tip and "aperture.distance" in names:
+        return False
+    stops_matter = part.at is not None or quantity.name in ("non_distortion_room_mm", "total_length_mm")
+    moves = any(name == "aperture.distance" or name.startswith("stops.") for name in names)
+    return not (problem.design.stops and moves and stops_matter)
+
+
+def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> Array:
+    problem = combinations.problem
+    corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
+    units = low + corners[:, None, :] * (high - low)
+    values = {v.place: v.value(units[..., i]) for i, v in enumerate(problem.variables)}
+    numbers = {**combinations.values(owner), **spread(values, problem.base)}
+    focal = numbers.get(CONJUGATES[0], problem.base.f)
+    for place in CONJUGATES[1:]:
+        if place in numbers and not (CONJUGATES[1] in numbers and CONJUGATES[2] in numbers):
+            # What lies beyond holds no camera; the corner moves to where cameras begin.
+            numbers[place] = np.maximum(numbers[place], focal * (1 + 2 * ROOM))
+    with np.errstate(all="ignore"):
+        cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
+        shape = units.shape[:2]
+        image = np.broadcast_to(cameras.d_f > cameras.f * (1 + ROOM), shape)
+        ahead = np.broadcast_to(cameras.d_f * (1 - ROOM) > cameras.tip, shape)
+        certain = image.all(axis=0)
+        # d_f > f and d_f > tip hold somewhere in the box only if they do at a corner: both are monotone.
+        possible = image.any(axis=0) & (ahead | ~image).any(axis=0)
+        for constraint in problem.constraints:
+            if prunable(problem, constraint):
+                nearby = _near_the_bore(constraint, problem.design)
+                possible &= ~(certain & _impossible(constraint, nearby, cameras, ahead))
+        merit = np.zeros(shape[1])
+        weights = sum(goal.weight for goal in problem.goals)
+        for index, goal in enumerate(problem.goals):
+            if not prunable(problem, goal):
+                merit[:] = -np.inf
+                break
+            least, most = _extremes(goal, _near_the_bore(goal, problem.design), cameras, ahead)
+            best = least if goal.sign > 0 else most
+            size = np.log(np.maximum(best, 0)) if goal.quantity.positive else best / problem.goal_scale(index)
+            merit += goal.weight * goal.sign * size / weights
+        merit = np.where(certain & ~np.isnan(merit), merit - ROUNDING * (1 + np.abs(merit)), -np.inf)
+    return np.where(possible, merit, np.inf)
+
+
+def _impossible(constraint: Constraint, nearby: Nearby, cameras: Camera, ahead: Flags) -> Flags:
+    """Whether no camera in a box, that has its focal plane in front of the bore, holds a constraint."""
+    quantity, low, high = constraint.quantity, constraint.low, constraint.high
+    wrong = np.zeros(ahead.shape[1], bool)
+    if nearby == "jump":
+        # Times the gap it has no pole where the focal plane comes to the bore.
+        gap, scaled = cameras.gap, cameras.gap * constraint.each(cameras)
+        ordered = [(scaled, high * gap)] if high is not None and quantity.worst is None else []
+        ordered += [(-scaled, high * gap)] if high is not None and quantity.signed else []
+        ordered += [(low * gap, scaled)] if low is not None and quantity.signed is None else []
+        for less, more in ordered:
+            excess = np.broadcast_to(less - more, (*np.shape(scaled)[:-2], *ahead.shape))
+            size = ROUNDING * np.broadcast_to(np.abs(less) + np.abs(more), excess.shape).max(axis=-2)
+            wrong |= (excess.min(axis=-2) > size).reshape(-1, len(wrong)).any(axis=0)
+        return wrong
+    least, greatest = _extremes(constraint, nearby, cameras, ahead)
+    finite = np.where(np.isfinite(least), np.abs(least), 0) + np.where(np.isfinite(greatest), np.abs(greatest), 0)
+    room = ROUNDING * (finite + abs(low or 0.0) + abs(high or 0.0))
+    if low is not None:
+        wrong |= greatest + room < low
+    if high is not None:
+        wrong |= least - room > high
+    return wrong
+
+
+def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: Flags) -> tuple[Array, Array]:
+    """Least and greatest value in a box, over its cameras that have their focal plane in front of the bore."""
+    quantity, shape = part.quantity, ahead.shape
+    if quantity.name == "fill_factor":
+        inverse = np.broadcast_to(inverse_fill_factor(cameras), shape)
+        least, most = inverse.min(axis=0), inverse.max(axis=0)
+        # A box with images of no pitch in it has no largest fill factor.
+        return np.where(most > 0, 1 / most, np.inf), np.where(least > 0, 1 / least, np.inf)
+    values = part.each(cameras)
+    if quantity.worst is not None:
+        every = np.broadcast_to(values, (len(values), *shape))
+        least, most = quantity.worst(every.min(axis=1)), quantity.worst(every.max(axis=1))
+    else:
+        values = np.broadcast_to(values, shape)
+        least = (np.where(ahead, values, np.inf) if nearby == "pole" else values).min(axis=0)
+        most = values.max(axis=0)
+    every_ahead = ahead.all(axis=0)
+    if nearby in ("pole", "jump"):
+        most = np.where(every_ahead, most, np.inf)
+    if nearby in ("zero", "jump"):
+        least = np.where(every_ahead, least, 0.0 if nearby == "zero" else -np.inf)
+    if quantity.signed is None:
+        return least, most
+    crosses = (least <= 0) & (most >= 0)
+    sizes = np.abs(least), np.abs(most)
+    return np.where(crosses, 0.0, np.minimum(*sizes)), np.maximum(*sizes)
+
+
+@lru_cache(maxsize=256)
+def _near_the_bore(part: Constraint | Goal, design: Design) -> Nearby:
+    """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
+    gaps = np.array([1e-6, 1e-9])
+    values = part.each(Camera.of(design, {"aperture.distance": design.d_f * (1 - gaps)}))
+    near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
+    if nearer > 30 * near:
+        return "pole" if part.quantity.positive else "jump"
+    return "zero" if part.quantity.positive and nearer < near / 30 else "smooth"
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One combination, optimised."""
+
+    number: int
+    search: Search
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The best combinations."""
+
+    combinations: Combinations
+    best: tuple[Ranked, ...]
+    """Best first, feasible ones only."""
+    ruled_out: int
+    """Combinations that bounds showed to be infeasible or not good enough."""
+    optimised: int
+    open: int
+    """Combinations neither ruled out nor optimised when the time was up; 0: the list is complete."""
+    seconds: float
+
+
+def rank(
+    combinations: Combinations,
+    keep: int,
+    seconds: float,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Ranking:
+    """Find the `keep` best combinations; after some seconds those that are best so far."""
+    began = time.monotonic()
+    n, count = combinations.problem.n, len(combinations)
+    state = _State(combinations, keep, began + seconds, sobol_units(n, 1, seed))
+    boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
+    bound = np.zeros(count)
+    splitting, turn = True, 0
+    while time.monotonic() < state.deadline:
+        if splitting:
+            boxes = boxes.shaved(state.threshold)
+            bound = boxes.bound()
+        boxes, bound = state.alive(boxes, bound)
+        if not len(boxes):
+            break
+        tell(f"catalogue: {len(np.unique(boxes.owner))} of {count} combinations left, {state.optimised} optimised")
+        # From the first round on: bounds rule out more, the better what they are held against.
+        state.settle(boxes, bound, AT_ONCE)
+        boxes, bound = state.alive(boxes, bound)
+        splitting = splitting and turn + 1 < ROUNDS and 2 * len(boxes) <= MOST_BOXES
+        if splitting and turn % 2:
+            boxes, bound = boxes.split(), np.concatenate([bound, bound])
+        turn += 1
+    state.polish()
+    boxes, _ = state.alive(boxes, bound)
+    open_ = len(np.unique(boxes.owner))
+    ruled_out = count - state.optimised - open_
+    return Ranking(combinations, tuple(state.best), ruled_out, state.optimised, open_, time.monotonic() - began)
+
+
+class _State:
+    """The list so far."""
+
+    def __init__(self, combinations: Combinations, keep: int, deadline: float, starts: Array) -> None:
+        self.combinations, self.keep, self.deadline, self.starts = combinations, keep, deadline, starts
+        self.best: list[Ranked] = []
+        self.done = np.zeros(len(combinations), bool)
+        self.optimised = 0
+
+    @property
+    def threshold(self) -> float:
+        """Merit that a combination must beat to enter the list."""
+        return self.best[self.keep - 1].search.merit + TIES if len(self.best) >= self.keep else np.inf
+
+    def alive(self, boxes: Boxes, bound: Array) -> tuple[Boxes, Array]:
+        """Boxes, and their bounds, that may still hold something for the list."""
+        keep = (bound < self.threshold) & ~self.done[boxes.owner]
+        return boxes.where(keep), bound[keep]
+
+    def settle(self, boxes: Boxes, bound: Array, count: int) -> None:
+        """Optimise the most promising combinations, from the middle of their best boxes."""
+        tried = 0
+        for index in np.lexsort((boxes.owner, bound)):
+            number = int(boxes.owner[index])
+            if self.done[number]:
+                continue
+            if bound[index] >= self.threshold or tried == count or time.monotonic() > self.deadline:
+                return
+            tried += 1
+            self._optimise(number, boxes.low[index], boxes.high[index])
+
+    def _optimise(self, number: int, low: Array, high: Array) -> None:
+        self.done[number] = True
+        self.optimised += 1
+        try:
+            problem = self.combinations.problem_at(number)
+        except InputError:
+            return  # these parts make no design
+        for start in ((low + high) / 2, *(low + self.starts * (high - low))):
+            result = search(problem, start, self.deadline + 1.0, 80, polish=False)
+            if result.feasible:
+                self.best.append(Ranked(number, result))
+                self.best.sort(key=lambda ranked: (ranked.search.merit, ranked.number))
+                del self.best[3 * self.keep :]
+                return
+
+    def polish(self) -> None:
+        """Search again, thoroughly, from what the list holds."""
+        polished = []
+        for ranked in [each for each in self.best if each.search.merit < self.threshold]:
+            again = search(self.combinations.problem_at(ranked.number), ranked.search.unit, self.deadline + 10.0)
+            better = again.feasible and again.merit < ranked.search.merit
+            polished.append(Ranked(ranked.number, again) if better else ranked)
+        self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))[: self.keep]

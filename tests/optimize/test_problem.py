@@ -1,0 +1,210 @@
+"""Problems as numbers: scaling, derived lengths, derivatives against mpmath, bounds against what boxes really hold."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.optimize.parts import Catalogue
+from roslf_design.optimize.problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
+from roslf_design.optimize.ranking import Boxes, Combinations, prunable
+from roslf_design.optimize.search import gradient_error, value_and_jacobian
+from roslf_design.theory.quantities import QUANTITIES, quantity_named
+
+PAPER = roslf.load("paper")
+TUBE = PAPER.replace({"stops": ({"diameter": 5.0, "distance": 150.0},)})
+DEPTH = (Goal(quantity_named("sigma_z_mm"), "min", 150.0),)
+
+
+@pytest.mark.parametrize("variable", [Variable("d", 0.01, 0.5), Variable("d_3", 0.0, 200.0), Variable("f", 90, 110)])
+def test_scaled_values_and_back(variable):
+    units = np.linspace(0, 1, 11)
+    values = variable.value(units)
+    assert (values[0], values[-1]) == (variable.low, variable.high)
+    assert [variable.unit(float(value)) for value in values] == pytest.approx(units.tolist(), abs=1e-14)
+    middle = (variable.value(np.array(0.5 + 1e-6)) - variable.value(np.array(0.5 - 1e-6))) / 2e-6
+    assert variable.rate(0.5) == pytest.approx(float(middle), rel=1e-6)
+    assert (variable.unit(variable.high + 1), variable.unit(variable.low - 1)) == (1, 0)
+
+
+def test_derived_lengths_set_the_places_they_mean():
+    bounds = {"tube_length": (10.0, 60.0), "tube_diameter": (2.0, 6.0), "working_distance": (100.0, 300.0)}
+    problem = DesignProblem("tube", TUBE, tuple(Variable(name, *ends) for name, ends in bounds.items()), (), DEPTH)
+    unit = np.array([0.5, 0.25, 0.5])
+    design, values = problem.design_at(unit), problem.named(unit)
+    assert design.stops[0].distance == pytest.approx(design.d_3 + values["tube_length"])
+    assert design.D_F == design.stops[0].diameter == pytest.approx(values["tube_diameter"])
+    assert design.d_f - design.stops[0].distance == pytest.approx(values["working_distance"])
+    cameras = problem.cameras(unit[None])
+    assert (float(cameras.d_f[0]), float(cameras.d_1[0])) == pytest.approx((design.d_f, design.d_1))
+
+
+def test_microlenses_in_focus():
+    problem = DesignProblem("focus", TUBE, (Variable("d_2", 1.0, 4.0),), (), DEPTH, in_focus=True)
+    design = problem.design_at(np.array([0.3]))
+    vergence = roslf.evaluate(design, []).exit_pupil.vergence_at_mla_per_mm
+    assert 1 / design.f_ml == pytest.approx(1 / design.d_2 + vergence, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("f", "d_f", "d_1"), "two of them give the third"),
+        (("working_distance", "d_f"), "sets d_f"),
+        (("working_distance", "f", "d_1"), "two of them give the third"),
+        (("d_3", "aperture.distance"), "varies twice"),
+        (("tube_diameter", "D_F"), "one of which varies too"),
+    ],
+)
+def test_what_would_be_set_twice(names, said):
+    for name in names:
+        check_name(name, Camera.of(TUBE).numbers)
+    with pytest.raises(ValueError, match=said):
+        check_together(names)
+
+
+@pytest.mark.parametrize("name", ["aperture.tilt.0", "sensor.decentre.0", "tip", "microlens_array.rotation"])
+def test_what_no_quantity_depends_on_does_not_vary(name):
+    with pytest.raises(ValueError, match="nothing that can vary"):
+        check_name(name, Camera.of(TUBE).numbers)
+
+
+def test_scales_travel_with_the_problem():
+    goals = (Goal(quantity_named("non_distortion_room_mm"), "max"),)
+    problem = DesignProblem("s", PAPER, (Variable("d_3", 0.0, 200.0),), (), goals)
+    other = Combinations(problem.with_scales(), (), ()).problem
+    assert other.goal_scale(0) == problem.goal_scale(0)
+
+
+@pytest.mark.parametrize("stops", [0, 2])
+@pytest.mark.parametrize("preset", ["paper", "rigid-scope", "ear-speculum", "pipe-bore"])
+def test_goals_and_limits_see_what_evaluate_sees_also_where_parts_are_decentred(preset, stops):
+    design = roslf.load(preset)
+    rims = tuple(
+        {"diameter": design.D_F * k, "distance": design.d_3 * (1 + 0.1 * k), "decentre": (0.0, 0.03 * design.D_F)}
+        for k in range(2, stops + 2)
+    )
+    shifts = {"aperture.decentre": (0.02 * design.D_F, 0.0), "main_lens.decentre": (0.0, 0.01 * design.D)}
+    design = design.replace({"stops": rims, **shifts})
+    seen = roslf.evaluate(design, [])
+    problem = DesignProblem("seen", design, (Variable("d_2", design.d_2, design.d_2),), (), DEPTH)
+    wanted = {
+        "fill_factor": seen.f_number.fill_factor,
+        "mismatch_px": seen.f_number.mismatch_px,
+        "non_distortion_room_mm": seen.non_distortion.room_at_corner_mm,
+        "undistorted_field_mm": seen.non_distortion.x0_max_mm,
+        "sigma_z_mm": seen.depth.sigma_z_mm,
+        "view_baseline_mm": seen.sampling.view_baseline_mm,
+    }
+    for name, value in wanted.items():
+        found = problem.number(Constraint(quantity_named(name)), np.zeros(1))
+        # `evaluate` tells no field below 0, where even the axis is cut.
+        assert (max(found, 0.0) if name == "undistorted_field_mm" else found) == pytest.approx(value, rel=1e-12), name
+
+
+def test_at_a_distance_counts_from_the_tip():
+    ahead = TUBE.d_f - 150.0
+    problem = DesignProblem("tip", TUBE, (Variable("d_2", 1.0, 2.0),), (), DEPTH)
+    for name in ("sigma_z_mm", "field_half_width_mm"):
+        here, there = (problem.number(Constraint(quantity_named(name), at=at), np.zeros(1)) for at in (None, ahead))
+        assert there == pytest.approx(here, rel=1e-14)
+    assert problem.number(Constraint(quantity_named("blur_pitches"), at=ahead), np.zeros(1)) == pytest.approx(
+        0, abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("unit", [(0.5, 0.5, 0.5, 0.5), (0.0, 0.0, 0.2, 1.0), (1.0, 0.9, 0.9, 0.0)])
+def test_derivatives_against_mpmath(unit):
+    """Of the merit and of the fill factor's lower limit, written out anew at 60 digits."""
+    bounds = {"D_F": (1.0, 6.0), "d_3": (0.0, 190.0), "d_f": (200.0, 600.0), "d_2": (0.5, 9.0)}
+    limits = (
+        Constraint(quantity_named("fill_factor"), 0.5, 1.0),
+        Constraint(quantity_named("blur_pitches"), None, 5.0, 150.0),
+    )
+    problem = DesignProblem("p", PAPER, tuple(Variable(name, *ends) for name, ends in bounds.items()), limits, DEPTH)
+    values, jacobian = value_and_jacobian(problem.vector, np.array(unit))
+
+    def lengths(u):
+        for v, x in zip(problem.variables, u, strict=True):
+            low, high = mp.mpf(v.low), mp.mpf(v.high)
+            yield low * (high / low) ** x if v.logarithmic else low + x * (high - low)
+
+    f, d = mp.mpf(PAPER.f), mp.mpf(PAPER.d)
+
+    def merit(*u):
+        D_F, d_3, d_f, _ = lengths(u)
+        return mp.log(mp.mpf(150) ** 2 * d * mp.mpf(0.1) / (D_F * f * (d_f - d_3) / (d_f - f)))
+
+    def low_fill(*u):
+        D_F, d_3, d_f, d_2 = lengths(u)
+        return mp.mpf(0.5) * d * (f * (d_f - d_3) / (d_f - f) / d_2 + (f - d_3) / f) / D_F - 1
+
+    row = 1 + next(i for i, r in enumerate(problem.rows) if r.constraint == 0 and r.side == "min")
+    with mp.workdps(60):
+        for index, formula in ((0, merit), (row, low_fill)):
+            at = tuple(mp.mpf(float(x)) for x in unit)
+            assert values[index] == pytest.approx(float(formula(*at)), rel=1e-12, abs=1e-13)
+            for i in range(4):
+                wanted = float(mp.diff(formula, at, tuple(int(k == i) for k in range(4))))
+                # One-sided fourth order at bounds: step^4 times the fifth derivative, of a variable over two decades.
+                assert jacobian[index, i] == pytest.approx(wanted, rel=2e-9, abs=2e-9)
+    assert gradient_error(problem.vector, np.array(unit)) < 1e-7
+
+
+BOXED = [name for name, quantity in QUANTITIES.items() if quantity.monotone and quantity.of is not None]
+LENGTHS = (
+    Variable("D_F", 1.0, 6.0),
+    Variable("d_3", 0.0, 250.0),
+    Variable("d_f", 90.0, 900.0),
+    Variable("d_2", 0.2, 9.0),
+    Variable("d", 0.03, 0.3),
+)
+
+
+def boxes(rng):
+    """Ends of boxes of all sizes; every other one lies across d_3 = d_f."""
+    for number in range(24):
+        middle, half = rng.random(5), 0.5 * rng.random(5) ** 2
+        low, high = np.clip(middle - half, 0, 1), np.clip(middle + half, 0, 1)
+        if number % 2:
+            plane = float(LENGTHS[2].value(np.asarray(low[2])))
+            low[1] = LENGTHS[1].unit(plane * (1 - 0.5 * rng.random()))
+            high[1] = LENGTHS[1].unit(plane * (1 + 0.2 * rng.random()))
+        yield low, high
+
+
+@pytest.mark.parametrize("name", BOXED)
+def test_boxes_hold_nothing_beyond_their_bounds(name):
+    """The best camera met in a box is never better than the bound, and no box with a camera is ruled out."""
+    quantity = quantity_named(name)
+    at = 80.0 if quantity.at != "never" else None
+    rng = np.random.default_rng(4)
+    goals = (Goal(quantity, "min", at),)
+    problem = DesignProblem("b", PAPER, LENGTHS, (), goals)
+    assert prunable(problem, goals[0])
+    checked = 0
+    for low, high in boxes(rng):
+        corners = rng.integers(0, 2, (200, 5))
+        units = low + np.concatenate([corners, rng.beta(0.5, 0.5, (800, 5))]) * (high - low)
+        real = (problem.vector(units)[1:] <= 0).all(axis=0)
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(goals[0].values(problem.cameras(units)), real.shape)[real]
+        if not values.size:
+            continue
+        checked += 1
+        least, most = float(values.min()), float(values.max())
+
+        def bound(constraints, direction, low=low, high=high):
+            posed = DesignProblem("b", PAPER, LENGTHS, constraints, (Goal(quantity, direction, at),))
+            combinations = Combinations.of(posed, Catalogue(), ())
+            found = Boxes(combinations, np.zeros(1, np.intp), low[None], high[None]).bound()[0]
+            return found, combinations.problem
+
+        for direction, sign, extreme in (("min", 1, least), ("max", -1, most)):
+            found, posed = bound((), direction)
+            merit = np.log(extreme) if quantity.positive else extreme / posed.goal_scale(0)
+            assert sign * merit >= found - 1e-12 * (1 + abs(merit)), (low, high)
+        assert bound((Constraint(quantity, None, least, at),), "min")[0] < np.inf, (low, high)
+        assert bound((Constraint(quantity, most, None, at),), "min")[0] < np.inf, (low, high)
+    assert checked > 10

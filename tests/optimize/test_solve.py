@@ -1,0 +1,220 @@
+"""Problems whose optimum is known, from every start; one that only brute force knows; and problems without a design."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.optimize.problem import SIGNS, Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimize.search import search
+from roslf_design.optimize.solve import Settings, solve
+from roslf_design.theory.light import half_diagonal
+from roslf_design.theory.quantities import quantity_named
+from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
+
+RELATIVE = 1e-6
+PAPER = roslf.load("paper")
+
+
+def limit(name, low=None, high=None, at=None):
+    return Constraint(quantity_named(name), low, high, at)
+
+
+def goal(name, direction, at=None, weight=1.0):
+    return Goal(quantity_named(name), direction, at, weight)
+
+
+def posed(bounds, limits, *goals, design=PAPER, **more):
+    variables = tuple(Variable(name, *ends) for name, ends in bounds.items())
+    return DesignProblem("posed", design, variables, tuple(limits), goals, **more)
+
+
+def optima(problem):
+    """Variables at the ends of searches from twenty starts."""
+    for start in np.random.default_rng(11).random((20, problem.n)):
+        found = search(problem, start)
+        assert found.feasible
+        yield problem.named(found.unit)
+
+
+def test_matching_a_given_bore_from_every_start():
+    """D_F and d_3 are the bore's: the only matched d_2 is Eq. 7's."""
+    problem = posed({"d_2": (0.1, 20.0)}, [limit("fill_factor", 1.0, 1.0)], goal("views_independent", "max"))
+    wanted = float(matched_sensor_distance(PAPER))
+    for found in optima(problem):
+        assert found["d_2"] == pytest.approx(wanted, rel=RELATIVE)
+
+
+def test_matched_with_the_widest_pupil_from_every_start():
+    """Depth precision wants the widest pupil that the bore allows, and d_2 that matches it."""
+    bounds = {"d_2": (0.1, 20.0), "D_F": (0.5, 4.0)}
+    problem = posed(bounds, [limit("fill_factor", 1.0, 1.0)], goal("sigma_z_mm", "min"))
+    wanted = float(matched_sensor_distance(PAPER.replace(D_F=4.0)))
+    for found in optima(problem):
+        assert (found["D_F"], found["d_2"]) == pytest.approx((4.0, wanted), rel=RELATIVE)
+
+
+def test_largest_undistorted_field_from_every_start():
+    """With a lens narrower than the array Eq. 6 ends the field: it is active at the optimum."""
+    design = PAPER.replace(D=24.0, d_3=90.0)
+    bounds, widest = {"d_f": (150.0, 5000.0), "D_F": (1.0, 5.0)}, goal("field_half_diagonal_mm", "max")
+    problem = posed(bounds, [limit("non_distortion_room_mm", 0.0)], widest, design=design)
+    wanted = float(largest_undistorted_plane(design.replace(D_F=1.0), float(half_diagonal(problem.base))))
+    assert 150 < wanted < 5000
+    for found in optima(problem):
+        assert found["d_f"] == pytest.approx(wanted, rel=RELATIVE)
+
+
+def test_the_papers_bench_recovers_a_matched_design_near_it():
+    bounds = {s: (getattr(PAPER, s) * 0.99, getattr(PAPER, s) * 1.01) for s in ("d_2", "d_3", "d_1")}
+    problem = posed(bounds, [limit("fill_factor", 1.0, 1.0)], goal("sigma_z_mm", "min"))
+    answer = solve(problem, Settings(starts=4, check=False))
+    assert answer.feasible
+    assert answer.same == 4
+    design = problem.design_at(answer.unit)
+    # 60 digits on the design as written: what is left is rounding of the three lengths themselves.
+    assert abs(eq7_residual(design)) < 1e-9
+    for symbol in bounds:
+        assert getattr(design, symbol) == pytest.approx(getattr(PAPER, symbol), rel=0.0101)
+
+
+def scope(*goals, **more):
+    """A rigid endoscope of six variables."""
+    bounds = {
+        "f": (1.0, 4.0),
+        "D_F": (0.1, 2.0),
+        "d_3": (1.0, 6.0),
+        "working_distance": (20.0, 60.0),
+        "d": (0.012, 0.06),
+        "d_2": (0.03, 2.0),
+    }
+    limits = [
+        limit("fill_factor", 0.6, 1.0),
+        limit("non_distortion_room_mm", 0.0),
+        limit("total_length_mm", None, 8.0),
+        limit("field_half_width_mm", 10.0, None, 40.0),
+        limit("views_independent", 6.0),
+        limit("blur_pitches", None, 8.0, 20.0),
+    ]
+    return posed(bounds, limits, *goals, design=roslf.load("rigid-scope"), **more)
+
+
+DEPTH, LENGTH = goal("sigma_z_mm", "min", 40.0), goal("total_length_mm", "min", None, 0.2)
+
+
+def test_six_variables_no_worse_than_brute_force():
+    problem = scope(DEPTH, LENGTH)
+
+    def evaluate(units):
+        rows = problem.vector(units)
+        return rows[0], np.where(np.isfinite(rows[1:]), rows[1:], np.inf).max(axis=0)
+
+    _, grid = brute_force(evaluate, 6, 6, 14)
+    answer = solve(problem, Settings(starts=8))
+    assert answer.feasible
+    # The grid comes close enough to be a judge: within 3 % of the goals.
+    assert -1e-9 <= grid - answer.merit < 0.03
+    assert answer.same >= 6
+    assert all(check.agrees(answer.merit) for check in answer.checks)
+    assert answer.checks[0].polished.merit == pytest.approx(answer.merit, abs=1e-6)
+    assert answer.conditions.residual < 1e-6
+
+
+def test_lexicographic_order_holds_what_came_first():
+    problem = scope(DEPTH, LENGTH, order="lexicographic", slack=0.02)
+    answer = solve(problem, Settings(starts=6, check=False))
+    first, last = answer.stages
+    assert answer.number(DEPTH) <= first.value * (1.02 + 1e-8)
+    alone = solve(scope(DEPTH), Settings(starts=6, check=False))
+    assert first.value == pytest.approx(alone.number(DEPTH), rel=1e-6)
+    assert last.value <= alone.number(LENGTH) * (1 + 1e-9)
+
+
+def test_multipliers_say_what_a_relaxed_limit_buys():
+    one = scope(DEPTH)
+    answer = solve(one, Settings(starts=6, check=False))
+    before, checked = answer.number(DEPTH), 0
+    for index, held in enumerate(one.constraints):
+        rows = [a for a in answer.conditions.active if a.label.startswith(held.label) and a.multiplier > 1e-3]
+        if not rows:
+            continue
+        lower = ">=" in rows[0].label
+        step = 1e-4 * abs(held.low if lower else held.high)
+        moved = replace(held, low=held.low - step) if lower else replace(held, high=held.high + step)
+        relaxed = replace(one, constraints=(*one.constraints[:index], moved, *one.constraints[index + 1 :]))
+        gain = before - relaxed.number(DEPTH, search(relaxed, answer.unit).unit)
+        # First order: off by the curvature over a step of 1e-4.
+        assert gain / step == pytest.approx(rows[0].goal_per_unit, rel=2e-3)
+        checked += 1
+    assert checked >= 2
+
+
+def test_freedom_that_no_goal_decides_is_told():
+    """The goal does not see d_2, and nothing holds it."""
+    answer = solve(posed({"D_F": (1.0, 4.0), "d_2": (0.5, 9.0)}, [], DEPTH), Settings(starts=5, check=False))
+    assert set(answer.loose()) == {"d_2"}
+    assert answer.same == 5
+
+
+IMPOSSIBLE = posed(
+    {"d_2": (0.5, 10), "d_3": (0, 300), "d_1": (110, 300)},
+    [
+        limit("fill_factor", 0.9, 1.0),
+        limit("non_distortion_room_mm", 0.0),
+        limit("lateral_samples", 100.0),
+        limit("total_length_mm", None, 700.0),
+        limit("field_half_diagonal_mm", 60.0),
+        limit("sigma_z_mm", None, 0.5),
+    ],
+    goal("views_independent", "max"),
+)
+
+
+@pytest.fixture(scope="module")
+def refused():
+    return solve(IMPOSSIBLE, Settings(starts=6))
+
+
+def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
+    assert not refused.feasible
+    assert refused.conditions is None
+    assert refused.violation > 0.1
+    assert refused.conflict.violations
+    assert refused.conflict.complete
+    assert refused.conflict.smallest == ("field_half_diagonal_mm >= 60 mm", "sigma_z_mm <= 0.5 mm")
+    # Each of the two can hold without the other, together with all the rest.
+    for index in (4, 5):
+        assert solve(IMPOSSIBLE.without(frozenset(range(6)) - {index}), Settings(starts=6, check=False)).feasible
+
+
+def relaxed(relaxation, needed):
+    """The problem with the limit moved that a relaxation names."""
+    changed = []
+    for held in IMPOSSIBLE.constraints:
+        for side in held.sides:
+            if relaxation.label == f"{held.label} {SIGNS[side]}":
+                held = replace(held, **{"low" if side == "min" else "high": needed})
+        changed.append(held)
+    return replace(IMPOSSIBLE, constraints=tuple(changed))
+
+
+def test_each_relaxation_makes_it_feasible_and_less_does_not(refused):
+    helpful = [r for r in refused.conflict.relaxations if r.needed is not None]
+    assert len(helpful) == 2
+    for relaxation in helpful:
+        share = 1 - 1e-6 if relaxation.label.endswith(">=") else 1 + 1e-6
+        assert solve(relaxed(relaxation, relaxation.needed * share), Settings(starts=8, check=False)).feasible
+        short = relaxation.limit + 0.98 * (relaxation.needed - relaxation.limit)
+        assert not solve(relaxed(relaxation, short), Settings(starts=4)).feasible
+
+
+def test_a_limit_or_a_bound_that_stands_in_the_way_alone_is_named():
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2))
+    assert not answer.feasible
+    assert answer.conflict.smallest == ("D_F >= 5 mm",)
+    assert answer.conflict.relaxations[0].needed == pytest.approx(2.9)
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("d_2", 12.0),)), Settings(starts=2))
+    assert answer.conflict.bounds == ("d_2 <= 10 mm",)
+    assert answer.conflict.relaxations[0].needed == pytest.approx(10.0)
+    assert np.isfinite(answer.unit).all()
