@@ -12,7 +12,7 @@ from roslf_design.accuracy.jobs import CUT, Job, panel_jobs
 from roslf_design.accuracy.methods import methods
 from roslf_design.accuracy.references import reference
 from roslf_design.accuracy.slices import gauss
-from tests.oracles.discs import area
+from studies.accuracy.oracles.discs import area
 from tests.oracles.huygens import aperture, from_pupil, towards_sensor
 
 PAPER = roslf.load("paper")

@@ -12,7 +12,7 @@ from roslf_design.accuracy.hard_cases import all_cases, run_hard_cases, share
 from roslf_design.accuracy.hard_cases_page import hard_cases_report, tangency_table
 from roslf_design.accuracy.walks import approach, gaps
 from roslf_design.report.html import render_html
-from tests.oracles.discs import lens_area
+from studies.accuracy.oracles.discs import lens_area
 
 CASES = {case.name: case for case in all_cases()}
 DESIGNS = ("paper", "ear-speculum", "mismatched-borescope")

@@ -24,7 +24,7 @@ from roslf_design.imaging.render import render
 from roslf_design.microlens.cells import area_in_rectangle
 from roslf_design.microlens.coverage import coverage_image
 from roslf_design.microlens.discs import intersect
-from tests.oracles.closed_forms import ORACLES
+from studies.accuracy.oracles.closed_forms import ORACLES
 from tests.theory.designs import arguments, random_designs
 from tests.theory.test_against_rays import numbers
 

@@ -12,7 +12,7 @@ from roslf_design.accuracy.rates import fitted_rate
 from roslf_design.accuracy.references import reference
 from roslf_design.accuracy.wave_methods import centres
 from tests.oracles.accuracy import quantile_spread, white_image_by_points
-from tests.oracles.discs import area, shape
+from studies.accuracy.oracles.discs import area, shape
 from tests.oracles.huygens import disc, square_images
 
 PAPER = roslf.load("paper")

@@ -5,7 +5,7 @@ import pytest
 
 from roslf_design.accuracy import textbook, textbook_scene
 from roslf_design.accuracy.digits import DIGITS, exactly, flat
-from tests.oracles.closed_forms import ORACLES, keywords
+from studies.accuracy.oracles.closed_forms import ORACLES, keywords
 from tests.theory.designs import arguments, random_designs
 
 DESIGNS = tuple(random_designs(60, seed=7))
@@ -36,7 +36,7 @@ def test_textbook_formula_is_the_traced_one(name):
 
 
 def test_overlap_of_discs_is_the_area_between_slices():
-    from tests.oracles.discs import area
+    from studies.accuracy.oracles.discs import area
 
     for r, R, d in [(2.2, 25.4, 27.0), (2.2, 25.4, 23.5), (1.0, 1.0, 0.5), (3.0, 2.0, 4.9)]:
         with mp.workdps(40):

@@ -11,7 +11,7 @@ from roslf_design.microlens.cells import area_in_polygon, area_in_rectangle
 from roslf_design.microlens.discs import intersect
 from roslf_design.microlens.images import stop_images
 from roslf_design.microlens.lattice import cell_polygon
-from tests.oracles import discs as oracle
+from studies.accuracy.oracles import discs as oracle
 
 any_disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(1e-3, 2))
 sets = st.lists(any_disc, min_size=1, max_size=5).map(np.array)

@@ -14,7 +14,7 @@ from roslf_design.microlens.coverage import coverage_image, pixel_areas
 from roslf_design.microlens.discs import intersect
 from roslf_design.microlens.images import stop_images
 from roslf_design.microlens.lattice import Lattice, lens_centres
-from tests.oracles import discs as oracle
+from studies.accuracy.oracles import discs as oracle
 
 P1 = {"focal_length": 100.0, "focal_plane": 350.0, "mla_distance": 140.0, "sensor_distance": 2.0}
 
