@@ -154,11 +154,8 @@ def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
     methods compute.
     """
     if quantity == LENS:
-        side = {name: camera.microlens_array.size[0] for name, camera in lens_designs(design).items()}
-        return {
-            name: Job(LENS, camera, (0.25 * side[name], 0.1 * side[name]))
-            for name, camera in lens_designs(design).items()
-        }
+        cameras = {name: (camera, camera.microlens_array.size[0]) for name, camera in lens_designs(design).items()}
+        return {name: Job(LENS, camera, (0.25 * side, 0.1 * side)) for name, (camera, side) in cameras.items()}
     if quantity == CUT:
         return _cut_jobs(_square(design))
     waves = quantity == WAVES

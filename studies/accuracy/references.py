@@ -1,8 +1,9 @@
 """What every method is judged against: the same quantities at 22 to 50 digits, by other ways and other code.
 
 Discs and pixels by slices and mpmath's tanh-sinh rule; diffraction by the Fourier series with 50-digit Bessel
-functions; depths from traced rays; real lenses by conics and Snell's law in vectors. Cut diffraction images by Huygens's integral
-itself in double precision, on another set of pupil points: right to about 1e-12 (tests compare it with many digits).
+functions; depths from traced rays; real lenses by conics and Snell's law in vectors. Cut diffraction images by
+Huygens's integral itself in double precision, on another set of pupil points: right to about 1e-12 (tests compare it
+with many digits).
 """
 
 from __future__ import annotations
