@@ -124,7 +124,8 @@ def movement(exact: Callable[..., Any], arguments: Mapping[str, Any], count: int
     """Sum over the arguments of |x df/dx| for each of a result's numbers, by central differences."""
     moved = [mp.mpf(0)] * count
     step = mp.mpf(STEP)
-    for name, value in arguments.items():
+    given = {name: exactly(value) for name, value in arguments.items()}
+    for name, value in given.items():
         if isinstance(value, bool):
             continue
         parts = value if isinstance(value, tuple) else (value,)
@@ -133,8 +134,8 @@ def movement(exact: Callable[..., Any], arguments: Mapping[str, Any], count: int
                 continue
             sides = []
             for sign in (1, -1):
-                nudged = (*exactly(parts[:i]), exactly(part) * (1 + sign * step), *exactly(parts[i + 1 :]))
-                sides.append(flat(exact(**{**arguments, name: nudged if isinstance(value, tuple) else nudged[0]})))
+                nudged = (*parts[:i], part * (1 + sign * step), *parts[i + 1 :])
+                sides.append(flat(exact(**(given | {name: nudged if isinstance(value, tuple) else nudged[0]}))))
             for n, (up, down) in enumerate(zip(*sides, strict=True)):
                 if not isinstance(up, bool):
                     jump = mp.isinf(up) or mp.isinf(down)
