@@ -5,13 +5,13 @@ from __future__ import annotations
 from statistics import median
 
 import roslf_design as roslf
-from roslf_design.accuracy.honesty import try_choice
+from roslf_design.commands.accuracy import study
 
 JOBS = 108
 
 
 def main() -> None:
-    trials = try_choice(roslf.load("paper"), JOBS, seed=1)
+    trials = study("promises").try_choice(roslf.load("paper"), JOBS, seed=1)
     kept = sum(trial.kept for trial in trials)
     print(f"{kept} of {len(trials)} random jobs at accuracies 1e-1 to 1e-9 within what was promised")
     print(f"{'quantity':20s} {'kept':>9s} {'worst/promise':>14s} {'time':>10s} {'over fastest':>13s}")

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import Budget, Plan, plan
+from ..effects.plan import EFFECTS
 from ..errors import InputError, Problem
+from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, render
 from ..imaging.trace import Sampling
 from ..scenes import Scene
@@ -191,12 +193,11 @@ class _Job:
         self.design, self.scene, self.plan, self.budget, self.seed = design, scene, chosen, budget, seed
         width, height = design.pixels
         self.region = tuple(region) if region is not None else (0, 0, width, height)
-        if not method:
-            method = self._method()
-        self.method = method
+        self.method = method or self._method()
         spread = chosen.on("microlens_diffraction") or chosen.on("microlens_defocus")
-        self.convolved = spread and method in ("rays", "convolution")
-        self.real = self.method == "rays" and design.lens is not None and chosen_lens(chosen)
+        self.convolved = spread and self.method in ("rays", "convolution")
+        faulty = any(chosen.on(name) for name in LENS_EFFECTS)
+        self.real = self.method == "rays" and design.lens is not None and faulty
 
     def _method(self) -> str:
         """Told by the smallest of pictures."""
@@ -254,7 +255,8 @@ class _Job:
             tolerance=sampling.tolerance / math.sqrt(FINER), side=2 * sampling.side,
         )  # fmt: skip
         off = ["-noise"] + (["-microlens_diffraction", "-microlens_defocus"] if sharp and self.convolved else [])
-        forced = [f"{'+' if line.on else '-'}{line.name}" for line in self.plan if _free(line.name, self.design)]
+        free = {effect.name for effect in EFFECTS if not effect.always and effect.available(self.design)}
+        forced = [f"{'+' if line.on else '-'}{line.name}" for line in self.plan if line.name in free]
         chosen = plan(self.design, self.scene, self.budget, [*forced, *off])
         differences, rays = [], 0.0
         for patch in patches:
@@ -266,20 +268,6 @@ class _Job:
             differences.append(np.abs(pair[0].pixels.astype(float) - pair[1].pixels).ravel())
             rays += pair[0].rays / pair[0].pixels.size
         return float(np.quantile(np.concatenate(differences), SHARE)), rays / len(patches)
-
-
-def chosen_lens(chosen: Plan) -> bool:
-    """Whether any fault of a real main lens is rendered."""
-    from ..imaging.lens_rays import LENS_EFFECTS
-
-    return any(chosen.on(name) for name in LENS_EFFECTS)
-
-
-def _free(name: str, design: Design) -> bool:
-    from ..effects.plan import EFFECTS
-
-    effect = next(effect for effect in EFFECTS if effect.name == name)
-    return not effect.always and effect.available(design)
 
 
 def _reachable(accuracy: float, expected: float, method: str) -> None:

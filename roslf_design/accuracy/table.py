@@ -1,44 +1,50 @@
-"""The table of what each method costs and how far off it is: measured, shipped, or the user's own."""
+"""What each method costs and how far off it is, and the cheapest that keeps a promise.
+
+>>> choose("kept fraction", 1e-6).method
+'closed form'
+
+The table is measured by the study `studies/accuracy`: shipped, or the user's own from ``roslf accuracy calibrate``.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-import platform
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
-from statistics import median
 from typing import Any
 
-import numpy as np
-
-from ..design import Design
 from ..errors import InputError, Problem
-from .jobs import QUANTITIES, Job, panel_jobs
-from .methods import Method, methods
-from .random_jobs import random_job
-from .references import reference
+from .statement import check_accuracy
 
 SCHEMA = "roslf.accuracy-table/1"
 SHIPPED = "default_table.json"
 
-LONGEST = 0.25
-"""Levels that take longer than this on the smallest job are not measured, nor ever chosen [s]."""
+QUANTITIES: dict[str, str] = {
+    "kept fraction": "share of the pupil's light that one microlens gets; error absolute",
+    "centroid": "centroid of the microlens image; error over the radius of the pupil's image",
+    "area": "area of the microlens image; error relative",
+    "pixel image": "light of each pixel behind one microlens, by rays; largest error, 1 is a fully lit pixel",
+    "diffraction image": "pixels with the microlens's diffraction, all neighbours alike; largest error",
+    "cut diffraction image": "diffraction image of one microlens alone behind a pupil that rims cut; largest error",
+    "textured image": "pixels by rays, of a sinusoid off the focal plane; largest error",
+    "real lens": "rays of one microlens through a real lens; largest miss on the focal plane over its sample there",
+    "depth": "half of the range of depths that holds 68.3 % of measurements; error relative",
+}
+"""Each quantity, and what its error means."""
 
-LEVEL_SECONDS = 0.8
-"""Time that one level's errors may take beyond its first jobs."""
+SAFETY = {
+    "Monte Carlo": 2.5, "scrambled Sobol": 2.5, "grid": 2.0, "Gauss panels": 3.0, "arc integrals": 3.0,
+    "adaptive quadrature": 3.0, "FFT": 2.0, "direct Huygens": 2.0, "polynomial surrogate": 6.0,
+}  # fmt: skip
+"""How much worse than its worst measured case a method is taken to be (others: 1.5). Errors of samples scatter, those
+of fits grow steeply with field and pupil, exact ones do neither."""
 
-FEWEST_JOBS = 4
-"""Random jobs that are measured in any case; the panels always are."""
-
-EXTRA_JOBS = 16
-"""Random jobs beside the panels."""
-
-REPEATS = 5
+FINEST = 4e-13
+"""Accuracy below which rounding rules every method."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,11 @@ class Row:
         """Time expected for another job."""
         return self.fixed + (self.seconds - self.fixed) * work / self.work
 
+    @property
+    def expected_error(self) -> float:
+        """At most, for a job like those it was measured on."""
+        return max(self.error * SAFETY.get(self.method, 1.5), FINEST if self.error < FINEST else 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -80,14 +91,14 @@ class Table:
 
     def to_json(self) -> str:
         """Text of a table file."""
-        rows = [{key: _short(value) for key, value in asdict(row).items()} for row in self.rows]
+
+        def short(value: Any) -> Any:
+            return float(f"{value:.4g}") if isinstance(value, float) else value
+
+        rows = [{key: short(value) for key, value in asdict(row).items()} for row in self.rows]
         lines = ",\n  ".join(json.dumps(row, allow_nan=False) for row in rows)
         head = json.dumps({"schema": SCHEMA, "machine": self.machine})[:-1]
         return f'{head}, "rows": [\n  {lines}\n]}}\n'
-
-
-def _short(value: Any) -> Any:
-    return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
 def read_table(path: Path) -> Table:
@@ -127,98 +138,97 @@ def shipped_table() -> Table:
     return read_table(Path(str(files("roslf_design.accuracy") / SHIPPED)))
 
 
-def machine() -> str:
-    """What times depend on, in a line."""
-    return f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}, {os.cpu_count()} cores"
+# --- the choice -------------------------------------------------------------------------------------------------------
 
 
-def timed(method: Method, job: Job, level: int, repeats: int = REPEATS) -> tuple[float, float, float]:
-    """Median and quartiles of the times of a few runs [s]; the first, which fetches code, does not count."""
-    method.compute(job, level, 0)
-    found = []
-    for n in range(repeats):
-        start = time.perf_counter()
-        method.compute(job, level, n)
-        found.append(time.perf_counter() - start)
-        if sum(found) > LONGEST:
-            break
-    low, high = np.quantile(found, [0.25, 0.75])
-    return median(found), float(low), float(high)
+@dataclass(frozen=True)
+class Choice:
+    """A method for a job, before it is run."""
+
+    quantity: str
+    accuracy: float
+    """What the result may be off by, as `QUANTITIES` says for each quantity."""
+    method: str
+    level: int
+    expected_error: float
+    """At most, as measured on jobs of all kinds, with a margin."""
+    expected_seconds: float
+    attainable: bool
+    """False where no method reaches the accuracy: this is then the most accurate one."""
 
 
-def load_kernels() -> None:
-    """Have compiled code in memory: times are those of a program at work, not of its first second."""
-    from ..lenses.kernels import trace_rays
-    from ..microlens._pixels import coverage
-
-    for kernel in (trace_rays, coverage):
-        assert kernel.compiled is not None
-
-
-def calibrate(
-    design: Design,
-    quantities: Iterable[str] = tuple(QUANTITIES),
-    *,
-    extra: int = EXTRA_JOBS,
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda what: None,
-) -> Table:
-    """Measure every method at every level: errors on jobs of all kinds, times on the first.
+def choose(quantity: str, accuracy: float, table: Table | None = None) -> Choice:
+    """Cheapest method for a quantity of one microlens; `ranked` has all.
 
     Parameters
     ----------
-    design : Design
-        To make the jobs from.
-    quantities : iterable of str
-    extra : int
-        Random jobs of each quantity beside the panels.
-    seed : int
-        Of the jobs and of random methods.
-    progress : callable
-        Told what is being measured.
+    quantity : str
+        One of `QUANTITIES`.
+    accuracy : float
+        What the result may be off by.
+    table : Table, optional
+        None is the user's own, or the shipped one.
+
+    Raises
+    ------
+    InputError
+        No such quantity, an accuracy out of range.
     """
-    load_kernels()
-    rows: list[Row] = []
-    for number, quantity in enumerate(quantities):
-        rng = np.random.default_rng([seed, number])
-        jobs = [*panel_jobs(design, quantity).values()]
-        jobs += [random_job(design, quantity, rng) for _ in range(extra)]
-        for method in methods(quantity):
-            progress(f"{quantity}, {method.name}")
-            fewest = sum(method.tested_on(job) for job in jobs[: len(jobs) - extra + FEWEST_JOBS])
-            rows += _measured(method, [job for job in jobs if method.tested_on(job)], seed, fewest)
-    return Table(tuple(rows), machine())
+    check_quantity(quantity)
+    return ranked(quantity, accuracy, table)[0]
 
 
-def _worst(method: Method, jobs: list[Job], level: int, seeds: range, fewest: int) -> float:
-    """Largest error over jobs and seeds, as many as there is time for but the first few in any case."""
-    spent, worst = 0.0, 0.0
-    for n, job in enumerate(jobs):
-        truth = reference(job)
-        start = time.perf_counter()
-        for seed in seeds:
-            worst = max(worst, job.error(method.compute(job, level, seed), truth))
-        spent += time.perf_counter() - start
-        if n + 1 >= fewest and spent > LEVEL_SECONDS:
-            break
-    return worst
+def check_quantity(quantity: str) -> None:
+    """Refuse what is no quantity.
+
+    Raises
+    ------
+    InputError
+    """
+    if quantity not in QUANTITIES:
+        known = ", ".join(QUANTITIES)
+        raise InputError((Problem("--quantity", f'no quantity is called "{quantity}"; there are {known}'),))
 
 
-def _measured(method: Method, jobs: list[Job], seed: int, fewest: int) -> list[Row]:
-    first = jobs[0]
-    rows = []
-    for level in method.levels:
-        work = method.work(first, level)
-        seconds = timed(method, first, level)[0]
-        if seconds > LONGEST:
-            break
-        # The job with most work tells what part of the time grows with it.
-        largest = max(jobs, key=lambda job: method.work(job, level))
-        more = method.work(largest, level) / work
-        fixed = 0.0
-        if more > 2:
-            grown = timed(method, largest, level, 3)[0]
-            fixed = min(max(seconds - max(grown - seconds, 0.0) / (more - 1), 0.0), seconds)
-        error = _worst(method, jobs, level, range(seed, seed + (4 if method.random else 1)), fewest)
-        rows.append(Row(method.quantity, method.name, level, error, seconds, work, fixed))
-    return rows
+def ranked(
+    quantity: str,
+    accuracy: float,
+    table: Table | None = None,
+    *,
+    work: Callable[[Row], float] = lambda row: row.work,
+    able: Callable[[Row], bool] = lambda row: True,
+) -> tuple[Choice, ...]:
+    """Methods that keep the promise, cheapest first; where none does, the most accurate one alone.
+
+    Parameters
+    ----------
+    quantity : str
+    accuracy : float
+    table : Table, optional
+        None is the user's own, or the shipped one.
+    work : callable
+        Of a row's method at its level on the job at hand; by default that of the job it was measured on.
+    able : callable
+        Whether a row's method can do the job at hand.
+
+    Raises
+    ------
+    InputError
+        An accuracy out of range; a table without the quantity.
+    """
+    check_accuracy(accuracy)
+    rows = [row for row in (table or current_table()).of(quantity) if able(row)]
+    if not rows:
+        message = f"the accuracy table has nothing on {quantity}; make a new one with: roslf accuracy calibrate"
+        raise InputError((Problem("accuracy", message),))
+    # Levels rise in cost: of each method the first that is good enough is the cheapest.
+    first: dict[str, Row] = {}
+    for row in rows:
+        if row.expected_error <= accuracy:
+            first.setdefault(row.method, row)
+    best = list(first.values()) or [min(rows, key=lambda row: row.expected_error)]
+    choices = [
+        Choice(quantity, accuracy, row.method, row.level, row.expected_error, row.seconds_for(work(row)), bool(first))
+        for row in best
+    ]
+    return tuple(sorted(choices, key=lambda choice: choice.expected_seconds))

@@ -1,26 +1,28 @@
-"""`roslf accuracy`: how far numbers can be trusted, and what accuracy costs in time."""
+"""`roslf accuracy`: how far numbers can be trusted, and what accuracy costs in time.
+
+The work is the study `studies/accuracy`; in a wheel it lies in the package.
+"""
 
 from __future__ import annotations
 
 import json as json_text
 import shlex
+import sys
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from ..accuracy.statement import check_accuracy
+from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
+from ..errors import InputError, Problem
 from .evaluate import parse_field
 from .progress import StatusLine
 from .report import PAGE, check_folder
 from .tables import print_table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from ..accuracy.choice import Answer
-    from ..accuracy.measure import WorkDiagram
-    from ..design import Design
-    from ..report.blocks import Table
+_PACKAGE = Path(__file__).resolve().parent.parent
 
 accuracy = App(
     name="accuracy",
@@ -69,143 +71,64 @@ def diagrams(
     seed
         Of random methods and jobs.
     """
-    from ..accuracy.honesty import try_choice
-    from ..accuracy.jobs import QUANTITIES
-    from ..accuracy.statement import check_accuracy
-    from ..accuracy.table import current_table
     from ..design import load
-    from ..errors import InputError, Problem
+    from ..scenes import load_scene
 
     check_accuracy(accuracy)
     wrong = {"--seed": seed < 0, "--jobs": jobs < 0}
     if any(wrong.values()):
         raise InputError(tuple(Problem(key, "must not be negative") for key, bad in wrong.items() if bad))
-    if quantity is not None and quantity not in QUANTITIES:
-        known = ", ".join(QUANTITIES)
-        raise InputError((Problem("--quantity", f'no quantity is called "{quantity}"; there are {known}'),))
+    if quantity is not None:
+        check_quantity(quantity)
     loaded = load(design)
     axis = None if field is None else parse_field(field)
     if output is not None:
         check_folder(output)
+    promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
+    groups, scene_text = [], ""
     with StatusLine("accuracy") as progress:
-        groups = [measured_group(loaded, name, axis, accuracy, seed, progress.tell) for name in wanted]
-        scene_text = ""
+        for name in wanted:
+            each = promises.panel_jobs(loaded, name)
+            if axis is not None:
+                each = {"this field": promises.Job(name, loaded, axis)}
+            work = [promises.work_diagram(title, job, seed=seed, progress=progress.tell) for title, job in each.items()]
+            groups.append((name, work, [promises.compute(diagram.job, accuracy, seed=seed) for diagram in work]))
         if scene is not None:
-            group, scene_text = scene_group(loaded, scene, accuracy, axis, seed, progress.tell)
-            groups.append(group)
-        trials = try_choice(loaded, jobs, seed=seed, progress=progress.tell) if jobs else ()
+            diagram, answer, method = promises.scene_diagram(
+                loaded, load_scene(scene), accuracy, seed=seed, axis=axis or (0.0, 0.0), progress=progress.tell
+            )
+            groups.append(("scene image", [diagram], [answer]))
+            scene_text = page.scene_sentence(diagram, answer.choice, method)
+        trials = promises.try_choice(loaded, jobs, seed=seed, progress=progress.tell) if jobs else ()
     data = {
         "schema": "roslf.accuracy/1",
         "design": loaded.name,
         "accuracy": accuracy,
-        "diagrams": [diagram.to_dict() for _, found, _ in groups for diagram in found],
-        "choices": [answer.to_dict() for _, _, answers in groups for answer in answers if answer is not None],
+        "diagrams": [diagram.to_dict() for _, diagrams, _ in groups for diagram in diagrams],
+        "choices": [answer.to_dict() for _, _, answers in groups for answer in answers],
         "random_jobs": len(trials),
         "promises_kept": sum(trial.kept for trial in trials),
     }
     text = json_text.dumps(short(data), allow_nan=False, ensure_ascii=False) + "\n"
     if output is not None:
-        from ..accuracy.page import accuracy_report
-        from ..design.write import write_atomically
-        from ..report.html import render_html
-
         words = ["roslf", "accuracy", design, "--accuracy", f"{accuracy:g}", "-o", str(output)]
         words += ["--scene", scene] if scene else []
         words += ["--jobs", str(jobs)] if jobs else []
-        page = accuracy_report(loaded.name, groups, current_table(), trials, shlex.join(words), accuracy)
-        output.mkdir(parents=True, exist_ok=True)
-        write_atomically(output / "accuracy.json", text.encode())
-        write_atomically(output / PAGE, render_html(page).encode())
+        report = page.accuracy_report(loaded.name, groups, current_table(), trials, shlex.join(words), accuracy)
+        write_page(output, "accuracy.json", text, report)
     if json:
         print(text, end="")
         return
     from rich.console import Console
 
-    print_table(answers_table(groups), Console())
+    print_table(page.answers_table(groups), Console())
     if scene_text:
-        print(scene_text)
+        print(f"\n{scene_text}")
     if trials:
         print(f"\n{data['promises_kept']} of {len(trials)} random jobs within what was promised")
     if output is not None:
         print(f"\n{output / PAGE}")
-
-
-def measured_group(
-    design: Design,
-    quantity: str,
-    axis: tuple[float, float] | None,
-    accuracy: float,
-    seed: int,
-    tell: Callable[[str], None],
-) -> tuple[str, list[WorkDiagram], list[Answer | None]]:
-    """Diagrams of one quantity, and what is chosen on each."""
-    from ..accuracy.choice import compute
-    from ..accuracy.jobs import Job, panel_jobs
-    from ..accuracy.measure import work_diagram
-
-    jobs = panel_jobs(design, quantity) if axis is None else {"this field": Job(quantity, design, axis)}
-    found = [work_diagram(name, job, seed=seed, progress=tell) for name, job in jobs.items()]
-    return quantity, found, [compute(diagram.job, accuracy, seed=seed) for diagram in found]
-
-
-def scene_group(
-    design: Design,
-    scene: str,
-    accuracy: float,
-    axis: tuple[float, float] | None,
-    seed: int,
-    tell: Callable[[str], None],
-) -> tuple[tuple[str, list[WorkDiagram], list[Answer | None]], str]:
-    """Diagram of a scene's pixels, and the number of rays in words."""
-    import numpy as np
-
-    from ..accuracy.choice import Answer, Choice
-    from ..accuracy.page import time_text
-    from ..accuracy.scene_job import scene_diagram
-    from ..scenes import load_scene
-
-    found, choice = scene_diagram(
-        design, load_scene(scene), accuracy, seed=seed, axis=axis or (0.0, 0.0), progress=tell
-    )
-    name = found.points[0].method
-    chosen = Choice(
-        "scene image", accuracy, name, choice.rays, choice.expected_error, choice.expected_seconds, choice.attainable
-    )
-    rays = f"{choice.rays} rays a pixel" if choice.rays else f"no rays ({choice.method})"
-    enough = "" if choice.attainable else ", which is not enough: no number tried keeps it"
-    text = f"\n{found.title}: {rays} for {accuracy:g}{enough}; tracing the whole sensor takes about "
-    text += time_text(choice.expected_seconds)
-    answer = Answer(np.zeros(0), chosen, choice.expected_error / 2, choice.expected_seconds, 1)
-    return ("scene image", [found], [answer]), text
-
-
-def answers_table(groups: Sequence[tuple[str, list[WorkDiagram], list[Answer | None]]]) -> Table:
-    """What was chosen for each job, and what came of it."""
-    from ..accuracy.page import time_text
-    from ..report.blocks import Table
-
-    rows = []
-    for quantity, found, answers in groups:
-        for diagram, answer in zip(found, answers, strict=True):
-            if answer is None:
-                continue
-            choice = answer.choice
-            actual = [p.error for p in diagram.points if (p.method, p.level) == (choice.method, choice.level)]
-            rows.append(
-                (
-                    quantity,
-                    diagram.title,
-                    choice.method + (f" {choice.level}" if choice.level else ""),
-                    f"{choice.expected_error:.1e}",
-                    "-" if answer.measured_error is None else f"{answer.measured_error:.1e}",
-                    f"{actual[0]:.1e}" if actual else "-",
-                    time_text(answer.seconds),
-                    "yes" if choice.attainable else "NO",
-                )
-            )
-    headings = ("quantity", "job", "method", "expected", "measured", "actual", "time", "within")
-    return Table(tuple(rows), "lllrrrrl", headings, "Cheapest methods")
 
 
 @accuracy.command(name="calibrate")
@@ -229,16 +152,16 @@ def calibrate(
     seed
         Of the jobs.
     """
-    from ..accuracy import table
     from ..design import load
     from ..design.write import write_atomically
 
     loaded = load(design)
-    path = table.cache_file() if output is None else output
+    path = cache_file() if output is None else output
+    promises = study("promises")
     with StatusLine("accuracy") as progress:
-        found = table.calibrate(loaded, seed=max(seed, 0), progress=progress.tell)
+        table = promises.calibrate(loaded, seed=max(seed, 0), progress=progress.tell)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, found.to_json().encode())
+    write_atomically(path, table.to_json().encode())
     print(path)
 
 
@@ -268,41 +191,62 @@ def hard_cases(
     seed
         Of the walks; the same seed gives the same bytes.
     """
-    from ..accuracy.hard_cases import run_hard_cases
     from ..design import load
-    from ..errors import InputError, Problem
 
     if seed < 0:
         raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0 on"),))
     loaded = load(design)
     if output is not None:
         check_folder(output)
+    rows, page = study("hard_rows"), study("hard_page")
     with StatusLine("accuracy") as progress:
-        found = run_hard_cases(loaded, seed=seed, progress=progress.tell)
-    text = json_text.dumps(short(found.to_dict()), allow_nan=False, ensure_ascii=False) + "\n"
+        cases = study("hard_cases").run_hard_cases(loaded, rows.all_cases(), seed=seed, progress=progress.tell)
+    text = json_text.dumps(short(cases.to_dict()), allow_nan=False, ensure_ascii=False) + "\n"
     if output is not None:
-        from ..accuracy.hard_cases_page import hard_cases_report
-        from ..design.write import write_atomically
-        from ..report.html import render_html
-
         command = shlex.join(["roslf", "accuracy", "hard-cases", design, "-o", str(output)])
-        output.mkdir(parents=True, exist_ok=True)
-        write_atomically(output / "hard-cases.json", text.encode())
-        write_atomically(output / PAGE, render_html(hard_cases_report(found, command)).encode())
+        write_page(output, "hard-cases.json", text, page.hard_cases_report(cases, command))
     if json:
         print(text, end="")
     else:
         from rich.console import Console
 
-        from ..accuracy.hard_cases_page import case_table
-
-        print_table(case_table(found), Console())
-        for one in found.near:
+        print_table(page.case_table(cases), Console())
+        for one in cases.near:
             if one.near:
                 print(f"\nNear {one.case} (at {one.distance:.2g}): {one.says}")
         if output is not None:
             print(f"\n{output / PAGE}")
-    return 0 if found.held else 1
+    return 0 if cases.held else 1
+
+
+def study(name: str) -> Any:
+    """A module of the study: in the package where it was installed from a wheel, else beside it.
+
+    Raises
+    ------
+    InputError
+        mpmath, which its references need, is not installed.
+    """
+    installed = (_PACKAGE / "studies" / "accuracy").is_dir()
+    if not installed and str(_PACKAGE.parent) not in sys.path:
+        sys.path.append(str(_PACKAGE.parent))
+    try:
+        return import_module(f"{'roslf_design.' if installed else ''}studies.accuracy.{name}")
+    except ModuleNotFoundError as error:
+        if error.name != "mpmath":
+            raise
+        message = "references at 60 digits need mpmath; install it with: pip install mpmath"
+        raise InputError((Problem("accuracy", message),)) from None
+
+
+def write_page(folder: Path, data_name: str, data: str, page: Any) -> None:
+    """A folder with the page and the numbers behind it."""
+    from ..design.write import write_atomically
+    from ..report.html import render_html
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / data_name, data.encode())
+    write_atomically(folder / PAGE, render_html(page).encode())
 
 
 def short(value: Any) -> Any:

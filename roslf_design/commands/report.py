@@ -121,7 +121,7 @@ def maker(
     InputError
         A file that is not there, is none of the kinds, or has faults; a seed below 0; an accuracy that is none.
     """
-    from ..accuracy.evaluated import check_evaluation_accuracy
+    from ..evaluation.precision import check_evaluation_accuracy
     from ..design import load, preset_names
     from ..design.kinds import CALLED
     from ..errors import InputError, Problem

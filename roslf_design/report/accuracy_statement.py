@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from ..accuracy.table import QUANTITIES, choose, shipped_table
+from ..design import Design
+from ..evaluation.precision import evaluation_accuracy, near_cases
+from ..evaluation.result import Evaluation
 from .blocks import Paragraph, Section, Statement, Statements, Table
-
-if TYPE_CHECKING:
-    from ..design import Design
-    from ..evaluation.result import Evaluation
 
 WANTED = 1e-6
 """Accuracy that the table shows methods for."""
@@ -27,18 +25,12 @@ def accuracy_section(design: Design, result: Evaluation, asked: float | None = N
     asked : float, optional
         Accuracy that it was evaluated to.
     """
-    from ..accuracy.choice import choose
-    from ..accuracy.evaluated import evaluation_accuracy
-    from ..accuracy.jobs import QUANTITIES
-    from ..accuracy.nearby import near_cases
-    from ..accuracy.table import shipped_table
-
-    table, corner = shipped_table(), result.fields[-1].x_ml_mm
+    table = shipped_table()
     rows = []
     for quantity, meaning in QUANTITIES.items():
         if not table.of(quantity) or (quantity == "real lens" and design.lens is None):
             continue  # not measured yet, or not of this design
-        choice = choose(quantity, WANTED, design, corner, table)
+        choice = choose(quantity, WANTED, table)
         expected = "rounding, below 1e-12" if choice.expected_error < 1e-12 else f"{choice.expected_error:.1e}"
         rows.append((quantity, choice.method, expected, meaning))
     heads = ("quantity", "method", "expected error", "what the error means")
@@ -57,9 +49,9 @@ def accuracy_section(design: Design, result: Evaluation, asked: float | None = N
         closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
         text = f"The design is near no hard case; {closest}."
         said.append(Statement("good", text))
-    worth = evaluation_accuracy(design, result, asked)
-    words = worth.sentence()
-    said.insert(0, Statement("caution" if worth.kept is False else "plain", f"{words[0].upper()}{words[1:]}."))
+    accuracy = evaluation_accuracy(design, result, asked)
+    words = accuracy.sentence()
+    said.insert(0, Statement("caution" if accuracy.kept is False else "plain", f"{words[0].upper()}{words[1:]}."))
     distances = Table(
         tuple((case.case, f"{case.distance:.2g}", "near" if case.near else "") for case in cases[:SHOWN]),
         "ldl",

@@ -5,13 +5,12 @@ import json
 import pytest
 
 import roslf_design as roslf
-from roslf_design.accuracy.choice import candidates, choose, compute
-from roslf_design.accuracy.honesty import try_choice
-from roslf_design.accuracy.jobs import QUANTITIES, Job, panel_jobs
-from roslf_design.accuracy.references import reference
 from roslf_design.accuracy.statement import check_accuracy
-from roslf_design.accuracy.table import Row, Table, cache_file, calibrate, read_table, shipped_table
+from roslf_design.accuracy.table import QUANTITIES, Row, Table, cache_file, choose, ranked, read_table, shipped_table
 from roslf_design.errors import InputError
+from studies.accuracy.jobs import Job, panel_jobs, random_jobs
+from studies.accuracy.promises import calibrate, candidates, compute, methods, try_choice
+from studies.accuracy.references import reference
 
 PAPER = roslf.load("paper")
 TABLE = shipped_table()
@@ -70,13 +69,15 @@ def test_measured_error_tells_the_actual_one_within_an_order():
     assert 0.1 < answer.measured_error / actual < 10
 
 
-def test_choose_from_a_design_alone():
-    choice = choose("kept fraction", 1e-6, PAPER, (11.15, 0.0), TABLE)
+def test_choose_without_a_job():
+    choice = choose("kept fraction", 1e-6, TABLE)
     assert choice.method == "closed form"
     assert choice.attainable
     assert choice.expected_error <= 1e-6
     with pytest.raises(InputError, match="brightness"):
-        choose("brightness", 1e-3, PAPER)
+        choose("brightness", 1e-3)
+    with pytest.raises(InputError, match="calibrate"):
+        ranked("kept fraction", 1e-3, Table((), ""))
 
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, 2.0, float("nan"), 1e-16])
@@ -87,18 +88,24 @@ def test_no_accuracy(accuracy):
 
 def test_same_seed_same_value():
     job = Job("depth", PAPER)
-    only = Table(tuple(row for row in TABLE.of("depth") if row.method == "Monte Carlo"), "")
-    one, two = (compute(job, 3e-2, only, seed=5) for _ in range(2))
-    assert one.value == two.value
+    for name in ("Monte Carlo", "scrambled Sobol"):
+        only = Table(tuple(row for row in TABLE.of("depth") if row.method == name), "")
+        one, two, other = (compute(job, 3e-2, only, seed=seed) for seed in (5, 5, 6))
+        assert one.value == two.value != other.value
     assert json.dumps(one.to_dict(), allow_nan=False)
+
+
+def test_random_jobs_are_of_every_quantity_and_repeat_themselves():
+    first, again = list(random_jobs(PAPER, 27, 4)), list(random_jobs(PAPER, 27, 4))
+    assert first == again
+    assert {job.quantity for job, _ in first} == set(QUANTITIES)
+    assert all(1e-9 <= accuracy <= 1e-1 for _, accuracy in first)
 
 
 # --- the table --------------------------------------------------------------------------------------------------------
 
 
 def test_shipped_table_knows_every_quantity_and_every_method():
-    from roslf_design.accuracy.methods import methods
-
     for quantity in QUANTITIES:
         assert {row.method for row in TABLE.of(quantity)} == {one.name for one in methods(quantity)}
     assert all(row.seconds > 0 and row.error >= 0 for row in TABLE.rows)

@@ -1,17 +1,18 @@
 """`roslf accuracy` as a user calls it."""
 
 import json
+import sys
 
 import pytest
 
+from roslf_design.accuracy.table import read_table
 from roslf_design.cli import main
+from studies.accuracy import hard_rows, promises
 
 
 def test_hard_cases_prints_json_that_repeats_itself(capsys, monkeypatch):
-    from roslf_design.accuracy import hard_cases
-
-    few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
-    monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
+    few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
+    monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     texts = []
     for _ in range(2):
         assert main(["accuracy", "hard-cases", "paper", "--json"]) == 0
@@ -66,16 +67,26 @@ def test_bad_input_is_one_line_and_exit_code_2(line, says, capsys):
 
 
 def test_calibrate_writes_where_it_is_told(tmp_path, capsys, monkeypatch):
-    from roslf_design.accuracy import table
-
-    real = table.calibrate
-    monkeypatch.setattr(table, "calibrate", lambda design, **more: real(design, ["depth"], extra=0, seed=more["seed"]))
+    real = promises.calibrate
+    quick = lambda design, **more: real(design, ["depth"], extra=0, seed=more["seed"])  # noqa: E731
+    monkeypatch.setattr(promises, "calibrate", quick)
     path = tmp_path / "deep" / "table.json"
     assert main(["accuracy", "calibrate", "-o", str(path)]) == 0
-    assert table.read_table(path).of("depth")
+    assert read_table(path).of("depth")
     assert str(path) in capsys.readouterr().out
 
 
 def test_help_shows_an_example(capsys):
     assert main(["accuracy", "--help"]) == 0
     assert "Example" in capsys.readouterr().out
+
+
+def test_without_mpmath_a_line_says_what_to_install(monkeypatch, capsys):
+    for name in [name for name in sys.modules if name.split(".")[0] == "mpmath" or name.startswith("studies.accuracy")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "mpmath", None)
+    for line in (["accuracy", "hard-cases", "paper"], ["accuracy", "paper"]):
+        assert main(line) == 2
+        told = capsys.readouterr().err
+        assert "pip install mpmath" in told
+        assert len(told.strip().splitlines()) == 1

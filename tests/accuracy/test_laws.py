@@ -13,18 +13,17 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design import theory
-from roslf_design.accuracy.cases import FORMS
-from roslf_design.accuracy.cut_methods import light_at
-from roslf_design.accuracy.jobs import CUT, Job, panel_jobs
-from roslf_design.accuracy.methods import methods
-from roslf_design.accuracy.random_jobs import random_job
 from roslf_design.design import Stop
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.imaging.render import render
 from roslf_design.microlens.cells import area_in_rectangle
 from roslf_design.microlens.coverage import coverage_image
 from roslf_design.microlens.discs import intersect
-from tests.oracles.closed_forms import ORACLES
+from studies.accuracy.hard_rows import FORMS
+from studies.accuracy.jobs import CUT, Job, panel_jobs, random_job
+from studies.accuracy.oracles.closed_forms import ORACLES
+from studies.accuracy.promises import methods
+from studies.accuracy.waves import light_at
 from tests.theory.designs import arguments, random_designs
 from tests.theory.test_against_rays import numbers
 

@@ -17,8 +17,8 @@ import pytest
 sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, few_builds, run
 
-from roslf_design.accuracy import hard_cases
 from roslf_design.cli import COMMANDS
+from studies.accuracy import hard_rows
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
@@ -53,8 +53,8 @@ def project(root, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     few_builds(monkeypatch)
-    few = [case for case in hard_cases.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
-    monkeypatch.setattr(hard_cases, "all_cases", lambda: few)
+    few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
+    monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     return tmp_path
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from roslf_design.shapes.cells import area_in_polygon, area_in_rectangle
 from roslf_design.shapes.discs import intersect
 from roslf_design.shapes.lattice import cell_polygon
-from tests.oracles import discs as oracle
+from studies.accuracy.oracles import discs as oracle
 from tests.shapes.blocks import paper_discs
 
 any_disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(1e-3, 2))

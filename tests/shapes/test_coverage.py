@@ -13,7 +13,7 @@ from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.shapes.lattice import Lattice, lens_centres
-from tests.oracles import discs as oracle
+from studies.accuracy.oracles import discs as oracle
 from tests.shapes.blocks import paper_discs, pixel_areas
 
 disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.2, 2))

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from roslf_design.shapes.discs import ClipStatus, boundary_arcs, intersect, outline
-from tests.oracles import discs as oracle
+from studies.accuracy.oracles import discs as oracle
 
 log_gap = st.floats(-12, 0)
 log_radius = st.floats(-1.5, 1.5)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.oracles.closed_forms import keywords
+from studies.accuracy.oracles.closed_forms import keywords
 
 P1 = {
     "lens_diameter": 50.8,

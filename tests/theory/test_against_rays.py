@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from roslf_design import theory
-from tests.oracles.closed_forms import ORACLES, flat, judge
+from studies.accuracy.oracles.closed_forms import ORACLES, flat, judge
 from tests.theory.designs import P1, arguments, random_designs
 
 BUDGET = 4.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from roslf_design import theory
-from tests.oracles.closed_forms import ORACLES, flat, judge, keywords
+from studies.accuracy.oracles.closed_forms import ORACLES, flat, judge, keywords
 from tests.theory.designs import P1, arguments, random_designs
 from tests.theory.test_against_rays import BUDGET, numbers
 from tests.theory.walks import WALKS, walk

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design import theory
-from tests.oracles.closed_forms import ORACLES, keywords
+from studies.accuracy.oracles.closed_forms import ORACLES, keywords
 from tests.theory.designs import P1, arguments, random_designs
 from tests.theory.test_against_rays import numbers
 

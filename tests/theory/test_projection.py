@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design import theory
-from tests.oracles.closed_forms import judge, microlens_of, pixel_of, ray_of
+from studies.accuracy.oracles.closed_forms import judge, microlens_of, pixel_of, ray_of
 
 P1 = {"A": 92.0, "m": 0.4, "d": 0.063, "q": 0.004847826, "d_2": 2.0}
 BUDGET = 4.0  # ulps per (1 + condition), as everywhere

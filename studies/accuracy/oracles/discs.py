@@ -1,26 +1,30 @@
 """Common parts of discs and polygons by integration over vertical slices in mpmath: no arcs, angles or triangles."""
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import mpmath as mp
 
+Slice = Callable[[Any, Any, Any], Any]
+"""Integral along one slice: at x, from bottom to top."""
 
-def exact(values):
+
+def exact(values: Any) -> Any:
     """Floats (nested lists or arrays) as the mpmath numbers they exactly are."""
     if hasattr(values, "tolist"):
         values = values.tolist()
     return [exact(v) for v in values] if isinstance(values, list | tuple) else mp.mpf(values)
 
 
-def slices(centres, radii, polygon=None):
+def slices(centres: Any, radii: Any, polygon: Any = None) -> tuple[list[Any], Callable[[Any], tuple[Any, Any]]]:
     """Ends of the slices' x-range, the places where another curve takes over, and the y-range as a function of x."""
     discs = list(zip(exact(centres), exact(radii), strict=True))
-    edges = []
-    breaks = []
-    if polygon is not None:
-        corners = exact(polygon)
-        edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
-        breaks += [x for x, _ in corners]
+    corners = [] if polygon is None else exact(polygon)
+    edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    breaks = [x for x, _ in corners]
     low = max([c[0] - r for c, r in discs] + ([min(breaks)] if edges else []))
     high = min([c[0] + r for c, r in discs] + ([max(breaks)] if edges else []))
     for ((x1, y1), r1), ((x2, y2), r2) in itertools.combinations(discs, 2):
@@ -39,17 +43,16 @@ def slices(centres, radii, polygon=None):
             if root >= 0:
                 breaks += [ax + (-b + s * mp.sqrt(root)) / a * (bx - ax) for s in (-1, 1)]
 
-    def span(x):
-        tops, bottoms = [], []
-        for (cx, cy), r in discs:
-            half = mp.sqrt(max(r**2 - (x - cx) ** 2, 0))
-            tops.append(cy + half)
-            bottoms.append(cy - half)
+    def span(x: Any) -> tuple[Any, Any]:
+        half = [mp.sqrt(max(r**2 - (x - cx) ** 2, 0)) for (cx, _), r in discs]
+        tops = [cy + h for ((_, cy), _), h in zip(discs, half, strict=True)]
+        bottoms = [cy - h for ((_, cy), _), h in zip(discs, half, strict=True)]
         if edges:
-            across = []
-            for (ax, ay), (bx, by) in edges:
-                if min(ax, bx) <= x <= max(ax, bx) and ax != bx:
-                    across.append(ay + (by - ay) * (x - ax) / (bx - ax))
+            across = [
+                ay + (by - ay) * (x - ax) / (bx - ax)
+                for (ax, ay), (bx, by) in edges
+                if min(ax, bx) <= x <= max(ax, bx) and ax != bx
+            ]
             tops.append(max(across, default=mp.ninf))
             bottoms.append(min(across, default=mp.inf))
         return max(bottoms), min(tops)
@@ -58,39 +61,46 @@ def slices(centres, radii, polygon=None):
     return [low, *sorted({x for x in breaks if low < x < high}), high], span
 
 
-def moments(centres, radii, polygon=None, *, orders=((0, 0),), digits=60):
-    """Integrals of x^a y^b over the common part, one for each (a, b); 0 if it is empty."""
+def integrals(
+    centres: Any, radii: Any, along: Sequence[Slice], polygon: Any = None, *, digits: int = 60
+) -> list[Any]:  # fmt: skip
+    """Integrals over the common part, one for each way to integrate along a slice; 0 if it is empty."""
     with mp.workdps(digits):
-        points, span = slices(centres, radii, polygon)
-        if points[-1] <= points[0]:
-            return [mp.mpf(0) for _ in orders]
+        places, span = slices(centres, radii, polygon)
+        if places[-1] <= places[0]:
+            return [mp.mpf(0) for _ in along]
 
-        def integrand(a, b):
-            def slice_integral(x):
+        def integrand(slice_: Slice) -> Callable[[Any], Any]:
+            def at(x: Any) -> Any:
                 bottom, top = span(x)
-                return x**a * (top ** (b + 1) - bottom ** (b + 1)) / (b + 1) if top > bottom else mp.mpf(0)
+                return slice_(x, bottom, top) if top > bottom else mp.mpf(0)
 
-            return slice_integral
+            return at
 
-        return [mp.quad(integrand(a, b), points) for a, b in orders]
+        return [mp.quad(integrand(slice_), places) for slice_ in along]
 
 
-def area(centres, radii, polygon=None, *, digits=60):
+def power(a: int, b: int) -> Slice:
+    """Of x^a y^b."""
+    return lambda x, bottom, top: x**a * (top ** (b + 1) - bottom ** (b + 1)) / (b + 1)
+
+
+def area(centres: Any, radii: Any, polygon: Any = None, *, digits: int = 60) -> Any:
     """Area of the common part."""
-    return moments(centres, radii, polygon, digits=digits)[0]
+    return integrals(centres, radii, [power(0, 0)], polygon, digits=digits)[0]
 
 
-def shape(centres, radii, *, digits=60):
+def shape(centres: Any, radii: Any, *, digits: int = 60) -> tuple[Any, Any, Any]:
     """Area, centroid and central second moments per unit area (xx, xy, yy)."""
     with mp.workdps(digits):
         orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-        a, x, y, xx, xy, yy = moments(centres, radii, orders=orders, digits=digits)
+        a, x, y, xx, xy, yy = integrals(centres, radii, [power(*order) for order in orders], digits=digits)
         x, y = x / a, y / a
         return a, (x, y), (xx / a - x * x, xy / a - x * y, yy / a - y * y)
 
 
-def lens_area(centres, radii, *, digits=60):
-    """Area common to two discs by the textbook formula with arc cosines, harmless at this many digits."""
+def lens_area(centres: Any, radii: Any, *, digits: int = 60) -> Any:
+    """Area common to two discs by their segments, with arc cosines that are harmless at this many digits."""
     with mp.workdps(digits):
         (c1, c2), (r1, r2) = exact(centres), exact(radii)
         d = mp.hypot(c2[0] - c1[0], c2[1] - c1[1])

@@ -5,9 +5,21 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .hard_cases import CaseResult, HardCases
-from .shape_cases import ISSUE_RADII
+from roslf_design.report.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+)
+from roslf_design.report.figures.style import BLUE, VERMILLION, WIDTH, drawing, to_svg
+
+from .hard_cases import CaseResult, HardCases, run_trial
+from .hard_rows import ISSUE_RADII, SHAPES, tangent_trial
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +39,7 @@ def hard_cases_report(found: HardCases, command: str) -> Report:
         Section("Near this design", (_near(found),)),
         Section("The cases", (_intro(), reason_table(found), case_table(found))),
         Section("Errors on the way to the singular point", (_figure(found),)),
-        Section("Two discs that almost touch", (tangency_table(found),)),
+        Section("Two discs that almost touch", (tangency_table(),)),
         Section("Every function", (function_table(found), budget_table(found))),
         Section("At the singular points", (_points(found),)),
         Section("How this was made", (_method(found), Code(command))),
@@ -38,7 +50,7 @@ def hard_cases_report(found: HardCases, command: str) -> Report:
 def _verdict(found: HardCases) -> Statements:
     broken = [result.case.name for result in found.results if not result.held]
     trials = sum(len(result.points) for result in found.results)
-    top = max((result.worst.share for result in found.results), default=0.0)
+    top = max((result.functions[0].share for result in found.results), default=0.0)
     if broken:
         text = f"{len(broken)} of {len(found.results)} cases exceed their budget: {', '.join(broken)}"
         return Statements((Statement("bad", text, "the table tells which function and where; do not trust it there"),))
@@ -79,8 +91,8 @@ def case_table(found: HardCases) -> Table:
     """One row a case: its worst function."""
     rows = []
     for result in found.results:
-        worst = result.worst
-        ours = max(point.ours.relative for point in result.points if point.function == result.case.shown)
+        worst = result.functions[0]
+        ours = max(point.ours.relative for point in result.shown)
         rows.append(
             (
                 result.case.name,
@@ -90,7 +102,7 @@ def case_table(found: HardCases) -> Table:
                 conditioned(worst.judged.condition),
                 percent(worst.share),
                 number(ours),
-                number(_shown_naive(result)),
+                number(max((point.naive for point in result.shown), default=math.nan)),
                 "yes" if result.held else "NO",
             )
         )
@@ -103,11 +115,6 @@ def case_table(found: HardCases) -> Table:
         "below half an ulp or the budget does not ask for it."
     )
     return Table(tuple(rows), "llrrrrrrl", headings, "", caption)
-
-
-def _shown_naive(result: CaseResult) -> float:
-    values = [point.naive for point in result.points if point.function == result.case.shown]
-    return max(values, default=math.nan)
 
 
 def unbroken(gap: float) -> str:
@@ -137,19 +144,15 @@ def number(value: float) -> str:
     return minus(f"{value:.1e}") if math.isfinite(value) else "none"
 
 
-def tangency_table(found: HardCases) -> Table:
+def tangency_table() -> Table:
     """The bench's discs at three gaps, computed on the spot."""
-    from .cases import Trial
-    from .hard_cases import _run
-    from .shape_cases import SHAPES, _area, _exact_area, _naive_area
-
     case = next(case for case in SHAPES if case.shown == "overlap")
     r, R = ISSUE_RADII
     rows = []
     for gap in (1e-4, 1e-6, 1e-8):
-        given = {"r": r, "R": R, "x": r + R - gap, "y": 0.0}
-        point = _run(Trial("overlap", gap, given, _area, _exact_area, _naive_area), case)
-        rows.append((unbroken(gap), minus(f"{_area(**given):.6g}"), f"{point.ours.ulps:.2g}", number(point.naive)))
+        trial = tangent_trial(gap)
+        point, area = run_trial(trial, case), trial.ours(**trial.given)
+        rows.append((unbroken(gap), minus(f"{area:.6g}"), f"{point.ours.ulps:.2g}", number(point.naive)))
     return Table(
         tuple(rows),
         "rrrr",
@@ -211,15 +214,14 @@ def _points(found: HardCases) -> Bullets:
 
 def _method(found: HardCases) -> Paragraph:
     return Paragraph(
-        f"References: the textbook's formula at 60 digits, for the floating-point arguments exactly as they are; what "
-        f"cancels there leaves 44 digits to spare. Textbook errors: the same formula in double precision. "
+        "References: rays traced at 60 digits, or the textbook's formula where nothing is traced, for the "
+        "floating-point arguments exactly as they are; what cancels there leaves 44 digits to spare. Textbook errors: "
+        "the printed formula in double precision. "
         f"Seed {found.seed}."
     )
 
 
 def _figure(found: HardCases) -> Figure:
-    from ..report.figures.style import drawing, to_svg
-
     with drawing():
         svg = to_svg(plot_hard_cases(found), "hard-cases")
     return Figure(
@@ -240,8 +242,6 @@ def plot_hard_cases(found: HardCases) -> Picture:
     """Small panels, one a case, error against gap."""
     from matplotlib.figure import Figure as Picture
 
-    from ..report.figures.style import WIDTH
-
     shown = [result for result in found.results if result.case.shown]
     rows = -(-len(shown) // COLUMNS)
     figure = Picture(figsize=(1.25 * WIDTH, 1.75 * rows), layout="constrained")
@@ -256,9 +256,7 @@ def plot_hard_cases(found: HardCases) -> Picture:
 
 
 def _panel(ax: Axes, result: CaseResult) -> None:
-    from ..report.figures.style import BLUE, VERMILLION
-
-    mine = [point for point in result.points if point.function == result.case.shown]
+    mine = result.shown
     gaps = [max(point.gap, 1e-17) for point in mine]
     naive = [min(max(point.naive, FLOOR), CEILING) for point in mine]
     ours = [min(max(point.ours.relative, FLOOR), CEILING) for point in mine]

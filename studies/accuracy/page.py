@@ -4,16 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median
+from typing import TYPE_CHECKING, Any
 
-from ..report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
-from ..report.figures.style import drawing, to_svg
-from .choice import Answer, candidates
-from .diagrams import plot_diagrams
-from .honesty import Trial
-from .jobs import LENS, QUANTITIES, Job
-from .measure import WorkDiagram
-from .methods import methods
-from .table import Table as Measured
+from roslf_design.accuracy.table import QUANTITIES, Choice
+from roslf_design.accuracy.table import Table as Measured
+from roslf_design.report.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
+)
+from roslf_design.report.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    drawing,
+    to_svg,
+)
+
+from .jobs import LENS, Job
+from .promises import Answer, Tried, WorkDiagram, candidates, methods
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
+
+Group = tuple[str, Sequence[WorkDiagram], Sequence[Answer]]
+"""A quantity, its diagrams, and what was chosen for each."""
 
 PROMISES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
 """Accuracies that the table of choices goes through."""
@@ -62,12 +91,7 @@ RATES = (
 
 
 def accuracy_report(
-    name: str,
-    groups: Sequence[tuple[str, Sequence[WorkDiagram], Sequence[Answer | None]]],
-    table: Measured,
-    trials: Sequence[Trial],
-    command: str,
-    accuracy: float,
+    name: str, groups: Sequence[Group], table: Measured, trials: Sequence[Tried], command: str, accuracy: float
 ) -> Report:
     """The whole page.
 
@@ -78,7 +102,7 @@ def accuracy_report(
     groups : sequence of (quantity, diagrams, answers)
     table : Measured
         What choices are made by.
-    trials : sequence of Trial
+    trials : sequence of Tried
         Of the choice; may be empty.
     command : str
         That makes this page.
@@ -104,18 +128,17 @@ def _reading(accuracy: float) -> Paragraph:
         "Each line is a method, each point a level of effort: medians, with bars over the middle half of times and all "
         "seeds' errors. Down and left is better; errors far above 1 are not drawn. A ring marks what is chosen for an "
         f"accuracy of {accuracy:g} (dotted). Errors against references of 22 to 50 digits; of cut diffraction images "
-        "against Huygens's integral in double precision. Dashed: a floor that no effort gets past, as the model itself "
+        "against Huygens's integral in double precision. Diffraction is that of square microlenses on a square grid, "
+        "whatever the design has. Dashed: a floor that no effort gets past, as the model itself "
         "leaves something out: by how much the best ray image misses the wave image of the same camera, neighbours "
         "alike; by how much a thin lens misses the real one."
     )
 
 
-def _figure(
-    quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer | None], accuracy: float
-) -> Figure:
+def _figure(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer], accuracy: float) -> Figure:
     with drawing():
         svg = to_svg(plot_diagrams(diagrams, answers), "work-" + quantity.replace(" ", "-"))
-    chosen = dict.fromkeys(answer.choice.method for answer in answers if answer is not None)
+    chosen = dict.fromkeys(answer.choice.method for answer in answers)
     floors = [diagram.floor for diagram in diagrams if diagram.floor is not None]
     words = QUANTITIES.get(quantity, "pixels of the scene given; largest error, 1 is a fully lit pixel")
     caption = f"{words[0].upper()}{words[1:]}."
@@ -172,7 +195,7 @@ def method_table() -> Table:
     return Table(tuple(rows), "lllll", ("method", "for", "level n", "error falls as", "remark"))
 
 
-def honesty_blocks(trials: Sequence[Trial]) -> tuple[Statements, Table]:
+def honesty_blocks(trials: Sequence[Tried]) -> tuple[Statements, Table]:
     """How many promises were kept, and at what cost."""
     kept = sum(trial.kept for trial in trials)
     slow = [trial.slowdown for trial in trials if trial.slowdown is not None]
@@ -209,3 +232,130 @@ def _made(table: Measured) -> Paragraph:
         f"Choices are made by a table of errors and times{where}; roslf accuracy calibrate measures your own. Times "
         "on this page are of the machine that made it, and differ from run to run; errors do not."
     )
+
+
+def answers_table(groups: Sequence[Group]) -> Table:
+    """What was chosen for each job, and what came of it."""
+    rows = []
+    for quantity, diagrams, answers in groups:
+        for diagram, answer in zip(diagrams, answers, strict=True):
+            choice = answer.choice
+            actual = [p.error for p in diagram.points if (p.method, p.level) == (choice.method, choice.level)]
+            rows.append(
+                (
+                    quantity,
+                    diagram.title,
+                    choice.method + (f" {choice.level}" if choice.level else ""),
+                    f"{choice.expected_error:.1e}",
+                    "-" if answer.measured_error is None else f"{answer.measured_error:.1e}",
+                    f"{actual[0]:.1e}" if actual else "-",
+                    time_text(answer.seconds),
+                    "yes" if choice.attainable else "NO",
+                )
+            )
+    headings = ("quantity", "job", "method", "expected", "measured", "actual", "time", "within")
+    return Table(tuple(rows), "lllrrrrl", headings, "Cheapest methods")
+
+
+def scene_sentence(diagram: WorkDiagram, choice: Choice, method: str) -> str:
+    """The number of rays that a user's scene takes, in words; `method` is the renderer's."""
+    rays = f"{choice.level} rays a pixel" if choice.level else f"no rays ({method})"
+    enough = "" if choice.attainable else ", which is not enough: no number tried keeps it"
+    text = f"{diagram.title}: {rays} for {choice.accuracy:g}{enough}; tracing the whole sensor takes about "
+    return text + time_text(choice.expected_seconds)
+
+
+# --- diagrams: error against time, both logarithmic, one line a method ------------------------------------------------
+
+LOOKS = {
+    "closed form": (INK, "D"),
+    "exact arc-pixel area": (INK, "D"),
+    "harmonic series": (INK, "s"),
+    "Gauss panels": (BLUE, "o"),
+    "arc integrals": (INK, "D"),
+    "adaptive quadrature": (SKY, "v"),
+    "grid": (ORANGE, "s"),
+    "Monte Carlo": (VERMILLION, "x"),
+    "scrambled Sobol": (GREEN, "^"),
+    "rays (Sobol)": (GREEN, "^"),
+    "FFT": (ORANGE, "P"),
+    "direct Huygens": (PURPLE, "o"),
+    "exact trace": (INK, "D"),
+    "polynomial surrogate": (BLUE, "o"),
+    "thin lens": (GREY, "*"),
+    "rays alone": (GREY, "*"),
+    "first order": (GREY, "*"),
+}
+"""Colour and marker of each method: told apart by either."""
+
+FLOORS = {LENS: "thin lens against the real one"}
+"""What the floor's line is called, where it is not rays against waves."""
+
+LEAST = 1e-17
+MOST = {LENS: 30.0}
+"""Errors above this are not drawn; of most quantities 3, where 1 is everything."""
+COLUMNS = 2
+
+
+def plot_diagrams(diagrams: Sequence[WorkDiagram], answers: Sequence[Answer]) -> Picture:
+    """Panels side by side, one legend; what was chosen for each gets a ring, its accuracy a line."""
+    from matplotlib.figure import Figure as Picture
+
+    rows = -(-len(diagrams) // COLUMNS)
+    columns = min(COLUMNS, len(diagrams))
+    figure = Picture(figsize=(WIDTH * (1.0 if columns > 1 else 0.75), 2.75 * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for n, ax in enumerate(axes.flat):
+        if n >= len(diagrams):
+            ax.set_axis_off()
+            continue
+        _plot(ax, diagrams[n], answers[n])
+    for row in axes:
+        row[0].set_ylabel("error")
+    handles: dict[str, Any] = {}
+    for ax in axes.flat[: len(diagrams)]:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _plot(ax: Axes, diagram: WorkDiagram, answer: Answer) -> None:
+    most = MOST.get(diagram.job.quantity, 3.0)
+    drawn = [point for point in diagram.points if point.error_range[1] <= most]
+    for name in dict.fromkeys(point.method for point in drawn):
+        mine = [point for point in drawn if point.method == name]
+        colour, marker = LOOKS[name]
+        seconds = [point.seconds for point in mine]
+        errors = [max(point.error, LEAST) for point in mine]
+        spread = [
+            [max(e, LEAST) - max(point.error_range[0], LEAST) for point, e in zip(mine, errors, strict=True)],
+            [max(point.error_range[1], LEAST) - e for point, e in zip(mine, errors, strict=True)],
+        ]
+        across = [
+            [point.seconds - point.seconds_range[0] for point in mine],
+            [point.seconds_range[1] - point.seconds for point in mine],
+        ]
+        ax.errorbar(
+            seconds, errors, yerr=spread, xerr=across, color=colour, marker=marker, markersize=4, linewidth=1.0,
+            elinewidth=0.6, label=name, clip_on=False,
+        )  # fmt: skip
+    if diagram.floor is not None:
+        name = FLOORS.get(diagram.job.quantity, "rays against waves")
+        ax.axhline(diagram.floor, color=GREY, linestyle="--", linewidth=1.0, label=name)
+    choice = answer.choice
+    ax.axhline(choice.accuracy, color=INK, linestyle=":", linewidth=1.0, label="accuracy asked for")
+    for point in diagram.points:
+        if (point.method, point.level) == (choice.method, choice.level):
+            ax.plot(
+                point.seconds, max(point.error, LEAST), "o", markersize=13, markerfacecolor="none",
+                markeredgecolor=INK, markeredgewidth=1.4, label="chosen", zorder=5, clip_on=False,
+            )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylim(LEAST, most)
+    ax.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
+    ax.minorticks_off()
+    ax.grid(True)
+    ax.set_xlabel("time [s]")
+    ax.set_title(f"{diagram.job.quantity}: {diagram.title}")

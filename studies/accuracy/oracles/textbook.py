@@ -1,0 +1,241 @@
+"""Each closed form as a textbook prints it, in double precision: what the forms of the package are held beside.
+
+Written in the paper's symbols (`closed_forms.SYMBOLS`); no reference, but for the overlap of two discs, whose arc
+cosines are harmless with 60 digits. Divisions by zero raise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import mpmath as mp
+
+from .closed_forms import by_keyword
+
+Form = Callable[..., Any]
+
+
+def _library(value: Any) -> Any:
+    """What has the functions for a number: `math`, or mpmath."""
+    return mp if isinstance(value, mp.mpf) else math
+
+
+def _d_1(f: Any, d_f: Any) -> Any:
+    return 1 / (1 / f - 1 / d_f)
+
+
+def _h(d_f: Any, d_3: Any) -> Any:
+    return d_f / (d_f - d_3)
+
+
+def _z_x(f: Any, d_3: Any) -> Any:
+    return f * d_3 / (d_3 - f)
+
+
+def _per_l(f: Any, d_f: Any, d_3: Any) -> Any:
+    return 1 / (_d_1(f, d_f) - _z_x(f, d_3))
+
+
+def _pitch(d: Any, d_2: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    """By way of the exit pupil's distance."""
+    return d * (1 + d_2 / (_d_1(f, d_f) - _z_x(f, d_3)))
+
+
+def _diameter(D_F: Any, d_2: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    return D_F * _h(d_f, d_3) * d_2 / _d_1(f, d_f)
+
+
+def _shift(d: Any, q: Any, d_2: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    """Eq. 4 for one microlens."""
+    return d * d_2 * d_3 * d_f / (q * _d_1(f, d_f) ** 2 * (d_f - d_3))
+
+
+def _eq7_residual(D_F: Any, d: Any, d_2: Any, d_1: Any, d_f: Any, d_3: Any) -> Any:
+    left = (d_1 * D_F + d_3 * d) / ((d_f - d_3) * d * d_1)
+    return (left - (d_1 + d_2) / (d_2 * d_f)) * (d_f - d_3)
+
+
+def _exists(value: Any) -> tuple[Any, bool]:
+    return (value, True) if 0 < value < math.inf else (math.inf, False)
+
+
+def _matched_sensor_distance(D_F: Any, d: Any, f: Any, d_f: Any, d_3: Any, exact: bool = True) -> Any:
+    angle = D_F * _h(d_f, d_3) / _d_1(f, d_f)
+    rest = angle / d - (_per_l(f, d_f, d_3) if exact else 0)
+    return _exists(1 / rest if rest else math.inf)
+
+
+def _matched_pupil_diameter(d: Any, d_2: Any, f: Any, d_f: Any, d_3: Any, exact: bool = True) -> Any:
+    grow = 1 + d_2 * (_per_l(f, d_f, d_3) if exact else 0)
+    return _exists(d * grow / (_h(d_f, d_3) * d_2 / _d_1(f, d_f)))
+
+
+def _matched_microlens_pitch(D_F: Any, d_2: Any, f: Any, d_f: Any, d_3: Any, exact: bool = True) -> Any:
+    grow = 1 + d_2 * (_per_l(f, d_f, d_3) if exact else 0)
+    return _exists(_diameter(D_F, d_2, f, d_f, d_3) / grow if grow else math.inf)
+
+
+def _matched_pupil_distance(D_F: Any, d: Any, d_2: Any, f: Any, d_f: Any, exact: bool = True) -> Any:
+    """Eq. 7 (or 8) solved for d_3."""
+    d_1 = _d_1(f, d_f)
+    image = D_F * d_f * d_2 / d_1
+    if exact:
+        value = (d * (1 + d_2 / d_1) * d_f - image) / (d * (1 + d_2 / d_1) + d * d_2 * d_f / d_1**2)
+    else:
+        value = d_f - image / d
+    return (value, True) if 0 <= float(value) < float(d_f) else (math.inf, False)
+
+
+def _eq6(D: Any, D_F: Any, d_3: Any, Z: Any) -> Any:
+    return Z * ((D - D_F) / d_3 - D / Z) / 2
+
+
+def _nondistortion_bound(D: Any, D_F: Any, d_3: Any, Z: Any, f: Any, d_f: Any) -> Any:
+    radius = _eq6(D, D_F, d_3, Z)
+    if radius < 0:
+        return radius * 0, radius * 0
+    return radius, abs(radius * (_d_1(f, d_f) / _h(d_f, d_3)) / (Z - d_3))
+
+
+def _stop_margin(D_k: Any, z_k: Any, D_F: Any, d_3: Any, Z: Any, at: Any, e_k: Any, e_F: Any) -> Any:
+    """Room at the stop, by the ratio of distances from the field point, times Z - d_3."""
+    share = (Z - z_k) / (Z - d_3)
+    off = [x * (1 - share) + e_f * share - e for x, e, e_f in zip(at, e_k, e_F, strict=True)]
+    return (D_k - D_F * share - 2 * _library(Z).hypot(*off)) * (Z - d_3)
+
+
+def _stop_disc(D_k: Any, z_k: Any, c: Any, d_2: Any, f: Any, d_f: Any, e_k: Any) -> Any:
+    d_1, h = _d_1(f, d_f), _h(d_f, z_k)
+    grow = 1 + d_2 / d_1 - h * z_k * d_2 / d_1**2
+    return D_k / 2 * h * d_2 / d_1, tuple(x * grow - e * h * d_2 / d_1 for x, e in zip(c, e_k, strict=True))
+
+
+def _shear(Z_F: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    return _d_1(f, d_f) / d_f - _d_1(f, d_f) / _h(d_f, d_3) / Z_F
+
+
+def _epi_slope(Z_F: Any, d: Any, q: Any, d_2: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    """Eq. 12."""
+    return q * (_d_1(f, d_f) / _h(d_f, d_3)) / (d * d_2) * _shear(Z_F, f, d_f, d_3)
+
+
+def _disparity(Z_F: Any, D_F: Any, d: Any, f: Any, d_f: Any, d_3: Any) -> Any:
+    return D_F * _d_1(f, d_f) / (d * _h(d_f, d_3)) * (1 / Z_F - 1 / (d_f - d_3))
+
+
+def _back_substitute(f: Any, A: Any, m: Any) -> Any:
+    """Table 2: d_1, d_f, H, d_3 and 1/H, each from those before."""
+    d_1 = f * (1 + m)
+    d_f = d_1 / m
+    h = d_1 / A
+    return d_1, d_f, h, d_f - d_f / h, 1 / h
+
+
+def _jacobian(f: Any, A: Any, m: Any) -> Any:
+    """Derivatives of d_1, d_f, H, d_3 by f, A, m, term by term."""
+    zero = 0 * f
+    return (
+        (1 + m, zero, f),
+        (1 + 1 / m, zero, -f / m**2),
+        ((1 + m) / A, -f * (1 + m) / A**2, f / A),
+        (1 + 1 / m, -1 / m, -f / m**2 + A / m**2),
+    )
+
+
+FORMULAS: dict[str, Form] = {
+    "mla_distance": _d_1,
+    "focal_plane_distance": lambda f, d_1: _d_1(f, d_1),
+    "focal_length": lambda d_f, d_1: 1 / (1 / d_f + 1 / d_1),
+    "mla_excess": lambda f, d_f: _d_1(f, d_f) - f,
+    "magnification": lambda f, d_f: _d_1(f, d_f) / d_f,
+    "inverse_magnification": lambda f, d_f: d_f / _d_1(f, d_f),
+    "conjugate_residual": lambda f, d_f, d_1: f / d_f + f / d_1 - 1,
+    "gap": lambda d_f, d_3: d_f - d_3,
+    "aperture_constant": _h,
+    "inverse_aperture_constant": lambda d_f, d_3: 1 - d_3 / d_f,
+    "effective_image_distance": lambda f, d_f, d_3: _d_1(f, d_f) / _h(d_f, d_3),
+    "effective_image_distance_from_magnification": lambda f, m, d_3: f + m * (f - d_3),
+    "pupil_angle": lambda D_F, f, d_f, d_3: D_F * _h(d_f, d_3) / _d_1(f, d_f),
+    "exit_pupil_distance": _z_x,
+    "exit_pupil_diameter": lambda D_F, f, d_3: D_F * f / abs(d_3 - f),
+    "exit_pupil_vergence": _per_l,
+    "microlens_image_pitch": _pitch,
+    "microlens_image_diameter": _diameter,
+    "centre_shift_per_microlens": _shift,
+    "centre_deviation": lambda i, d, q, d_2, f, d_f, d_3: i * _shift(d, q, d_2, f, d_f, d_3),
+    "microlens_f_number": lambda d_2, d: d_2 / d,
+    "microlens_angle": lambda d_2, d: d / d_2,
+    "pupil_f_number": lambda D_F, f, d_f, d_3: _d_1(f, d_f) / (D_F * _h(d_f, d_3)),
+    "main_lens_f_number": lambda D, d_1: d_1 / D,
+    "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / _pitch(d, d_2, f, d_f, d_3),
+    "approximate_fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / d,
+    "traditional_fill_factor": lambda D, d, d_2, d_1: D * d_2 / d_1 / d,
+    "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: (
+        (_diameter(D_F, d_2, f, d_f, d_3) - _pitch(d, d_2, f, d_f, d_3)) / q
+    ),
+    "matching_residual": _eq7_residual,
+    "matched_sensor_distance": _matched_sensor_distance,
+    "matched_pupil_diameter": _matched_pupil_diameter,
+    "matched_microlens_pitch": _matched_microlens_pitch,
+    "matched_pupil_distance": _matched_pupil_distance,
+    "nondistortion_margin": lambda D, D_F, d_3, Z, X: 2 * d_3 * (_eq6(D, D_F, d_3, Z) - abs(X)),
+    "nondistortion_bound": _nondistortion_bound,
+    "stop_margin": _stop_margin,
+    "stop_disc": _stop_disc,
+    "pixel_to_pupil": lambda s, q, d_2, A, s_0: -(q * A / d_2) * (s - s_0),
+    "pupil_to_pixel": lambda S, q, d_2, A, s_0: s_0 - S / (q * A / d_2),
+    "pixel_to_lens": lambda s, q, d_2, d_1, s_0: -(q * d_1 / d_2) * (s - s_0),
+    "view_baseline": lambda q, d_2, A: q * A / d_2,
+    "pupil_shear": _shear,
+    "epi_slope": _epi_slope,
+    "epi_inverse_slope": lambda Z_F, d, q, d_2, f, d_f, d_3: 1 / _epi_slope(Z_F, d, q, d_2, f, d_f, d_3),
+    "calibrated_epi_slope": lambda Z_F, A, m, d, q, d_2: q * A / (d * d_2) * (m - A / Z_F),
+    "inverse_depth_from_epi_slope": lambda slope, A, m, d, q, d_2: (m - slope * (d * d_2 / (q * A))) / A,
+    "rim_disparity": _disparity,
+    "defocus_blur": lambda Z_F, D_F, d, f, d_f, d_3: abs(_disparity(Z_F, D_F, d, f, d_f, d_3)),
+    "disparity_rate": lambda Z_F, D_F, d, f, d_f, d_3: D_F * _d_1(f, d_f) / (d * _h(d_f, d_3) * Z_F**2),
+    "depth_sigma": lambda sigma, Z_F, D_F, d, f, d_f, d_3: Z_F**2 * d * _h(d_f, d_3) * sigma / (D_F * _d_1(f, d_f)),
+    "inverse_depth_sigma": lambda sigma, D_F, d, f, d_f, d_3: d * _h(d_f, d_3) * sigma / (D_F * _d_1(f, d_f)),
+    "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / q,
+    "lateral_samples": lambda W, d: W / d,
+    "object_sample": lambda d, f, d_f: d * d_f / _d_1(f, d_f),
+    "phase_space_limit": lambda D_F, X_0, Z_F, wave: 2 * D_F * _library(Z_F).sin(_library(Z_F).atan2(X_0, Z_F)) / wave,
+    "fresnel_number": lambda d, d_2, wave: d**2 / (4 * wave * d_2),
+    "independent_views": lambda d, d_2, wave: d**2 / (wave * d_2),
+    "diffraction_width": lambda d, d_2, wave: wave * d_2 / d,
+    "airy_radius": lambda d, d_2, wave: 122 * wave * d_2 / (100 * d),
+    "pupil_airy_radius": lambda D_F, A, wave: 122 * wave * A / (100 * D_F),
+    "microlens_defocus_waves": lambda f_ml, d_2, per_L, d, wave: d**2 / (8 * wave) * abs(1 / f_ml - 1 / d_2 - per_L),
+    "microlens_defocus_blur": lambda f_ml, d_2, per_L, d: d * d_2 * abs(1 / f_ml - 1 / d_2 - per_L),
+    "back_substitute": _back_substitute,
+    "back_substitution_jacobian": _jacobian,
+}
+
+TEXTBOOK: dict[str, Form] = {name: by_keyword(form) for name, form in FORMULAS.items()}
+"""By the name of the closed form in `roslf_design.theory`, with its keywords."""
+
+
+def overlap(r: Any, R: Any, distance: Any) -> Any:
+    """Area common to two discs: two sectors less the kite, which Heron's formula gives."""
+    m = _library(distance)
+    if distance >= r + R:
+        return 0 * distance
+    if distance <= abs(R - r):
+        return m.pi * min(r, R) ** 2
+    first = m.acos((distance**2 + r**2 - R**2) / (2 * distance * r))
+    second = m.acos((distance**2 + R**2 - r**2) / (2 * distance * R))
+    heron = (r + R - distance) * (distance + r - R) * (distance - r + R) * (distance + r + R)
+    return r**2 * first + R**2 * second - m.sqrt(max(heron, 0)) / 2
+
+
+def lost_share(r: Any, R: Any, distance: Any) -> Any:
+    """Share of the disc of radius r outside the other: 1 less the kept share."""
+    return 1 - overlap(r, R, distance) / (_library(distance).pi * r**2)
+
+
+def cos4_loss(slope: Any) -> Any:
+    """1 - cos^4 of the angle of that slope."""
+    m = _library(slope)
+    return 1 - m.cos(m.atan(slope)) ** 4
