@@ -17,9 +17,9 @@ from ..design import Design
 from ..design.check import CONJUGATES
 from ..errors import InputError
 from ..errors import Problem as Fault
+from ..tolerance.analyses import Yield
 from ..tolerance.draws import Draws, Perturbation
 from ..tolerance.places import expand, nominal_values, parse_tolerance, perturbable
-from ..tolerance.yields import Yield
 from .cameras import FOCAL, PLANE, Cameras
 from .problem import Problem
 from .tables import RobustTable

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from ..design import PATHS
 from ..design.check import CONJUGATES
 from ..design.units import Distance, Length, format_quantity, parse_quantity
-from ..tolerance.distributions import Distribution
+from ..tolerance.draws import Distribution
 from .parts import given_by
 from .quantities import Quantity, quantity_named
 from .variables import check_name, check_together

@@ -14,6 +14,7 @@ from ..design import Design
 from .axial import AXIAL
 from .camera import build
 from .thin import ThinBuilds
+from .traced import TracedBuilds
 
 Array = NDArray[np.float64]
 
@@ -134,11 +135,6 @@ class Question:
             for field in (range(count) if METRICS[name].per_field else (None,))
         )
 
-    @property
-    def places(self) -> Array:
-        """Fields as an array, shape (fields, 2) [mm]."""
-        return np.array(self.fields, dtype=np.float64).reshape(-1, 2)
-
 
 def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
     """Every column of a question for many builds.
@@ -160,26 +156,21 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
         NaN marks what is undefined: every column of a build that is no design (d_3 >= d_f, a size below zero), the
         shape of a dark image, a depth at infinity.
     """
-    known = _known(question, values, trials, calibrated)
-    camera, fields = known.camera, question.places
+    design, rest = question.design, (question.fields, question.object_distance, calibrated)
+    if design.lens is None:
+        builds = ThinBuilds(build(design, values, trials), design, *rest)
+    else:
+        builds = TracedBuilds.of(design, values, trials, *rest)
+    camera = builds.camera
     results = np.empty((len(question.columns), trials))
     row = 0
     # What a build leaves undefined divides by zero somewhere; it is told apart below, once.
     with np.errstate(all="ignore"):
         for name in question.metrics:
             metric = METRICS[name]
-            rows = len(fields) if metric.per_field else 1
-            results[row : row + rows] = AXIAL[name](camera) if metric.kind == "axial" else known.value(name)
+            rows = len(question.fields) if metric.per_field else 1
+            results[row : row + rows] = AXIAL[name](camera) if metric.kind == "axial" else builds.value(name)
             row += rows
     results[:, ~camera.valid] = np.nan
     results[~np.isfinite(results)] = np.nan
     return results
-
-
-def _known(question: Question, values: Mapping[str, Array], trials: int, calibrated: bool) -> ThinBuilds:
-    rest = (question.fields, question.object_distance, calibrated)
-    if question.design.lens is None:
-        return ThinBuilds(build(question.design, values, trials), question.design, *rest)
-    from .traced import TracedBuilds
-
-    return TracedBuilds.of(question.design, values, trials, *rest)

@@ -1,30 +1,363 @@
 """Builds behind a real main lens: every build's own lens is traced, and the metrics rest on its rays.
 
-The decoder believes in the nominal design as traced: a microlens's image centre is where the nominal lens puts it, a
-slope means the depth that the nominal lens gives it at that field. Calibrated on a build, it adds what an affine
-lattice and targets on the axis tell it of the build.
+The lens is as made, everything else where it was put. The decoder believes in the nominal design as traced: a
+microlens's image centre is where the nominal lens puts it, a slope means the depth that the nominal lens gives it at
+that field. Calibrated on a build, it adds what an affine lattice and targets on the axis tell it of the build.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..design import Design
-from ..lenses.aim import Aimed, Aims, Outlines, aimed, cut_shapes, outlines, spot_radii
+from ..errors import InputError
+from ..lenses.aim import (
+    Aimed,
+    Aims,
+    Outlines,
+    Planes,
+    aimed,
+    aims,
+    cut_shapes,
+    landings,
+    outlines,
+    pupil_points,
+    spot_radii,
+)
+from ..lenses.builds import LensBuilds, lens_builds
+from ..lenses.first_order import first_order
+from ..lenses.images import FOLDED, real_images, sensor_of_pupil
 from ..lenses.kernels import BLOCK
-from .decoder import fractional
-from .mount import Mounted, mounted
-from .reference import Reference, epi_slopes, reference
-from .thin import ThinBuilds
+from ..lenses.manufacture import as_made
+from ..lenses.of_design import camera_of, microlenses
+from .algebra import Frame, Number, frame
+from .camera import DISTANCE, FOCAL, PLANE, Camera, build
+from .places import in_lens, nominal_values, of_lens
+from .thin import CALIBRATION_DEPTHS, ThinBuilds, fractional
 
 Array = NDArray[np.float64]
 
+STEP = 0.25
+"""Between the places that tell how image centres move over the array [mm]."""
 SPOT_RADII, SPOT_TURNS = 4, 12
 """Rays that an object point's light is taken by: rings of equal weight by Gauss's rule, and rays on each."""
+CHECKED = 4
+"""Builds that are traced once more on their own, of the study's own, its first."""
+POINTS = 768
+"""Of an oracle's boundary: where rims cut an image, its own area is then right to 4e-5."""
+METHOD = (
+    "Exact rays through every build's own lens, aimed at the FAP; images integrated by Fourier series along the FAP's "
+    "rim, and by polynomials of the fifth degree where rims cut them."
+)
+
+
+class Mounted(NamedTuple):
+    """T builds of a camera behind a real lens."""
+
+    lens: LensBuilds
+    planes: Planes
+    camera: Camera
+    """Their thin twins: what closed forms of axial distances take."""
+    world: Array
+    """What the system's frame is shifted by against the lens's [mm], (T, 3)."""
+
+
+def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
+    """Where everything stands in builds of a design behind a real lens.
+
+    The lens is missed in itself; the stops, the array and the sensor keep the places that the nominal lens gave them,
+    but for their own misses.
+    """
+    nominal = nominal_values(design)
+
+    def number(place: str) -> Array:
+        return values.get(place, np.full(trials, nominal[place]))
+
+    lens_x, lens_y = number("main_lens.decentre.0"), number("main_lens.decentre.1")
+    camera, drawn = camera_of(design), design.lens
+    assert drawn is not None
+    constants = camera.first_order
+    lens = lens_builds(
+        drawn,
+        design.wavelength,
+        of_lens(values),
+        trials,
+        light=values.get("light.wavelength"),
+        diameter=values.get("main_lens.diameter"),
+        tilt=(number("main_lens.tilt.0"), number("main_lens.tilt.1")),
+    )
+    d_1 = number(DISTANCE)
+    if PLANE in values:  # refocused to it by the nominal lens's constants
+        d_1 = design.f * values[PLANE] / (values[PLANE] - design.f)
+    mla = constants.rear_principal + d_1
+    stops = ["aperture", *(f"stops.{index}" for index in range(len(design.stops)))]
+    places = {stop: constants.front_principal - number(f"{stop}.distance") for stop in stops}
+
+    def stands(part: str, z: Array, roll: Number = 0.0) -> Array:
+        decentre = (number(f"{part}.decentre.0") - lens_x, number(f"{part}.decentre.1") - lens_y)
+        return _row(frame(decentre, z, (number(f"{part}.tilt.0"), number(f"{part}.tilt.1")), roll), trials)
+
+    rims = [
+        np.concatenate([stands(stop, places[stop]), number(f"{stop}.diameter")[:, None] / 2], axis=1) for stop in stops
+    ]
+    planes = Planes(
+        stands("microlens_array", mla, number("microlens_array.rotation")),
+        stands("sensor", mla + number("sensor.distance")),
+        np.stack(rims, axis=1),
+    )
+    twin = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
+    twin[FOCAL] = 1 / lens.power
+    twin[DISTANCE] = mla - lens.rear_principal
+    for stop in stops:
+        twin[f"{stop}.distance"] = lens.front_principal - places[stop]
+    thin = build(design.thin_twin, twin, trials)
+    clear = lens.sound & (mla > lens.rear)
+    for stop in stops:
+        clear &= places[stop] <= np.minimum(lens.front, camera.front)
+    valid = thin.valid & clear
+    return Mounted(lens, planes, replace(thin, valid=valid), -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+
+
+def _row(stands: Frame, trials: int) -> Array:
+    row = np.empty((trials, 12))
+    for column, value in enumerate((*stands.origin, *stands.x, *stands.y, *stands.z)):
+        row[:, column] = value
+    return row
+
+
+def as_built(design: Design, values: Mapping[str, float]) -> Design:
+    """One build as a design of its own, whose traced camera is the build.
+
+    Its lens is written out as made; distances then count from that lens's own principal planes.
+
+    Parameters
+    ----------
+    design : Design
+        The nominal design, behind a real lens.
+    values : mapping
+        Place to number.
+
+    Raises
+    ------
+    InputError
+        The numbers make no camera.
+    """
+    drawn, constants = design.lens, camera_of(design).first_order
+    assert drawn is not None
+    nominal = nominal_values(design)
+    made = as_made(drawn, of_lens(values), design.wavelength)
+    narrowest = 2 * min(surface.semi_diameter for surface in drawn.surfaces)
+    if "main_lens.diameter" in values:
+        wide = values["main_lens.diameter"] / 2
+        cut = [
+            replace(s, semi_diameter=wide) if 2 * s.semi_diameter <= narrowest * (1 + 1e-9) else s
+            for s in made.surfaces
+        ]
+        made = replace(made, surfaces=tuple(cut))
+    changes: dict[str, object] = {p: v for p, v in values.items() if not in_lens(p) and p not in (DISTANCE, PLANE)}
+    own = first_order(made, values.get("light.wavelength", design.wavelength))
+    d_1 = values.get(DISTANCE, nominal[DISTANCE])
+    if PLANE in values:
+        d_1 = design.f * values[PLANE] / (values[PLANE] - design.f)
+    changes[DISTANCE] = constants.rear_principal + d_1 - own.rear_principal
+    for stop in ("aperture", *(f"stops.{index}" for index in range(len(design.stops)))):
+        place = f"{stop}.distance"
+        changes[place] = own.front_principal - (constants.front_principal - values.get(place, nominal[place]))
+    changes |= {"main_lens.prescription": made, "main_lens.reversed": False, "main_lens.diameter": None}
+    return design.replace({**changes, "main_lens.focal_length": None})
+
+
+class LocalMaps(NamedTuple):
+    """Image centres about n places of the array, to second order [mm]."""
+
+    place: Array
+    """(n, 2)."""
+    value: Array
+    """(n, 2)."""
+    slope: Array
+    """By x and y, (n, 2, 2): second axis the way, last the centre's coordinate."""
+    bend: Array
+    """Second derivatives xx, xy, yy, (n, 3, 2)."""
+
+    def at(self, x: Array, y: Array) -> Array:
+        """Image centres at places (n, ...) of the array, (n, ..., 2)."""
+        more = (1,) * (np.ndim(x) - 1)
+        u = (x - self.place[:, 0].reshape(-1, *more))[..., None]
+        v = (y - self.place[:, 1].reshape(-1, *more))[..., None]
+        value, dx, dy, xx, xy, yy = (
+            part.reshape(-1, *more, 2)
+            for part in (self.value, *np.moveaxis(self.slope, 1, 0), *np.moveaxis(self.bend, 1, 0))
+        )
+        return np.asarray(value + u * dx + v * dy + u * u * xx / 2 + u * v * xy + v * v * yy / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """All that builds of one question share. F fields."""
+
+    chief: Aims
+    """To the FAP's centre, F."""
+    rim: Aims
+    """To its rim, F times `aim.RIM`."""
+    inner: Aims
+    """To points inside it, its centre first."""
+    neighbours: Aims
+    """To its centre, from half a pitch left, right, below and above, F times 4."""
+    ends: Aims
+    """To its centre, from the ends of both axes of the array at `reach`, 4."""
+    reach: float
+    """Largest field radius [mm]."""
+    folded: NDArray[np.bool_]
+    """Fields whose nominal image is folded: it has no outline, (F,)."""
+    azimuth: tuple[Array, Array]
+    """Unit vector of each field's direction, along which its views are taken, (F, 1) each; +x on the axis."""
+    points: Array
+    """Object points that nominal chief rays meet at the object's distance, in the system's frame [mm], (F, 3)."""
+    axis_points: Array
+    """The same on the axis at the depths of a calibration, (3, 3)."""
+    depths: tuple[float, ...]
+    """Those depths, Z [mm]."""
+    centres: LocalMaps
+    end_centres: LocalMaps
+    axis_centres: LocalMaps
+    slopes: Array
+    """Nominal slopes at those depths along each field's chief ray, (F, 3)."""
+    axis_slopes: Array
+    """The same on the axis, (3,)."""
+
+
+@lru_cache(maxsize=8)
+def reference(design: Design, fields: tuple[tuple[float, float], ...], object_distance: float) -> Reference:
+    """Trace the nominal camera of a question.
+
+    Parameters
+    ----------
+    design : Design
+        With a real main lens.
+    fields : tuple of (x, y)
+        Microlens positions on the array [mm].
+    object_distance : float
+        Z of the decoder's target, from the object-side principal plane [mm].
+    """
+    camera, place = camera_of(design), np.array(fields, float).reshape(-1, 2)
+    mount = mounted(design, {}, 1)
+    rim, inner = pupil_points()
+
+    def wanted(base: ArrayLike, target: Array, offset: ArrayLike = ((0.0, 0.0),)) -> Aims:
+        """Every offset and target at every place, the places slowest."""
+        at, aside = np.atleast_2d(np.asarray(base, float)), np.asarray(offset, float)
+        per = max(len(target), len(aside))
+        start = np.repeat(at, per, axis=0)
+        nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(at), 1)) for part in (aside, target))
+        return aims(camera, start, goal, microlenses(design, start + nudge * design.d / 2), nudge)
+
+    middle = np.zeros((1, 2))
+    reach = float(np.max(np.hypot(place[:, 0], place[:, 1]))) or design.microlens_array.size[0] / 2
+    crosses = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+    ends = reach * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+
+    def centres(at: Array) -> LocalMaps:
+        return _local_maps(at, lambda places: _centres(mount, design, wanted(places, middle)))
+
+    radius = np.hypot(place[:, :1], place[:, 1:])
+    off = radius > 0
+    safe = np.where(off, radius, 1.0)
+    azimuth = (np.where(off, place[:, :1] / safe, 1.0), np.where(off, place[:, 1:] / safe, 0.0))
+    depths = tuple(design.d_3 + (object_distance - design.d_3) * factor for factor in CALIBRATION_DEPTHS)
+    front = camera.first_order.front_principal
+    lens_at = np.asarray(design.main_lens.decentre)
+
+    def along_chief(at: Array, depth: float) -> Array:
+        c = microlenses(design, at)
+        fap = camera.fap
+        found = sensor_of_pupil(camera, c, np.array([fap.x, fap.y]))
+        aside = found.views.at(depth - design.d_3) + lens_at
+        aside[~found.ok] = np.nan
+        return np.concatenate([aside, np.full((len(at), 1), front - depth)], axis=1)
+
+    near, axis_way = centres(place), (np.ones((1, 1)), np.zeros((1, 1)))
+    axis, on_axis = centres(middle), np.array([[0.0, 0.0, front - depth] for depth in depths])
+
+    def nominal(maps: LocalMaps) -> Callable[[Any, Any], Array]:
+        return lambda x, y: maps.at(x, y) / design.q
+
+    slopes = [epi_slopes(mount, along_chief(place, depth), azimuth, nominal(near))[:, 0] for depth in depths]
+    return Reference(
+        chief=wanted(place, middle),
+        rim=wanted(place, rim),
+        inner=wanted(place, inner),
+        neighbours=wanted(place, middle, crosses),
+        ends=wanted(ends, middle),
+        reach=reach,
+        folded=np.asarray(real_images(camera, microlenses(design, place)).status == FOLDED),
+        azimuth=azimuth,
+        points=along_chief(place, object_distance),
+        axis_points=on_axis,
+        depths=depths,
+        centres=near,
+        end_centres=centres(ends),
+        axis_centres=axis,
+        slopes=np.stack(slopes, axis=-1),
+        axis_slopes=np.array([float(epi_slopes(mount, p[None], axis_way, nominal(axis))[0, 0]) for p in on_axis]),
+    )
+
+
+def _centres(mount: Mounted, design: Design, wanted: Aims) -> Array:
+    count, half = len(wanted.base), np.array([design.d / 2])
+    rays = next(size for size in range(min(BLOCK, count), 0, -1) if count % size == 0)
+    begin = np.arange(0, count, rays)
+    found = aimed(mount.lens, mount.planes, half, wanted, np.zeros(len(begin), np.int64), begin, rays)
+    return found.landed.reshape(count, 2)
+
+
+def _local_maps(place: Array, centre: Callable[[Array], Array]) -> LocalMaps:
+    steps = STEP * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
+    o, w, e, s, n, sw, ne, nw, se = np.moveaxis(centre((place[:, None] + steps).reshape(-1, 2)).reshape(-1, 9, 2), 1, 0)
+    slope = np.stack([e - w, n - s], axis=1) / (2 * STEP)
+    bend = np.stack([e - 2 * o + w, (ne + sw - nw - se) / 4, n - 2 * o + s], axis=1) / STEP**2
+    return LocalMaps(place, o, slope, bend)
+
+
+def epi_slopes(
+    mount: Mounted, points: Array, azimuth: tuple[Array, Array], centre: Callable[[Any, Any], Array]
+) -> Array:
+    """Slopes between each point's rays through the FAP's two ends, as a decoder computes them.
+
+    Parameters
+    ----------
+    mount : Mounted
+        T builds.
+    points : ndarray, shape (n, 3)
+        Object points, in the system's frame [mm].
+    azimuth : pair of ndarray, shape (n, 1)
+        The ends' direction.
+    centre : callable
+        From places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
+
+    Returns
+    -------
+    ndarray, shape (n, T)
+        [microlenses per pixel].
+    """
+    cos, sin = azimuth
+    way = np.concatenate([cos, sin], axis=1)
+    found = landings(
+        mount.lens, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way])
+    )
+    u, v, x, y = np.moveaxis(found, (0, 1), (2, 1))
+    n = len(points)
+    believed = [centre(u[part], v[part]) for part in (slice(n), slice(n, None))]
+    q, d = mount.camera.q, mount.camera.d
+    s = [x[part] / q - believed[k][..., 0] for k, part in enumerate((slice(n), slice(n, None)))]
+    t = [y[part] / q - believed[k][..., 1] for k, part in enumerate((slice(n), slice(n, None)))]
+    du, dv = u[:n] - u[n:], v[:n] - v[n:]
+    return np.asarray((du * cos + dv * sin) / d / ((s[0] - s[1]) * cos + (t[0] - t[1]) * sin))
 
 
 class TracedBuilds(ThinBuilds):
@@ -198,3 +531,74 @@ def _crossing(point: Array, slope: Array, plane: Array) -> Array:
     lean, ahead = np.sum(slope * plane[:, 9:], axis=-1), np.sum(off * plane[:, 9:], axis=-1)
     hit = off - slope * (ahead / lean)[..., None]
     return np.stack([np.sum(hit * plane[:, 3:6], axis=-1), np.sum(hit * plane[:, 6:9], axis=-1)], axis=-1)
+
+
+@dataclass(frozen=True)
+class TraceCheck:
+    """Largest differences between the study's metrics and builds traced one at a time, over all its fields."""
+
+    builds: int
+    """How many were compared; images undefined in a study are left out."""
+    centre_px: float
+    """Of image centres [px]."""
+    diameter: float
+    """Of image diameters, as a share."""
+    kept_fraction: float
+    """Of the parts of the FAP that are seen."""
+    folded: tuple[str, ...] = ()
+    """Fields whose nominal image is folded."""
+
+    def notes(self) -> tuple[str, ...]:
+        """What a study says of it."""
+        if not self.folded:
+            return (str(self),)
+        where = ", ".join(self.folded)
+        shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
+        return str(self), shape
+
+    def __str__(self) -> str:
+        return (
+            f"{METHOD} {self.builds} builds traced one at a time differ by up to {self.centre_px:.1g} px in image "
+            f"centres, {self.diameter:.1g} of image diameters and {self.kept_fraction:.1g} in kept fractions"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For the JSON object."""
+        return {
+            "method": METHOD,
+            "builds_compared": self.builds,
+            "largest_difference": {
+                "image_centre_px": self.centre_px,
+                "image_diameter_share": self.diameter,
+                "kept_fraction": self.kept_fraction,
+            },
+        }
+
+
+def check_traced(
+    design: Design, fields: tuple[tuple[float, float], ...], object_distance: float, values: Mapping[str, Array]
+) -> TraceCheck:
+    """Trace builds of a question one at a time; `values` has their numbers at each place, shape (builds,)."""
+    count = len(next(iter(values.values())))
+    centre, diameter, kept, compared = 0.0, 0.0, 0.0, 0
+    with np.errstate(all="ignore"):
+        builds = TracedBuilds.of(design, values, count, fields, object_distance, False)
+        chief, sizes, shares = builds.chief, builds.value("image_diameter_mm"), builds.value("kept_fraction")
+    for trial in range(count):
+        try:
+            one = as_built(design, {place: float(numbers[trial]) for place, numbers in values.items()})
+            images = real_images(camera_of(one), microlenses(one, fields), points=POINTS)
+        except InputError:
+            continue  # no camera; the study says so too
+        compared += 1
+        there = microlenses(one, fields) + images.chief - np.subtract(one.sensor.decentre, one.main_lens.decentre)
+        centre = max(centre, _largest(there - chief[:, trial]) / one.q)
+        diameter = max(diameter, _largest(images.diameter / sizes[:, trial] - 1))
+        kept = max(kept, _largest(images.kept_fraction - shares[:, trial]))
+    folded = builds.known.folded
+    dark = tuple(f"{x:g}, {y:g} mm" for (x, y), bad in zip(fields, folded, strict=True) if bad)
+    return TraceCheck(compared, centre, diameter, kept, dark)
+
+
+def _largest(off: Array) -> float:
+    return float(np.max(np.abs(off[np.isfinite(off)]), initial=0.0))

@@ -8,15 +8,23 @@ import pytest
 from scipy import stats
 
 from roslf_design.design import load
-from roslf_design.tolerance.chunk import measure, one_trial, tally_chunk, trial_measured, variants_of
-from roslf_design.tolerance.compensate import Compensator
+from roslf_design.tolerance.analyses import (
+    binomial_interval,
+    correlations,
+    inverse_sensitivity,
+    root_sum_square,
+    saltelli_jansen,
+    scale_for_yield,
+    sensitivity,
+    sobol_indices,
+    summarise,
+    yield_at,
+)
+from roslf_design.tolerance.derivatives import FORMULAS, exact_derivatives
 from roslf_design.tolerance.draws import sobol_points
-from roslf_design.tolerance.dual import FORMULAS, exact_derivatives
-from roslf_design.tolerance.plan import plan_from
-from roslf_design.tolerance.sensitivity import inverse_sensitivity, root_sum_square, sensitivity
-from roslf_design.tolerance.sobol import _estimate, sobol_indices
-from roslf_design.tolerance.summary import correlations, summarise
-from roslf_design.tolerance.yields import binomial_interval, scale_for_yield, yield_at
+from roslf_design.tolerance.run import tally_chunk
+from roslf_design.tolerance.study import plan_from
+from roslf_design.tolerance.trials import Compensator, measure, one_trial, trial_measured
 
 D_2 = {"place": "d_2", "tolerance": "0.02 mm", "distribution": "uniform"}
 
@@ -187,7 +195,7 @@ def test_sobol_indices_of_ishigamis_function():
 
     one, two = points[:3], points[3:]
     mixed = np.stack([ishigami(np.where(np.arange(3)[:, None] == i, two, one)) for i in range(3)])
-    first, total, first_ends, total_ends = _estimate(ishigami(one), ishigami(two), mixed, 0)
+    first, total, first_ends, total_ends = saltelli_jansen(ishigami(one), ishigami(two), mixed, 0)
     v1, v2, v13 = 0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, 8 * b**2 * np.pi**8 / 225
     v = v1 + v2 + v13
     np.testing.assert_allclose(first[0], np.array([v1, v2, 0]) / v, atol=0.015)
@@ -208,7 +216,7 @@ def test_bootstrap_intervals_cover_as_often_as_they_say():
             return (2 * z[0] + z[1])[None]
 
         mixed = np.stack([response(np.where(np.arange(2)[:, None] == i, b, a)) for i in range(2)])
-        _, _, ends, _ = _estimate(response(a), response(b), mixed, seed)
+        _, _, ends, _ = saltelli_jansen(response(a), response(b), mixed, seed)
         hits += bool(ends[0, 0, 0] <= 0.8 <= ends[0, 0, 1])
     # 190 expected; a binomial of 200 at 0.93 or better stays above 176 in 999 of 1000.
     assert hits >= 176
@@ -258,14 +266,11 @@ def test_adjusting_takes_back_what_it_can_and_never_harms():
     goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "centre_error_px", "max": 1.0}]
     line = {"place": ["sensor.distance", "microlens_array.rotation", "microlens_array.decentre"]}
     plan = plan_from({"name": "n", "design": "paper", "grade": "precision", "goals": goals, "compensators": [line]})
-    assert variants_of(plan) == ("as built", "adjusted, linear", "adjusted")
+    assert plan.variants == ("as built", "adjusted, linear", "adjusted")
     x = plan.draws.deviations(plan.draws.uniforms(0, 3000))
     seen = measure(plan, x)
-    aims = Compensator(plan).aims
-    cost = [
-        (((columns[aims.columns] - aims.nominal[:, None]) * aims.weights[:, None]) ** 2).sum(axis=0)
-        for columns in seen.variants
-    ]
+    compensator = Compensator(plan)
+    cost = [(compensator.residual(columns) ** 2).sum(axis=0) for columns in seen.variants]
     assert (cost[2] <= cost[1]).all()
     assert np.median(cost[2]) < 0.1 * np.median(cost[0])  # tilts and the pitch remain
     yields = [plan.passes(columns).all(axis=0).mean() for columns in seen.variants]
@@ -288,10 +293,10 @@ def test_newton_finds_what_an_optimizer_finds():
         one = {place: numbers[trial : trial + 1] for place, numbers in values.items()}
 
         def residual(shift, one=one):
-            return compensator._residual(compensator.measured(one, np.asarray(shift)[:, None]))[:, 0]
+            return compensator.residual(compensator.measured(one, np.asarray(shift)[:, None]))[:, 0]
 
         best = least_squares(residual, [0.0, 0.0], x_scale=[0.01, 0.1], xtol=1e-14, ftol=1e-14)
-        left = compensator._residual(columns)[:, trial]
+        left = compensator.residual(columns)[:, trial]
         assert (left**2).sum() == pytest.approx(2 * best.cost, rel=1e-4, abs=1e-8)
         assert moved[:, trial] == pytest.approx(best.x, abs=2e-4)
 

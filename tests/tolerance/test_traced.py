@@ -12,15 +12,12 @@ from roslf_design.lenses.images import FULL, real_images
 from roslf_design.lenses.of_design import camera_of, microlenses, real_field
 from roslf_design.lenses.trace import Rays, trace
 from roslf_design.rays.sampling import sunflower
-from roslf_design.tolerance.chunk import one_trial
-from roslf_design.tolerance.grades import load_grades
 from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
-from roslf_design.tolerance.mount import as_built, mounted
-from roslf_design.tolerance.places import LENS, nominal_values, perturbable
-from roslf_design.tolerance.plan import plan_from
-from roslf_design.tolerance.reference import reference
+from roslf_design.tolerance.places import LENS, load_grades, nominal_values, perturbable
 from roslf_design.tolerance.run import Where, run_trials
-from roslf_design.tolerance.trace_check import check_traced
+from roslf_design.tolerance.study import plan_from
+from roslf_design.tolerance.traced import as_built, check_traced, mounted, reference
+from roslf_design.tolerance.trials import one_trial
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 
