@@ -392,7 +392,7 @@ def sobol_indices(plan: Plan, samples: int) -> SobolIndices:
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
     mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
     f_a, f_b, *f_ab = (measure_uniforms(plan, uniforms).variants[-1] for uniforms in (a, b, *mixed))
-    undefined = (~np.isfinite(np.stack([f_a, f_b, *f_ab]))).sum(axis=(0, 2))
+    undefined = np.isnan(np.stack([f_a, f_b, *f_ab])).sum(axis=(0, 2))
     indices = saltelli_jansen(f_a, f_b, np.stack(f_ab), plan.draws.seed)
     for part in indices:
         part[undefined > 0] = np.nan
