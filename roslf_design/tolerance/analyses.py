@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
+from ..theory.quantities import QUANTITIES
 from . import sketch
-from .derivatives import exact_derivatives
 from .draws import Perturbation, sobol_points
-from .metrics import METRICS, Column
 from .study import Limit, Plan
 from .tally import Tally
 from .trials import BLOCK, differences, measure, measure_uniforms
@@ -31,6 +31,8 @@ CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 HISTOGRAM_BINS = 60
 STEP = 1e-4
 """Of a tolerance, for derivatives: the error of a central difference is then far below a percent of anything asked."""
+IMAGINARY = 1e-40
+"""Step for exact derivatives, as a share of the number; its square vanishes against 1."""
 LOOSEST = 1e3
 """Inverse sensitivity stops looking beyond this many times the given tolerance."""
 HALVINGS = 40
@@ -262,20 +264,32 @@ def sensitivity(plan: Plan) -> Sensitivity:
     """How each perturbation alone moves each column."""
     perturbations = plan.draws.perturbations
     derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
-    exact = np.full(derivatives.shape, np.nan)
-    for row, column in enumerate(plan.columns):
-        known = exact_derivatives(plan.question.design, column.metric)
-        if known is not None:
-            exact[row] = [known.get(p.place, _elsewhere(p.place, column)) for p in perturbations]
     one = np.eye(len(perturbations))
     plus, minus = (measure(plan, sign * one).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
-    return Sensitivity(derivatives, exact, plus, minus)
+    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
 
 
-def _elsewhere(place: str, column: Column) -> float:
-    """Derivative by a place that a closed form does not know: a pose changes what is local to a field."""
-    pose = any(word in place for word in ("decentre", "tilt", "rotation"))
-    return math.nan if pose and METRICS[column.metric].per_field else 0.0
+def exact_derivatives(plan: Plan) -> Array:
+    """Derivatives of the closed forms by each perturbed place, shape (C, P); NaN where there is none.
+
+    Of an aligned design behind an ideal lens, whose fields all have the same value, by complex steps: no difference, so
+    nothing cancels. A pose changes what is local to a field; by those there are none.
+    """
+    perturbations, design = plan.draws.perturbations, plan.question.design
+    exact = np.full((len(plan.columns), len(perturbations)), np.nan)
+    if not design.aligned or design.lens is not None:
+        return exact
+    steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
+    at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}
+    camera = Camera.of(design).replace(at)
+    posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
+    for row, column in enumerate(plan.columns):
+        quantity = QUANTITIES.get(column.metric)
+        if quantity is not None and quantity.analytic:
+            exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
+            if column.field is not None:
+                exact[row, posed] = np.nan
+    return exact
 
 
 def root_sum_square(plan: Plan, moves: Sensitivity) -> Array:
@@ -413,7 +427,7 @@ def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Arr
     """
     columns, n = f_a.shape
     factors = len(f_ab)
-    usable = np.isfinite(f_a).all(axis=1) & np.isfinite(f_b).all(axis=1) & np.isfinite(f_ab).all(axis=(0, 2))
+    usable = np.asarray(np.isfinite(np.stack([f_a, f_b, *f_ab])).all(axis=(0, 2)))
     middle = np.where(usable, 0.5 * (f_a.mean(axis=1) + f_b.mean(axis=1)), 0.0)
     ya, yb, yab = (np.where(usable[:, None], f, 0.0) - middle[:, None] for f in (f_a, f_b, f_ab))
     # One row a base sample: what is summed for sum y, sum y^2, first and total.

@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
+from ..camera import TIP, nominal_numbers
 from ..design import PATHS, Design
 from ..design.files import read_toml
 from ..design.units import parse_quantity
@@ -43,25 +44,34 @@ def perturbable(design: Design) -> dict[str, str]:
     dict
         Dotted place to what it measures: "length", "angle", "ratio"; in a real lens also "curvature" or "number".
     """
-    stops = _stops(design)
-    lengths = ["main_lens.diameter", "main_lens.focal_length", "main_lens.focal_plane"]
-    lengths += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
-    lengths += [f"microlens_array.{name}" for name in ("pitch", "focal_length", "distance")]
-    lengths += ["sensor.distance", "sensor.pixel", "light.wavelength"]
-    kinds = dict.fromkeys(lengths, "length")
-    for part in ("main_lens", *stops, "microlens_array", "sensor"):
-        for pose, kind in (("decentre", "length"), ("tilt", "angle")):
-            kinds |= {f"{part}.{pose}.0": kind, f"{part}.{pose}.1": kind}
-    kinds["microlens_array.rotation"] = "angle"
-    kinds["sensor.relay_magnification"] = "ratio"
+    kinds = {place: _kind(place) for place in nominal_numbers(design) if place != TIP and ".size." not in place}
     if design.lens is not None:
         del kinds[FOCAL_LENGTH]
         kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
     return kinds
 
 
-def _stops(design: Design) -> tuple[str, ...]:
-    """Names of the FAP and the further stops."""
+def _kind(place: str) -> str:
+    if place.endswith("relay_magnification"):
+        return "ratio"
+    return "angle" if ".tilt." in place or place.endswith("rotation") else "length"
+
+
+def nominal_values(design: Design) -> dict[str, float]:
+    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
+    return dict(_nominal_values(design))
+
+
+@lru_cache(maxsize=64)
+def _nominal_values(design: Design) -> Mapping[str, float]:
+    numbers = {place: float(number) for place, number in nominal_numbers(design).items()}
+    if design.lens is not None:
+        numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
+    return {place: numbers[place] for place in perturbable(design)}
+
+
+def stops_of(design: Design) -> tuple[str, ...]:
+    """Places of the FAP and the further stops."""
     return ("aperture", *(f"stops.{index}" for index in range(len(design.stops))))
 
 
@@ -127,32 +137,6 @@ def _of_pattern(design: Design, name: str, known: Mapping[str, str]) -> tuple[st
         parts = sorted({p.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for p in known if in_lens(p)})
         raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
     return found
-
-
-def nominal_values(design: Design) -> dict[str, float]:
-    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
-    return dict(_nominal_values(design))
-
-
-@lru_cache(maxsize=64)
-def _nominal_values(design: Design) -> Mapping[str, float]:
-    resolved = {
-        FOCAL_LENGTH: design.f,
-        "main_lens.focal_plane": design.d_f,
-        "microlens_array.distance": design.d_1,
-        "main_lens.diameter": design.D,
-    }
-    if design.lens is not None:
-        resolved |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
-    return {place: resolved[place] if place in resolved else _read(design, place) for place in perturbable(design)}
-
-
-def _read(design: Design, place: str) -> float:
-    value: object = design
-    for step in place.split("."):
-        value = value[int(step)] if isinstance(value, tuple) else getattr(value, step)
-    assert isinstance(value, (int, float))
-    return float(value)
 
 
 def short_name(place: str) -> str:

@@ -36,12 +36,12 @@ from .analyses import (
     yield_curve,
 )
 from .draws import Perturbation
-from .metrics import METRICS
+from .metrics import METRICS, SHAPES, builds_of
 from .places import Grades
 from .run import Store
 from .study import Plan, Study, make_plan
 from .tally import Tally
-from .traced import CHECKED, TraceCheck, check_traced
+from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
 
 Array = NDArray[np.float64]
@@ -305,11 +305,13 @@ def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple
 
 def trace_check(plan: Plan) -> TraceCheck | None:
     """Some of a plan's builds traced one at a time; None where its main lens is ideal."""
-    question, draws = plan.question, plan.draws
-    if question.design.lens is None:
+    draws, design = plan.draws, plan.question.design
+    if design.lens is None:
         return None
-    first = draws.deviations(draws.uniforms(0, plan.chunk)[:, :CHECKED])
-    return check_traced(question.design, question.fields, question.object_distance, draws.values(first))
+    values = draws.values(draws.deviations(draws.uniforms(0, plan.chunk)[:, :CHECKED]))
+    builds, _ = builds_of(plan.question, values, CHECKED)
+    assert isinstance(builds, TracedBuilds)
+    return check_traced(design, builds, values)
 
 
 def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
@@ -450,7 +452,7 @@ def shapes_text(plan: Plan) -> str:
     """How each build is computed: always the exact way, as that is the quicker one, too."""
     if plan.question.design.lens is not None:
         return "each by exact rays through its own lens, shapes by series along the pupil's rim"
-    if not any(METRICS[name].kind == "shape" for name in plan.question.metrics):
+    if not any(name in SHAPES for name in plan.question.metrics):
         return "each by closed forms"
     tilted = not plan.question.design.aligned or any(".tilt." in p.place for p in plan.draws.perturbations)
     rims = "ellipses (to 1e-13)" if tilted else "discs (to 1e-15)"

@@ -30,13 +30,13 @@ from pydantic import (
 )
 
 from ..design import Design, load, preset_names
+from ..design.conjugates import CONJUGATES
 from ..design.files import read_toml
 from ..design.kinds import expect_kind
 from ..design.messages import problems_of
 from ..design.units import Length, parse_quantity
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from .camera import DISTANCE, FOCAL, PLANE
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .metrics import METRICS, Column, Question, evaluate_builds, metric_named
 from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
@@ -468,8 +468,9 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
             )
     if not result:
         problems.append(Problem("perturb", "nothing is perturbed; name a grade or add [[perturb]] tables"))
-    if all(place in result for place in (FOCAL, PLANE, DISTANCE)):
-        problems.append(Problem("perturb", f"{FOCAL}, {PLANE} and {DISTANCE} cannot all miss; one follows from two"))
+    if all(place in result for place in CONJUGATES):
+        f, plane, distance = CONJUGATES
+        problems.append(Problem("perturb", f"{f}, {plane} and {distance} cannot all miss; one follows from two"))
     return tuple(result.values())
 
 
