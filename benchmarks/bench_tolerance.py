@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from roslf_design.design import load
-from roslf_design.tolerance.chunk import run_chunk
-from roslf_design.tolerance.plan import Plan, make_plan, plan_from
-from roslf_design.tolerance.run import Where, run_trials
-from roslf_design.tolerance.study import read_study
+from roslf_design.tolerance.run import Where, run_chunk, run_trials
+from roslf_design.tolerance.study import Plan, make_plan, plan_from, read_study
 
 FIELDS = ["centre", "edge", "corner", ["5 mm", "0 mm"], ["0 mm", "5 mm"]]
 FIFTEEN = [

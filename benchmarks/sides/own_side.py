@@ -137,7 +137,7 @@ def textured(inputs, options):
 def trials(inputs, options):
     """Tolerance trials of 15 perturbations, five metrics at five fields, in this process."""
     from benchmarks import bench_tolerance as bench
-    from roslf_design.tolerance.chunk import run_chunk
+    from roslf_design.tolerance.run import run_chunk
 
     metrics = bench.CLOSED if options["metrics"] == "closed" else bench.SHAPES
     plan = bench.plan_for(metrics, int(options["trials"]))

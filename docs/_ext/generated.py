@@ -270,7 +270,7 @@ def effects() -> str:
 
 def grades() -> str:
     """The grades that ship."""
-    from roslf_design.tolerance.grades import load_grades
+    from roslf_design.tolerance.places import load_grades
 
     found = load_grades()
     rows = [(code(line.place), *line.tolerances, plain(line.provenance)) for line in found.lines]

@@ -60,11 +60,11 @@ def tolerance(
     """
     from ..design.write import write_atomically
     from ..errors import InputError, Problem
-    from ..tolerance.executors import ChunkLostError
     from ..tolerance.figures import pictures
-    from ..tolerance.plan import load_plan
-    from ..tolerance.precision import precision, trials_for
-    from ..tolerance.run import Where, analyse, npz_bytes, run_trials, save_worst, trial_arrays
+    from ..tolerance.result import analyse, precision, save_worst, trial_arrays, trials_for
+    from ..tolerance.run import ChunkLostError, Where, run_trials
+    from ..tolerance.study import load_plan
+    from ..tolerance.tally import npz_bytes
 
     wrong = {"--seed": seed is not None and seed < 0, "--trials": trials is not None and trials < 1}
     wrong["--workers"] = workers is not None and workers < 1

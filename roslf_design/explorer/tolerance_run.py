@@ -11,8 +11,7 @@ from .jobs import Job, Tell
 
 if TYPE_CHECKING:
     from ..design import Design
-    from ..tolerance.plan import Plan
-    from ..tolerance.study import Study
+    from ..tolerance.study import Plan, Study
 
 FIELDS = ("centre", "edge", "corner")
 AXES = {"0": "x", "1": "y"}
@@ -124,11 +123,10 @@ def run(request: ToleranceRequest, tell: Tell = lambda share, text: None) -> Tol
     """
     from ..report.quick_tolerances import quick_study
     from ..report.studies import tolerance_plan
-    from ..tolerance.chunk import tally_chunk
-    from ..tolerance.plan import make_plan
-    from ..tolerance.summary import summarise
+    from ..tolerance.analyses import summarise, yield_at
+    from ..tolerance.run import tally_chunk
+    from ..tolerance.study import make_plan
     from ..tolerance.tally import merged
-    from ..tolerance.yields import yield_at
 
     design = request.design
     trials = request.trials or (TRIALS if design.lens is None else TRIALS_TRACED)
@@ -209,8 +207,8 @@ def _offenders(plan: Plan) -> Iterator[Offender]:
     import numpy as np
 
     from ..design.units import format_quantity
+    from ..tolerance.analyses import sensitivity
     from ..tolerance.places import perturbable
-    from ..tolerance.sensitivity import sensitivity
 
     found, nominal = sensitivity(plan), plan.nominal
     kinds = perturbable(plan.question.design)

@@ -18,7 +18,7 @@ from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
 from ..tolerance.draws import Draws, Perturbation
 from ..tolerance.places import expand, nominal_values, parse_tolerance, perturbable
-from ..tolerance.yields import Yield
+from ..tolerance.analyses import Yield
 from .problem import IDLE, DesignProblem
 from .search import FEASIBLE, simplex
 from .study import RobustTable

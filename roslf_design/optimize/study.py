@@ -21,7 +21,7 @@ from ..design.parts import Stop
 from ..design.units import Distance, Length, format_quantity, parse_quantity
 from ..errors import InputError, Problem
 from ..theory.quantities import Quantity, quantity_named
-from ..tolerance.distributions import Distribution
+from ..tolerance.draws import Distribution
 from .parts import Kind, given_by
 from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
 from .solve import Settings

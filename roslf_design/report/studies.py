@@ -14,10 +14,9 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..design import Design
     from ..optimize.run import Result
-    from ..tolerance.grades import Grades
-    from ..tolerance.plan import Plan
+    from ..tolerance.places import Grades
     from ..tolerance.result import StudyResult
-    from ..tolerance.study import Study
+    from ..tolerance.study import Plan, Study
 
 Tell = Callable[[str], None]
 
@@ -43,8 +42,7 @@ def tolerance_plan(
     InputError
         Every fault of the study.
     """
-    from ..tolerance.plan import make_plan
-    from ..tolerance.study import read_study
+    from ..tolerance.study import make_plan, read_study
 
     with handed_over(data, design) as given:
         study, own, grades = read_study(given, folder, origin)
@@ -63,7 +61,8 @@ def run_tolerances(
     Parameters, errors
         As `tolerance_plan`; `progress` is told (trials done, trials in all).
     """
-    from ..tolerance.run import analyse, run_trials
+    from ..tolerance.result import analyse
+    from ..tolerance.run import run_trials
 
     plan, study, grades = tolerance_plan(data, design, folder, origin)
     with tempfile.TemporaryDirectory() as scratch:

@@ -85,7 +85,8 @@ def half_field(c: Camera) -> tuple[Array, Array]:
 
 def half_diagonal(c: Camera) -> Array:
     """From the axis to the corner of what the sensor sees, on the array [mm]."""
-    return np.asarray(np.hypot(*half_field(c)))
+    x, y = half_field(c)
+    return np.asarray(np.sqrt(x * x + y * y))  # complex numbers, too: derivatives
 
 
 def lateral_samples(c: Camera) -> Array:

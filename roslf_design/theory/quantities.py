@@ -19,7 +19,7 @@ from ..camera import Camera, Number
 from ..design.parameters import PATHS
 from . import disparity, exit_pupil, f_number, light, vignetting
 from .disparity import SIGMA_DISPARITY
-from .stop_images import MicrolensImages, stop_image
+from .stop_images import MicrolensImages
 
 Depth = float | None
 """Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
@@ -65,6 +65,11 @@ class Quantity:
             raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
         values = self.of(camera, at)
         return values if self.worst is None else self.worst(values)
+
+    @property
+    def analytic(self) -> bool:
+        """Whether complex numbers in a camera give its derivatives: no absolute value, no worst of several."""
+        return self.of is not None and self.signed is None and self.worst is None and self.at != "needed"
 
     @property
     def length(self) -> bool:
@@ -140,7 +145,7 @@ def _centre_shift(images: MicrolensImages) -> Number:
     cos = np.where(off, images.x / np.where(off, radius, 1), 1.0)
     sin = np.where(off, images.y / np.where(off, radius, 1), 0.0)
     x0, y0 = images.chief
-    x1, y1 = stop_image(camera, camera.rims[0], images.microlens).centre
+    x1, y1 = images.through_lens
     return ((x1 - x0) * cos + (y1 - y0) * sin) / camera.q
 
 

@@ -294,6 +294,11 @@ class MicrolensImages:
         return chief_point(self.camera, self.microlens)
 
     @cached_property
+    def through_lens(self) -> tuple[Number, Number]:
+        """Where rays through the main lens's centre meet the sensor [mm]."""
+        return stop_image(self.camera, self.camera.rims[0], self.microlens).centre
+
+    @cached_property
     def shapes(self) -> DiscIntersection:
         """The lit parts, what all stops leave of the FAP's image [mm].
 

@@ -4,10 +4,11 @@
 trial again, and `evaluate_builds` is the batched engine under all of them.
 """
 
-from .chunk import one_trial
 from .metrics import METRICS, Question, evaluate_builds
-from .plan import Plan, load_plan, make_plan, plan_from
-from .run import Where, analyse, run_trials
+from .result import analyse
+from .run import Where, run_trials
+from .study import Plan, load_plan, make_plan, plan_from
+from .trials import one_trial
 
 __all__ = [
     "METRICS",

@@ -1,23 +1,94 @@
-"""Chance: which deviations trial n has, from (seed, n) alone."""
+"""Chance: which deviations trial n has, from (seed, n) alone.
+
+Every distribution is a map from a uniform number in (0, 1) to a deviation in units of the tolerance, symmetric about 0.
+Random and low-discrepancy sampling therefore share one path, and members of a group can share their uniform number.
+"""
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
-
-from .distributions import SMALLEST, Distribution, deviation, standard_deviation
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+Distribution = Literal["normal", "uniform", "parabolic", "end-point"]
+"""Names of the known distributions."""
+DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
+Sampling = Literal["random", "sobol"]
+"""Independent random trials, or a scrambled Sobol sequence."""
+
+SMALLEST = 2.0**-53
+"""Uniform numbers are kept this far from 0 and 1, so that no deviation is infinite."""
 BITS = 32
 """Of a coordinate of the Sobol sequence, which so has 2^32 points."""
 
-Sampling = Literal["random", "sobol"]
-"""Independent random trials, or a scrambled Sobol sequence."""
+
+def deviation(distribution: Distribution, uniform: ArrayLike, truncation: float = 2.0) -> Array:
+    """Deviations in units of the tolerance.
+
+    Parameters
+    ----------
+    distribution : str
+        "normal": sigma is tolerance / `truncation`, cut off at the tolerance. "uniform". "parabolic": density
+        3 x^2 / 2, heaped towards the ends, as general ray tracers use the word. "end-point": either end, evenly.
+    uniform : array_like
+        In [0, 1].
+    truncation : float
+        Of "normal": the tolerance in sigmas.
+
+    Returns
+    -------
+    ndarray
+        In [-1, 1], same shape; ``-deviation(u) == deviation(1 - u)`` to rounding.
+
+    Raises
+    ------
+    ValueError
+        Unknown distribution, or a truncation that is not positive.
+    """
+    u = np.clip(np.asarray(uniform, dtype=np.float64), SMALLEST, 1 - SMALLEST)
+    if distribution == "normal":
+        return _truncated_normal(u, _positive(truncation))
+    if distribution == "uniform":
+        return np.asarray(2 * u - 1)
+    if distribution == "parabolic":
+        return np.cbrt(2 * u - 1)
+    if distribution == "end-point":
+        return np.where(u < 0.5, -1.0, 1.0)
+    raise ValueError(f"distribution: {distribution!r} is not known; use one of {', '.join(DISTRIBUTIONS)}")
+
+
+def standard_deviation(distribution: Distribution, truncation: float = 2.0) -> float:
+    """Standard deviation of `deviation`, in units of the tolerance; parameters as there."""
+    if distribution == "normal":
+        k = _positive(truncation)
+        if k < 0.02:
+            # The plain form cancels here; moments of the density's series in k^2 do not.
+            return math.sqrt((1 / 3 - k**2 / 10 + k**4 / 56) / (1 - k**2 / 6 + k**4 / 40))
+        density = math.exp(-k * k / 2) / math.sqrt(2 * math.pi)
+        return math.sqrt(1 - 2 * k * density / math.erf(k / math.sqrt(2))) / k
+    return {"uniform": 1 / math.sqrt(3), "parabolic": math.sqrt(0.6), "end-point": 1.0}[distribution]
+
+
+def _truncated_normal(u: Array, k: float) -> Array:
+    from scipy.special import ndtr, ndtri
+
+    tail = float(ndtr(-k))
+    # From the nearer tail, where digits are not lost against 1.
+    lower = np.minimum(u, 1 - u)
+    size = -ndtri(tail + (1 - 2 * tail) * lower) / k
+    return np.copysign(np.clip(size, 0.0, 1.0), u - 0.5)
+
+
+def _positive(truncation: float) -> float:
+    if not truncation > 0:
+        raise ValueError(f"truncate: {truncation} is not above zero; give the tolerance in sigmas, e.g. 2")
+    return truncation
 
 
 @dataclass(frozen=True)
@@ -97,9 +168,8 @@ class Draws:
 
     def values(self, deviations: Array, scale: float = 1.0) -> dict[str, Array]:
         """Place to its numbers in each trial, all tolerances multiplied by `scale`."""
-        return {
-            p.place: p.nominal + (p.tolerance * scale) * deviations[index] for index, p in enumerate(self.perturbations)
-        }
+        pairs = zip(self.perturbations, deviations, strict=True)
+        return {p.place: p.nominal + (p.tolerance * scale) * row for p, row in pairs}
 
     def covariance(self) -> Array:
         """Covariance of the deviations in the places' units, shape (perturbations, perturbations).

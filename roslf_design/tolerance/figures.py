@@ -23,10 +23,10 @@ from ..report.figures.style import (
     to_svg,
 )
 from ..report.words import in_words
+from .analyses import LimitYield
 from .metrics import METRICS
 from .places import short_name
 from .result import StudyResult
-from .summary import LimitYield
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,19 +1,22 @@
-"""The numbers of a build that can be held to limits: their names, meanings, and values over fields and trials."""
+"""The numbers of a build that can be held to limits, over fields and trials: `QUANTITIES`, and what a decoder gets."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design import Design
-from .axial import AXIAL
-from .camera import build
-from .thin import ThinBuilds
+from ..camera import Camera
+from ..design import PATHS, Design
+from ..design.conjugates import CONJUGATES
+from ..theory.quantities import QUANTITIES, Quantity
+from .ideal import IdealBuilds
+from .traced import Mounted, TracedBuilds, mounted
 
 Array = NDArray[np.float64]
 
@@ -25,63 +28,53 @@ class Metric:
     name: str
     unit: str
     meaning: str
-    kind: Literal["pencil", "shape", "decoder", "axial"]
-    """What it takes: the pencil through a microlens, the clipped image, a decoder, or nothing but axial distances."""
-
-    @property
-    def per_field(self) -> bool:
-        """Whether it has a value at every field, or one for the whole camera."""
-        return self.kind != "axial"
+    of: Callable[[IdealBuilds], Any]
+    """Broadcasts to (fields, trials)."""
+    per_field: bool = True
+    """Whether it has a value at every field, or one for the whole camera."""
 
 
-_TABLE: tuple[tuple[str, str, str, Literal["pencil", "shape", "decoder", "axial"]], ...] = (
-    ("fill_factor", "", "microlens-image diameter over pitch, local to the field (Eq. 7)", "pencil"),
-    ("mismatch_px", "px", "microlens-image diameter less pitch: overlap above 0, gap below", "pencil"),
-    ("image_diameter_mm", "mm", "diameter of the disc as large as the unclipped microlens image", "pencil"),
-    ("image_diameter_px", "px", "the same in pixels: geometric views", "pencil"),
-    ("image_pitch_mm", "mm", "distance between neighbouring microlens images", "pencil"),
-    (
-        "non_distortion_room_mm",
-        "mm",
-        "room between the pencil and the nearest rim (Eqs. 5-6), below 0 where it is cut",
-        "pencil",
-    ),
-    ("centre_shift_px", "px", "how far the image centre lies inside that through the lens's centre (Eq. 4)", "pencil"),
-    ("kept_fraction", "", "area of the microlens image over that of the unclipped FAP", "shape"),
-    ("image_area_mm2", "mm^2", "area of the microlens image", "shape"),
-    (
+def _of_quantity(quantity: Quantity) -> Metric:
+    if quantity.local is not None:
+        return Metric(quantity.name, quantity.unit, quantity.words, quantity.local)
+    whole = partial(_whole, quantity)
+    return Metric(quantity.name, quantity.unit, quantity.words, whole, per_field=False)
+
+
+def _whole(quantity: Quantity, builds: IdealBuilds) -> Any:
+    return quantity(builds.camera)
+
+
+_OF_DECODERS = (
+    Metric(
         "blur_pitches",
         "pitches",
         "rms radius on the array of an object point's light, in microlens pitches; of rays alone",
-        "decoder",
+        lambda builds: builds.blur_pitches,
     ),
-    ("axis_ratio", "", "minor over major axis of the microlens image's second moments; undefined where dark", "shape"),
-    ("centre_error_px", "px", "distance of the image centre from where the decoder believes it", "decoder"),
-    ("centre_error_x_px", "px", "the same along x", "decoder"),
-    ("centre_error_y_px", "px", "the same along y", "decoder"),
-    ("depth_error_mm", "mm", "decoded depth less true depth of a point on the field's chief ray", "decoder"),
-    (
-        "disparity_pitches_per_mm",
-        "pitches/mm",
-        "disparity between the FAP's rims per depth, at the focal plane",
-        "axial",
+    Metric(
+        "centre_error_px",
+        "px",
+        "distance of the image centre from where the decoder believes it",
+        lambda builds: np.hypot(*builds.centre_error),
     ),
-    ("sigma_z_mm", "mm", "depth spread at the focal plane for a disparity error of 0.1 pitch", "axial"),
-    ("inverse_aperture_constant", "", "1/H, Eq. 3", "axial"),
-    ("vergence_at_mla_per_mm", "1/mm", "1/L of the exit pupil", "axial"),
-    ("f_number_microlens", "", "d_2/d", "axial"),
-    ("f_number_pupil", "", "d_1/(D_F H), Eq. 8", "axial"),
-    ("f_number_main_lens", "", "d_1/D, Eq. 9", "axial"),
-    ("centre_shift_px_per_microlens", "px", "Eq. 4 per microlens", "axial"),
-    ("views_independent", "", "4 N_F", "axial"),
-    ("object_sample_mm", "mm", "d d_f/d_1", "axial"),
-    ("view_baseline_mm", "mm", "q d_1/(H d_2)", "axial"),
-    ("fresnel_number", "", "N_F = d^2/(4 lambda d_2)", "axial"),
-    ("airy_radius_px", "px", "1.22 lambda d_2/d", "axial"),
-    ("microlens_defocus_px", "px", "ray blur d d_2 |1/f_ml - 1/d_2 - 1/L|", "axial"),
+    Metric("centre_error_x_px", "px", "the same along x", lambda builds: builds.centre_error[0]),
+    Metric("centre_error_y_px", "px", "the same along y", lambda builds: builds.centre_error[1]),
+    Metric(
+        "depth_error_mm",
+        "mm",
+        "decoded depth less true depth of a point on the field's chief ray",
+        lambda builds: builds.depth_error,
+    ),
 )
-METRICS = {row[0]: Metric(*row) for row in _TABLE}
+METRICS = {
+    name: _of_quantity(quantity)
+    for name, quantity in QUANTITIES.items()
+    if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
+} | {metric.name: metric for metric in _OF_DECODERS}
 """Every metric by its name; names and values follow `roslf evaluate --json` where it has them."""
+SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
+"""Metrics that take common parts of the stops' images."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +127,6 @@ class Question:
             for field in (range(count) if METRICS[name].per_field else (None,))
         )
 
-    @property
-    def places(self) -> Array:
-        """Fields as an array, shape (fields, 2) [mm]."""
-        return np.array(self.fields, dtype=np.float64).reshape(-1, 2)
-
 
 def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
     """Every column of a question for many builds.
@@ -148,7 +136,9 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     question : Question
         What is asked.
     values : mapping
-        Perturbable place to its numbers in each build, shape (trials,); places left out are nominal.
+        Perturbable place to its numbers in each build, shape (trials,); places left out are nominal. Of f, d_f and d_1
+        the same one follows as in `Design.replace`: f and d_1 are hardware and d_f follows; where d_f is given, d_1 is
+        refocused to it.
     trials : int
         How many builds.
     calibrated : bool
@@ -157,29 +147,42 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     Returns
     -------
     ndarray, shape (columns, trials)
-        NaN marks what is undefined: every column of a build that is no design (d_3 >= d_f, a size below zero), the
+        NaN marks what is undefined: every column of a build that is no camera (d_3 >= d_f, a size below zero), the
         shape of a dark image, a depth at infinity.
     """
-    known = _known(question, values, trials, calibrated)
-    camera, fields = known.camera, question.places
+    if all(place in values for place in CONJUGATES):  # where a part is adjusted to d_f: f follows
+        values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
     results = np.empty((len(question.columns), trials))
     row = 0
     # What a build leaves undefined divides by zero somewhere; it is told apart below, once.
     with np.errstate(all="ignore"):
-        for name in question.metrics:
-            metric = METRICS[name]
-            rows = len(fields) if metric.per_field else 1
-            results[row : row + rows] = AXIAL[name](camera) if metric.kind == "axial" else known.value(name)
+        builds, valid = builds_of(question, values, trials, calibrated=calibrated)
+        for metric in (METRICS[name] for name in question.metrics):
+            rows = len(question.fields) if metric.per_field else 1
+            results[row : row + rows] = metric.of(builds)
             row += rows
-    results[:, ~camera.valid] = np.nan
+    results[:, ~valid] = np.nan
     results[~np.isfinite(results)] = np.nan
     return results
 
 
-def _known(question: Question, values: Mapping[str, Array], trials: int, calibrated: bool) -> ThinBuilds:
-    rest = (question.fields, question.object_distance, calibrated)
-    if question.design.lens is None:
-        return ThinBuilds(build(question.design, values, trials), question.design, *rest)
-    from .traced import TracedBuilds
+def builds_of(
+    question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False
+) -> tuple[IdealBuilds, NDArray[np.bool_]]:
+    """Builds of a question, parameters as for `evaluate_builds`, and which of them are cameras.
 
-    return TracedBuilds.of(question.design, values, trials, *rest)
+    The others have nominal numbers, which mean nothing.
+    """
+    design, rest = question.design, (question.fields, question.object_distance, calibrated)
+    mount: Mounted | None = None
+    nominal, changes = Camera.of(design.thin_twin), values
+    if design.lens is not None:
+        mount = mounted(design, values, trials)
+        changes = mount.twins
+    camera = nominal.replace(changes)
+    valid = np.broadcast_to(camera.valid, (trials,))
+    if not valid.all():
+        camera = nominal.replace({place: np.where(valid, value, nominal[place]) for place, value in changes.items()})
+    if mount is None:
+        return IdealBuilds(camera, nominal, *rest), valid
+    return TracedBuilds(design, mount, camera, *rest), valid & mount.sound

@@ -1,7 +1,7 @@
-"""Which numbers of a design a build can miss, what they measure, and their nominal values.
+"""What a build can miss and by how much: places of a design, tolerances as they are written, grades of a workshop.
 
-Behind a real main lens they are those of its drawing, as `lenses.manufacture` names them, after ``main_lens.``; its
-focal length then follows.
+Behind a real main lens the places are those of its drawing, as `lenses.manufacture` names them, after ``main_lens.``;
+its focal length then follows.
 """
 
 from __future__ import annotations
@@ -9,12 +9,20 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from typing import TypeVar
 
+from ..camera import TIP, nominal_numbers
 from ..design import PATHS, Design
+from ..design.files import read_toml
 from ..design.units import parse_quantity
+from ..errors import InputError, Problem
+from ..lenses.manufacture import lens_places, lens_values
 
-POSES = ("decentre.0", "decentre.1", "tilt.0", "tilt.1")
+Value = TypeVar("Value")
+
 SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rotation"}
 """Short names beside the paper's symbols."""
 LENS = "main_lens."
@@ -22,6 +30,10 @@ LENS = "main_lens."
 FOCAL_LENGTH = "main_lens.focal_length"
 BARE = {"ratio": '"0.3 %" or 0.003', "number": '0.0005 or "0.1 %"', "curvature": '"1e-5 /mm" or "0.1 %"'}
 """Kinds whose tolerances are not lengths or angles, and how they are written."""
+SHOWN = {"number": (1.0, ""), "curvature": (1.0, " /mm"), "ratio": (100.0, " %"), "angle": (1e3, " mrad")}
+"""Kind to the factor and unit that deviations are shown with; lengths choose their own."""
+SHIPPED = Path(__file__).with_name("grades.toml")
+"""The grades that ship: engineering judgement, to be replaced by a shop's own figures."""
 
 
 def perturbable(design: Design) -> dict[str, str]:
@@ -32,27 +44,45 @@ def perturbable(design: Design) -> dict[str, str]:
     dict
         Dotted place to what it measures: "length", "angle", "ratio"; in a real lens also "curvature" or "number".
     """
-    stops = ["aperture", *(f"stops.{index}" for index in range(len(design.stops)))]
-    lengths = ["main_lens.diameter", "main_lens.focal_length", "main_lens.focal_plane"]
-    lengths += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
-    lengths += [f"microlens_array.{name}" for name in ("pitch", "focal_length", "distance")]
-    lengths += ["sensor.distance", "sensor.pixel", "light.wavelength"]
-    kinds = dict.fromkeys(lengths, "length")
-    for part in ("main_lens", *stops, "microlens_array", "sensor"):
-        kinds |= {f"{part}.{pose}": "length" if pose.startswith("decentre") else "angle" for pose in POSES}
-    kinds["microlens_array.rotation"] = "angle"
-    kinds["sensor.relay_magnification"] = "ratio"
+    kinds = {place: _kind(place) for place in nominal_numbers(design) if place != TIP and ".size." not in place}
     if design.lens is not None:
-        from ..lenses.manufacture import lens_places
-
         del kinds[FOCAL_LENGTH]
         kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
     return kinds
 
 
+def _kind(place: str) -> str:
+    if place.endswith("relay_magnification"):
+        return "ratio"
+    return "angle" if ".tilt." in place or place.endswith("rotation") else "length"
+
+
+def nominal_values(design: Design) -> dict[str, float]:
+    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
+    return dict(_nominal_values(design))
+
+
+@lru_cache(maxsize=64)
+def _nominal_values(design: Design) -> Mapping[str, float]:
+    numbers = {place: float(number) for place, number in nominal_numbers(design).items()}
+    if design.lens is not None:
+        numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
+    return {place: numbers[place] for place in perturbable(design)}
+
+
+def stops_of(design: Design) -> tuple[str, ...]:
+    """Places of the FAP and the further stops."""
+    return ("aperture", *(f"stops.{index}" for index in range(len(design.stops))))
+
+
 def in_lens(place: str) -> bool:
     """Whether a place is of a real lens's surfaces or elements."""
     return place.startswith((f"{LENS}surfaces.", f"{LENS}elements."))
+
+
+def of_lens(values: Mapping[str, Value]) -> dict[str, Value]:
+    """What is of a real lens's surfaces or elements, named as in `lenses.manufacture`."""
+    return {place.removeprefix(LENS): value for place, value in values.items() if in_lens(place)}
 
 
 def expand(design: Design, name: str) -> tuple[str, ...]:
@@ -74,11 +104,10 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     name = PATHS.get(name, SHORT.get(name, name))
     known = perturbable(design)
     if name.startswith("stops.*."):
-        return tuple(
-            place for index in range(len(design.stops)) for place in expand(design, name.replace("*", str(index)))
-        )
+        numbered = (name.replace("*", str(index)) for index in range(len(design.stops)))
+        return tuple(place for each in numbered for place in expand(design, each))
     if "*" in name and in_lens(name):
-        return _of_lens(design, name, known)
+        return _of_pattern(design, name, known)
     if name in known:
         return (name,)
     pair = tuple(place for place in known if place in (f"{name}.0", f"{name}.1"))
@@ -93,50 +122,21 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
     names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
-    remedy = (
-        f"did you mean '{near[0]}'?"
-        if near
-        else f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
-    )
+    remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
+    remedy = f"did you mean '{near[0]}'?" if near else remedy
     raise ValueError(f"'{name}' is not a number of this design that a build can miss; {remedy}")
 
 
-def _of_lens(design: Design, name: str, known: Mapping[str, str]) -> tuple[str, ...]:
+def _of_pattern(design: Design, name: str, known: Mapping[str, str]) -> tuple[str, ...]:
     """Places that a pattern in a real lens means; none behind an ideal one."""
     head, tail = name.split("*", 1)
-    found = tuple(
-        place
-        for place in known
-        if place.startswith(head)
-        and place[len(head) :].partition(".")[2] in (f"{tail[1:]}{end}" for end in ("", ".0", ".1"))
-    )
     what = tail[1:]
+    ends = (what, f"{what}.0", f"{what}.1")
+    found = tuple(p for p in known if p.startswith(head) and p[len(head) :].partition(".")[2] in ends)
     if not found and design.lens is not None and what not in ("radius", "conic", "abbe", "wedge"):
-        parts = sorted(
-            {place.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for place in known if in_lens(place)}
-        )
+        parts = sorted({p.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for p in known if in_lens(p)})
         raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
     return found
-
-
-def nominal_values(design: Design) -> dict[str, float]:
-    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
-    return dict(_nominal_values(design))
-
-
-@lru_cache(maxsize=64)
-def _nominal_values(design: Design) -> Mapping[str, float]:
-    resolved = {
-        FOCAL_LENGTH: design.f,
-        "main_lens.focal_plane": design.d_f,
-        "microlens_array.distance": design.d_1,
-        "main_lens.diameter": design.D,
-    }
-    if design.lens is not None:
-        from ..lenses.manufacture import lens_values
-
-        resolved |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
-    return {place: resolved[place] if place in resolved else _read(design, place) for place in perturbable(design)}
 
 
 def short_name(place: str) -> str:
@@ -151,9 +151,8 @@ def short_name(place: str) -> str:
     if in_lens(place):
         part, index, rest = rest.split(".", 2)
         part = f"{part.removesuffix('s')} {index}"
-    names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA", "sensor": "sensor", "light": "light"}
-    axis = {"0": "x", "1": "y"}
-    words = [axis.get(word, word.replace("_", " ")) for word in rest.split(".")]
+    names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA"}
+    words = [{"0": "x", "1": "y"}.get(word, word.replace("_", " ")) for word in rest.split(".")]
     return " ".join([names.get(part, part), *words]).replace("sensor relay magnification", "relay magnification")
 
 
@@ -161,14 +160,9 @@ def display(value: float, kind: str) -> str:
     """A deviation in the unit it reads best in, to three digits: "20 um", "0.05 mm", "3 mrad", "1.2 %", "0.0005"."""
     if not math.isfinite(value):
         return "any"
-    if kind == "number":
-        return f"{value:.3g}"
-    if kind == "curvature":
-        return f"{value:.3g} /mm"
-    if kind == "ratio":
-        return f"{100 * value:.3g} %"
-    if kind == "angle":
-        return f"{1e3 * value:.3g} mrad"
+    if kind != "length":
+        scale, unit = SHOWN[kind]
+        return f"{scale * value:.3g}{unit}"
     size = abs(value)
     if size and size < 1e-3:
         return f"{1e6 * value:.3g} nm"
@@ -214,15 +208,90 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     return value
 
 
-def _read(design: Design, place: str) -> float:
-    value: object = design
-    for step in place.split("."):
-        value = value[int(step)] if isinstance(value, tuple) else getattr(value, step)
-    assert isinstance(value, (int, float))
-    return float(value)
+@dataclass(frozen=True)
+class GradeLine:
+    """One place's tolerance in every grade."""
+
+    place: str
+    """Dotted place, pair or pattern."""
+    tolerances: tuple[str, ...]
+    """One text a grade, e.g. "1 %"."""
+    provenance: str
+    """Where the figures come from."""
 
 
-def as_changes(values: Mapping[str, float], design: Design) -> dict[str, float]:
-    """What `Design.replace` takes, without the places that keep their value."""
-    nominal = nominal_values(design)
-    return {place: value for place, value in values.items() if value != nominal[place]}
+@dataclass(frozen=True)
+class Grades:
+    """A table of grades."""
+
+    names: tuple[str, ...]
+    """From loose to tight."""
+    meanings: tuple[str, ...]
+    """One sentence each."""
+    lines: tuple[GradeLine, ...]
+
+    def tolerances(self, grade: str, design: Design) -> dict[str, float]:
+        """Half-widths at every place of a design that the table speaks of.
+
+        Parameters
+        ----------
+        grade : str
+            One of `names`.
+        design : Design
+            Percentages are of its values.
+
+        Raises
+        ------
+        InputError
+            Unknown grade, or a text that is no tolerance of its place.
+        """
+        if grade not in self.names:
+            raise InputError((Problem("grade", f"'{grade}' is not known; use one of {', '.join(self.names)}"),))
+        kinds, nominal, found, problems = perturbable(design), nominal_values(design), {}, []
+        for line in self.lines:
+            text = line.tolerances[self.names.index(grade)]
+            try:
+                for place in _covered(design, line.place):
+                    found[place] = parse_tolerance(text, kinds[place], nominal[place])
+            except ValueError as error:
+                problems.append(Problem(f"{line.place}.{grade}", str(error)))
+        if problems:
+            raise InputError(tuple(problems), "grades")
+        return found
+
+    def provenance(self, design: Design) -> dict[str, str]:
+        """Place to the words on where its line comes from."""
+        return {place: line.provenance for line in self.lines for place in _covered(design, line.place)}
+
+
+def _covered(design: Design, place: str) -> tuple[str, ...]:
+    """Places of a design that a line speaks of; a real lens's focal length is no number of its own."""
+    real = design.lens is not None
+    return () if (real and place == FOCAL_LENGTH) or (not real and in_lens(place)) else expand(design, place)
+
+
+def load_grades(path: Path = SHIPPED) -> Grades:
+    """Read a table of grades.
+
+    Raises
+    ------
+    InputError
+        Every fault of the file: no grades, a line without its place, a value for each grade or its provenance.
+    """
+    data = read_toml(path, str(path))
+    names = data.get("grades")
+    if not isinstance(names, dict) or not names:
+        raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
+    wanted = ("place", *names, "provenance")
+    problems, lines = [], []
+    for index, line in enumerate(data.get("line", [])):
+        missing = [key for key in wanted if not isinstance(line.get(key), (str, int, float))]
+        unknown = [key for key in line if key not in wanted]
+        problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
+        problems += [Problem(f"line.{index}.{key}", f"is not known; known are {', '.join(wanted)}") for key in unknown]
+        if not missing:
+            values = tuple(str(line[name]) for name in names)
+            lines.append(GradeLine(line["place"], values, line["provenance"]))
+    if problems:
+        raise InputError(tuple(problems), str(path))
+    return Grades(tuple(names), tuple(map(str, names.values())), tuple(lines))

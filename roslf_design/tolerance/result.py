@@ -1,32 +1,60 @@
-"""Everything a study found: frozen values, and the JSON object made of them."""
+"""A study's result: every analysis of its trials, how sure they are, the JSON object and files made of them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..accuracy.statement import Accuracy, check_accuracy
+from ..design import save
+from ..errors import InputError
 from ..json_data import null_unless_finite
-from .plan import Plan
-from .precision import Precision
-from .sensitivity import Allowed, Sensitivity
-from .sobol import SobolIndices
-from .study import Study
-from .summary import Distribution, Variant
+from . import sketch
+from .analyses import (
+    CONFIDENCE,
+    Allowed,
+    ColumnSummary,
+    Sensitivity,
+    SobolIndices,
+    Variant,
+    Yield,
+    correlations,
+    curve_trials,
+    inverse_sensitivity,
+    root_sum_square,
+    scale_for_yield,
+    sensitivity,
+    sobol_indices,
+    summarise,
+    yield_at,
+    yield_curve,
+)
+from .draws import Perturbation
+from .metrics import METRICS, SHAPES, builds_of
+from .places import Grades
+from .run import Store
+from .study import Plan, Study, make_plan
 from .tally import Tally
-from .yields import Yield
-
-if TYPE_CHECKING:
-    from .trace_check import TraceCheck
+from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
+from .trials import one_trial
 
 Array = NDArray[np.float64]
 
 SCHEMA = "roslf.tolerance/1"
 LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
+FINEST = 1e-6
+"""A finer yield takes more trials than a study may have."""
+SIGMAS = 2.0
+"""Of a standard error: what a share is off by in at most 5 % of runs."""
+CHUNKS, PARTS = 8, 20
+"""Chunks from which their scatter is measured; below, that of so many parts of the trials kept one by one."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +101,34 @@ class WorstTrial:
 
 
 @dataclass(frozen=True)
+class Precision:
+    """Standard errors of a run, as shares of builds.
+
+    A yield is a share of builds, and a quantile is the value below which a share of builds lies: both are told to
+    within an error of that share.
+    """
+
+    accuracy: Accuracy
+    yield_expected: float
+    """From the binomial law."""
+    yield_measured: float | None
+    """From the scatter of parts of the run; None where there are too few."""
+    rank_expected: float
+    """Largest over the quantiles asked for."""
+    rank_measured: float | None
+    """The same, mean square over all columns that are defined."""
+
+    def to_dict(self, times: bool = False) -> dict[str, Any]:
+        """JSON-ready."""
+        return self.accuracy.to_dict(times) | {
+            "standard_errors": {
+                "yield": {"expected": self.yield_expected, "measured": self.yield_measured},
+                "rank_of_quantiles": {"expected": self.rank_expected, "measured": self.rank_measured},
+            }
+        }
+
+
+@dataclass(frozen=True)
 class StudyResult:
     """Results of a study."""
 
@@ -106,34 +162,34 @@ class StudyResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; what is not finite is None."""
-        plan = self.plan
+        plan, draws, moves = self.plan, self.plan.draws, self.sensitivity
         columns = [column.label for column in plan.columns]
-        places = [p.place for p in plan.draws.perturbations]
+        places = [p.place for p in draws.perturbations]
         low, high = self.final.result.interval
         data = {
             "schema": SCHEMA,
             "study": plan.name,
             "design": plan.question.design.name,
             "digest": plan.digest(),
-            "seed": plan.draws.seed,
-            "sampling": plan.draws.sampling,
+            "seed": draws.seed,
+            "sampling": draws.sampling,
             "trials": plan.trials,
             "fields_mm": [list(field) for field in plan.question.fields],
             "object_distance_mm": plan.question.object_distance,
             "accuracy": None if self.precision is None else self.precision.to_dict(),
             "real_lens": None if self.lens is None else self.lens.to_dict(),
             "yield": {"value": self.final.result.value, "interval_95": [low, high], "of": self.final.name},
-            "perturbations": [_perturbation(p) for p in plan.draws.perturbations],
-            "groups": [{"group": name, "correlation": rho} for name, rho in plan.draws.correlations],
+            "perturbations": [_perturbation(p) for p in draws.perturbations],
+            "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [_variant(variant) for variant in self.variants],
             "sensitivity": {
                 "columns": columns,
                 "places": places,
-                "derivative": self.sensitivity.derivatives.tolist(),
-                "exact": self.sensitivity.exact.tolist(),
+                "derivative": moves.derivatives.tolist(),
+                "exact": moves.exact.tolist(),
                 "variants": [variant.name for variant in self.variants],
-                "at_plus": self.sensitivity.plus.tolist(),
-                "at_minus": self.sensitivity.minus.tolist(),
+                "at_plus": moves.plus.tolist(),
+                "at_minus": moves.minus.tolist(),
             },
             "rss": [
                 {
@@ -158,7 +214,7 @@ class StudyResult:
                 "target": self.study.yield_target,
                 "scale": self.scale_for_target[0],
                 **_yield(self.scale_for_target[1]),
-                "tolerances": {p.place: p.tolerance * self.scale_for_target[0] for p in plan.draws.perturbations},
+                "tolerances": {p.place: p.tolerance * self.scale_for_target[0] for p in draws.perturbations},
             },
             "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations.tolist()},
@@ -169,17 +225,9 @@ class StudyResult:
         return finite
 
 
-def _perturbation(p: Any) -> dict[str, Any]:
-    return {
-        "place": p.place,
-        "nominal": p.nominal,
-        "tolerance": p.tolerance,
-        "distribution": p.distribution,
-        "sigma": p.sigma,
-        "group": p.group,
-        "opposed": p.opposed,
-        "source": p.source,
-    }
+def _perturbation(p: Perturbation) -> dict[str, Any]:
+    names = ("place", "nominal", "tolerance", "distribution", "sigma", "group", "opposed", "source")
+    return {name: getattr(p, name) for name in names}
 
 
 def _yield(result: Yield) -> dict[str, Any]:
@@ -198,7 +246,7 @@ def _variant(variant: Variant) -> dict[str, Any]:
     }
 
 
-def _distribution(column: Distribution) -> dict[str, Any]:
+def _distribution(column: ColumnSummary) -> dict[str, Any]:
     return {
         "column": column.label,
         "nominal": column.nominal,
@@ -212,14 +260,230 @@ def _distribution(column: Distribution) -> dict[str, Any]:
     }
 
 
-def _sobol(found: SobolIndices, columns: list[str]) -> dict[str, Any]:
+def _sobol(indices: SobolIndices, columns: list[str]) -> dict[str, Any]:
     return {
         "columns": columns,
-        "factors": list(found.factors),
-        "evaluations": found.evaluations,
-        "first": found.first.tolist(),
-        "first_interval_95": found.first_interval.tolist(),
-        "total": found.total.tolist(),
-        "total_interval_95": found.total_interval.tolist(),
-        "undefined_evaluations": found.undefined.tolist(),
+        "factors": list(indices.factors),
+        "evaluations": indices.evaluations,
+        "first": indices.first.tolist(),
+        "first_interval_95": indices.first_interval.tolist(),
+        "total": indices.total.tolist(),
+        "total_interval_95": indices.total_interval.tolist(),
+        "undefined_evaluations": indices.undefined.tolist(),
     }
+
+
+def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple[WorstTrial, ...] = ()) -> StudyResult:
+    """Every analysis of a study whose trials have run."""
+    variants, moves = summarise(plan, tally), sensitivity(plan)
+    lens = trace_check(plan)
+    rss = tuple(
+        RssRow(d.label, float(sigma), d.deviation, d.mean - d.nominal)
+        for d, sigma in zip(variants[0].distributions, root_sum_square(plan, moves), strict=True)
+    )
+    misses = plan.nominal_misses()
+    count = len(plan.draws.perturbations)
+    share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
+    return StudyResult(
+        plan=plan,
+        study=study,
+        tally=tally,
+        variants=variants,
+        sensitivity=moves,
+        rss=rss,
+        sobol=sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None,
+        allowed=() if misses else inverse_sensitivity(plan, share),
+        yield_curve=yield_curve(plan),
+        scale_for_target=scale_for_yield(plan, study.yield_target),
+        grades=_grades(plan, study, grades),
+        correlations=correlations(tally),
+        worst=worst,
+        warnings=(*(lens.notes() if lens else ()), *_warnings(plan, variants, rss, misses)),
+        lens=lens,
+    )
+
+
+def trace_check(plan: Plan) -> TraceCheck | None:
+    """Some of a plan's builds traced one at a time; None where its main lens is ideal."""
+    draws, design = plan.draws, plan.question.design
+    if design.lens is None:
+        return None
+    values = draws.values(draws.deviations(draws.uniforms(0, plan.chunk)[:, :CHECKED]))
+    builds, _ = builds_of(plan.question, values, CHECKED)
+    assert isinstance(builds, TracedBuilds)
+    return check_traced(design, builds, values)
+
+
+def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
+    trials, design = curve_trials(plan), plan.question.design
+    others = ((name, study.model_copy(update={"grade": name})) for name in (grades.names if study.grade else ()))
+    return tuple(GradeYield(name, yield_at(make_plan(other, design, grades), 1.0, trials)) for name, other in others)
+
+
+def _warnings(
+    plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
+) -> Iterator[str]:
+    if misses:
+        yield (
+            f"the nominal design itself misses {', '.join(misses)}: "
+            "no tolerance can mend that, and inverse sensitivity is left out"
+        )
+    for column in variants[-1].distributions:
+        if column.undefined:
+            yield (
+                f"{column.label} is undefined in {column.undefined} of {plan.trials} trials; they count as failures, "
+                "and its mean and standard deviation are not stated"
+            )
+    bent = [row.label for row in rss if not row.linear and math.isfinite(row.monte_carlo)]
+    if bent:
+        yield f"not linear, so RSS misleads (use Monte Carlo): {', '.join(bent)}"
+    if plan.draws.sampling == "sobol" and plan.trials & (plan.trials - 1):
+        power = 1 << (plan.trials - 1).bit_length()
+        yield f"{plan.trials} trials of a Sobol sequence are less even than a power of two, e.g. {power}"
+    tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
+    if tilts and "non_distortion_room_mm" in plan.question.metrics:
+        yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
+    axial = [name for name in plan.question.metrics if not METRICS[name].per_field]
+    if axial and tilts:
+        yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
+
+
+def save_worst(plan: Plan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
+    """Write the worst trials as design files, adjustments included."""
+    rows = []
+    for number, score in zip(tally.worst.tolist(), tally.scores.tolist(), strict=True):
+        name = f"worst-trial-{number}.toml"
+        try:
+            design, _ = one_trial(plan, number)
+        except InputError:
+            name = ""  # its numbers make no design, which is why it failed
+        else:
+            text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
+            save(design.replace(text), folder / name, overwrite=True)
+        rows.append(WorstTrial(number, score, name))
+    return tuple(rows)
+
+
+def trial_arrays(plan: Plan, tally: Tally) -> dict[str, NDArray[Any]]:
+    """The first trials one by one, for a notebook: deviations, metrics and adjustments, with their names."""
+    return {
+        "places": np.array([p.place for p in plan.draws.perturbations]),
+        "tolerances": np.array([p.tolerance for p in plan.draws.perturbations]),
+        "columns": np.array([column.label for column in plan.columns]),
+        "adjusters": np.array([adjuster.place for adjuster in plan.adjusters], dtype=str),
+        "deviations": tally.drawn,
+        "metrics": tally.measured,
+        "adjustments": tally.moved,
+    }
+
+
+def trials_for(accuracy: float, sampling: str = "random") -> int:
+    """Trials after which every share is within `accuracy` in 95 % of runs, whatever the share.
+
+    ``SIGMAS sqrt(p (1 - p)/n)`` is largest at p = 1/2; a little more pays for the binomial interval's own steps. Sobol
+    points are counted on for no less, and come in a power of two.
+
+    Raises
+    ------
+    InputError
+        Out of range.
+    """
+    check_accuracy(accuracy, FINEST, "a finer yield takes more than 1e12 trials")
+    count = math.ceil((SIGMAS / 2 / accuracy + 1) ** 2)
+    return min(1 << (count - 1).bit_length() if sampling == "sobol" else count, 10**12)
+
+
+def precision(
+    plan: Plan, tally: Tally, final: Variant, folder: Path, asked: float | None = None, seconds: float | None = None
+) -> Precision:
+    """What a run's shares are worth.
+
+    Parameters
+    ----------
+    plan : Plan
+    tally : Tally
+        All trials.
+    final : Variant
+        That counts.
+    folder : Path
+        Where the run's chunks are.
+    asked : float, optional
+        What yield and ranks may be off by.
+    seconds : float, optional
+        That the run took.
+    """
+    from scipy.special import ndtri
+
+    low, high = final.result.interval
+    # Half the interval over its number of sigmas: a share of 0 or 1 has an error, too.
+    of_yield = 0.5 * (high - low) / float(ndtri(0.5 + CONFIDENCE / 2))
+    of_ranks = max(math.sqrt(p * (1 - p) / plan.trials) for p in (*plan.quantiles, 0.0))
+    if plan.chunks >= CHUNKS:
+        shares, share = _of_chunks(plan, final, Store(folder, plan, resume=True).tallies()), 1.0
+        by = f"{plan.chunks} chunks of the run"
+    else:
+        shares, share = _of_kept(plan, tally, final)
+        by = f"{PARTS} parts of the first {len(tally.measured)} trials" + (", scaled" if share < 1 else "")
+    measured_yield = measured_rank = measured = None
+    scatter = 0.0
+    if len(shares):
+        errors = shares.std(axis=0, ddof=1) / math.sqrt(len(shares)) * math.sqrt(share)
+        measured_yield = float(errors[0, 0])
+        known = np.isfinite(errors[1:])
+        squares = np.where(known, errors[1:], 0.0) ** 2
+        measured_rank = float(np.sqrt(squares.sum(1) / np.maximum(known.sum(1), 1)).max(initial=0.0))
+        measured = SIGMAS * max(measured_yield, measured_rank)
+        scatter = 1 / math.sqrt(2 * (len(shares) - 1))
+    sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
+    accuracy = Accuracy(
+        "yield and ranks of quantiles, as shares of builds",
+        f"{plan.trials} {sampled}; {shapes_text(plan)}",
+        max(SIGMAS * of_ranks, 0.5 * (high - low)),
+        measured,
+        by if measured is not None else "",
+        asked,
+        seconds,
+        scatter=scatter,
+    )
+    return Precision(accuracy, of_yield, measured_yield, of_ranks, measured_rank)
+
+
+def shapes_text(plan: Plan) -> str:
+    """How each build is computed: always the exact way, as that is the quicker one, too."""
+    if plan.question.design.lens is not None:
+        return "each by exact rays through its own lens, shapes by series along the pupil's rim"
+    if not any(name in SHAPES for name in plan.question.metrics):
+        return "each by closed forms"
+    tilted = not plan.question.design.aligned or any(".tilt." in p.place for p in plan.draws.perturbations)
+    rims = "ellipses (to 1e-13)" if tilted else "discs (to 1e-15)"
+    return f"each by closed forms, shapes as common parts of {rims}"
+
+
+def _of_chunks(plan: Plan, final: Variant, tallies: Iterable[Tally]) -> Array:
+    """Shares of each whole chunk, (chunks, 1 + quantiles, columns): passed, then at or below each quantile."""
+    parts = []
+    for tally in tallies:
+        if tally.trials < plan.chunk:
+            continue  # the last may be short: its shares scatter more
+        rows = np.full((1 + len(plan.quantiles), len(plan.columns)), tally.passed[-1] / tally.trials)
+        for c, column in enumerate(final.distributions):
+            shift = 0.0 if math.isnan(column.nominal) else column.nominal
+            at = np.array(column.quantiles) - shift
+            low, high = float(tally.low[-1, c]), float(tally.high[-1, c])
+            rows[1:, c] = math.nan if column.undefined else sketch.share_at_most(tally.counts[-1, c], at, low, high)
+        parts.append(rows)
+    return np.array(parts)
+
+
+def _of_kept(plan: Plan, tally: Tally, final: Variant) -> tuple[Array, float]:
+    """The same of parts of the trials kept one by one (none where these are few), and their share of the run."""
+    each = len(tally.measured) // PARTS
+    if each < 10:
+        return np.empty(0), 1.0
+    values = tally.measured[: each * PARTS, -1].T
+    rows = np.empty((PARTS, 1 + len(plan.quantiles), len(plan.columns)))
+    rows[:, 0] = plan.passes(values).all(axis=0).reshape(PARTS, each).mean(1)[:, None]
+    for c, column in enumerate(final.distributions):
+        below = values[c] <= np.array(column.quantiles)[:, None]
+        rows[:, 1:, c] = math.nan if column.undefined else below.reshape(-1, PARTS, each).mean(2).T
+    return rows, each * PARTS / plan.trials

@@ -1,42 +1,44 @@
-"""A whole study: its trials wherever they run, its analyses, its files."""
+"""A plan's trials, chunk by chunk, wherever they run: in this process, in a pool, on a Dask cluster. The same bytes."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
+import contextlib
+import json
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from uuid import uuid4
 
-import numpy as np
-from numpy.typing import NDArray
+from ..design.write import write_atomically
+from ..errors import InputError, Problem
+from .study import Plan
+from .tally import Tally, counted, merged, pack, unpack
+from .trials import BLOCK, measure_uniforms
 
-from ..design import save
-from ..errors import InputError
-from .chunk import one_trial, run_chunk
-from .executors import in_pool, in_process, on_cluster
-from .grades import Grades
-from .metrics import METRICS
-from .plan import Plan, make_plan
-from .result import GradeYield, RssRow, StudyResult, WorstTrial
-from .sensitivity import inverse_sensitivity, root_sum_square, sensitivity
-from .sobol import sobol_indices
-from .store import Store
-from .study import Study
-from .summary import Variant, correlations, summarise
-from .tally import Tally, merged, npz_bytes
-from .yields import curve_trials, scale_for_yield, yield_at, yield_curve
-
-if TYPE_CHECKING:
-    from .trace_check import TraceCheck
-
+Work = Callable[[int], bytes]
+"""A picklable function of a chunk's index."""
 Progress = Callable[[int, int], None]
 """Told (trials done, trials in all)."""
 
+STRETCH = 8 * BLOCK
+"""Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
+ATTEMPTS = 4
+"""Times that one chunk may be running when its worker dies before the run gives up on it."""
+CONNECT = 10
+"""Seconds that a Dask scheduler has to answer."""
+MANIFEST = "manifest.json"
+SCHEMA = "roslf.tolerance-run/1"
 
-__all__ = ["Where", "analyse", "npz_bytes", "run_trials", "save_worst", "trial_arrays"]
+
+class ChunkLostError(RuntimeError):
+    """A chunk's worker died every time it was tried."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Where:
     workers: int = 1
     """Processes; 1: this one."""
     scheduler: str | None = None
-    """A Dask scheduler's address, or "local" for a cluster started here."""
+    """A Dask scheduler's address ("tcp://host:8786"), or "local" for a cluster started here."""
 
 
 def run_trials(
@@ -79,144 +81,239 @@ def run_trials(
     store = Store(folder, plan, resume=resume)
     missing = store.missing()
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
-    if progress is not None:
-        progress(done, plan.trials)
-    with closing(_run(partial(run_chunk, plan), missing, where)) as finished:
+    report = progress or (lambda done, total: None)
+    report(done, plan.trials)
+    with contextlib.closing(anywhere(partial(run_chunk, plan), missing, where)) as finished:
         for index, content in finished:
             store.write(index, content)
             done += plan.chunk_trials(index)
-            if progress is not None:
-                progress(done, plan.trials)
+            report(done, plan.trials)
     return merged(store.tallies())
 
 
-def _run(work: Callable[[int], bytes], missing: list[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
+def run_chunk(plan: Plan, index: int) -> bytes:
+    """Run one chunk and pack its results; a function of its arguments alone."""
+    return pack(tally_chunk(plan, index), plan.digest())
+
+
+def tally_chunk(plan: Plan, index: int) -> Tally:
+    """Run one chunk of a plan."""
+    uniforms = plan.draws.uniforms(index, plan.chunk)[:, : plan.chunk_trials(index)]
+    first = index * plan.chunk
+    return merged(
+        counted(plan, measure_uniforms(plan, uniforms[:, at : at + STRETCH]), first + at)
+        for at in range(0, uniforms.shape[1], STRETCH)
+    )
+
+
+def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
+    """Run chunks where asked, in whatever order they finish.
+
+    Raises
+    ------
+    InputError
+        Dask is not installed, or no scheduler answers there.
+    ChunkLostError
+        Workers keep dying over the same chunk.
+    """
     if where.scheduler is not None:
-        yield from on_cluster(work, missing, where.scheduler, where.workers)
-    elif where.workers > 1 and len(missing) > 1:
-        yield from in_pool(work, missing, where.workers)
+        yield from _on_cluster(work, indices, where.scheduler, where.workers)
+    elif where.workers > 1 and len(indices) > 1:
+        yield from _in_pool(work, indices, where.workers)
     else:
-        yield from in_process(work, missing)
+        yield from ((index, work(index)) for index in indices)
 
 
-def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple[WorstTrial, ...] = ()) -> StudyResult:
-    """Every analysis of a study whose trials have run."""
-    variants = summarise(plan, tally)
-    one_at_a_time = sensitivity(plan)
-    lens = _check_traced(plan)
-    rss = tuple(
-        RssRow(d.label, float(sigma), d.deviation, d.mean - d.nominal)
-        for d, sigma in zip(variants[0].distributions, root_sum_square(plan, one_at_a_time), strict=True)
-    )
-    misses = plan.nominal_misses()
-    count = len(plan.draws.perturbations)
-    share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
-    return StudyResult(
-        plan=plan,
-        study=study,
-        tally=tally,
-        variants=variants,
-        sensitivity=one_at_a_time,
-        rss=rss,
-        sobol=sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None,
-        allowed=() if misses else inverse_sensitivity(plan, share),
-        yield_curve=yield_curve(plan),
-        scale_for_target=scale_for_yield(plan, study.yield_target),
-        grades=_grades(plan, study, grades),
-        correlations=correlations(tally),
-        worst=worst,
-        warnings=(*_lens_notes(plan, lens), *_warnings(plan, variants, rss, misses)),
-        lens=lens,
-    )
+def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple[int, bytes]]:
+    """A worker that dies takes the pool with it: the pool is rebuilt and unfinished chunks run again."""
+    waiting, tries = list(reversed(indices)), dict.fromkeys(indices, 0)
+    pool = _pool(workers)
+    running: dict[Future[bytes], int] = {}
+    try:
+        while waiting or running:
+            broken = False
+            try:
+                while waiting and len(running) < 2 * workers:
+                    running[pool.submit(work, waiting[-1])] = waiting[-1]
+                    waiting.pop()
+            except BrokenProcessPool:
+                broken = True
+            done, _ = wait(running, return_when=FIRST_COMPLETED) if running else (set(), set())
+            for future in done:
+                if isinstance(future.exception(), BrokenProcessPool):
+                    broken = True
+                else:
+                    yield running.pop(future), future.result()
+            if broken:
+                pool.shutdown(wait=True, cancel_futures=True)
+                yield from _finished(running)
+                for index in sorted(running.values(), reverse=True):
+                    tries[index] += 1
+                    if tries[index] >= ATTEMPTS:
+                        raise ChunkLostError(
+                            f"chunk {index}: its worker process died {ATTEMPTS} times; is memory short? "
+                            "Run fewer workers (--workers) and go on with --resume"
+                        )
+                    waiting.append(index)
+                running = {}
+                pool = _pool(workers)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
-def save_worst(plan: Plan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
-    """Write the worst trials as design files, adjustments included."""
-    found = []
-    for number, score in zip(tally.worst, tally.scores, strict=True):
-        name = f"worst-trial-{number}.toml"
-        try:
-            design, _ = one_trial(plan, int(number))
-        except InputError:
-            name = ""  # its numbers make no design, which is why it failed
-        else:
-            text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
-            save(design.replace(text), folder / name, overwrite=True)
-        found.append(WorstTrial(int(number), float(score), name))
-    return tuple(found)
+def _finished(running: dict[Future[bytes], int]) -> Iterator[tuple[int, bytes]]:
+    """Results that arrived before the pool broke."""
+    for future in [future for future in running if future.done() and not future.cancelled()]:
+        if future.exception() is None:
+            yield running.pop(future), future.result()
 
 
-def trial_arrays(plan: Plan, tally: Tally) -> dict[str, NDArray[Any]]:
-    """The first trials one by one, for a notebook: deviations, metrics and adjustments, with their names."""
-    return {
-        "places": np.array([p.place for p in plan.draws.perturbations]),
-        "tolerances": np.array([p.tolerance for p in plan.draws.perturbations]),
-        "columns": np.array([column.label for column in plan.columns]),
-        "adjusters": np.array([adjuster.place for adjuster in plan.adjusters], dtype=str),
-        "deviations": tally.drawn,
-        "metrics": tally.measured,
-        "adjustments": tally.moved,
-    }
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # Not fork: the parent may hold threads (progress bar, numba) that a forked child would inherit half-alive.
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
 
 
-def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
-    if study.grade is None:
-        return ()
-    trials = curve_trials(plan)
-    found = []
-    for name in grades.names:
-        other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
-        found.append(GradeYield(name, yield_at(other, 1.0, trials)))
-    return tuple(found)
+def _end_with_parent() -> None:
+    """End this worker when its parent is killed; it would else wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait_for_it() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_it, daemon=True).start()
 
 
-def _check_traced(plan: Plan) -> TraceCheck | None:
-    if plan.question.design.lens is None:
-        return None
-    from .trace_check import check_traced
-
-    return check_traced(plan)
-
-
-def _lens_notes(plan: Plan, lens: TraceCheck | None) -> Iterator[str]:
-    if lens is None:
+def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) -> Iterator[tuple[int, bytes]]:
+    """Dask runs a dead worker's chunks again; `workers` are of a local cluster, stopped at the end."""
+    try:
+        import dask
+        import distributed
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        raise InputError(
+            (Problem("--scheduler", "needs Dask, which is not installed; pip install 'roslf_design[cluster]'"),)
+        ) from None
+    if not indices:
         return
-    from .reference import reference
-
-    yield str(lens)
-    question = plan.question
-    folded = reference(question.design, question.fields, question.object_distance).folded
-    if folded.any():
-        where = ", ".join(f"{x:g}, {y:g} mm" for (x, y), bad in zip(question.fields, folded, strict=True) if bad)
-        yield f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
-
-
-def _warnings(
-    plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
-) -> Iterator[str]:
-    if misses:
-        yield (
-            f"the nominal design itself misses {', '.join(misses)}: "
-            "no tolerance can mend that, and inverse sensitivity is left out"
-        )
-    for column in variants[-1].distributions:
-        if column.undefined:
-            yield (
-                f"{column.label} is undefined in {column.undefined} of {plan.trials} trials; they count as failures, "
-                "and its mean and standard deviation are not stated"
+    untyped: Any = distributed
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS}))
+        cluster: Any = address
+        if address == "local":
+            cluster = untyped.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
             )
-    bent = [row.label for row in rss if not row.linear and math.isfinite(row.monte_carlo)]
-    if bent:
-        yield f"not linear, so RSS misleads (use Monte Carlo): {', '.join(bent)}"
-    if plan.draws.sampling == "sobol" and plan.trials & (plan.trials - 1):
-        yield f"{plan.trials} trials of a Sobol sequence are less even than a power of two, e.g. {_power(plan.trials)}"
-    tilts = [p.place for p in plan.draws.perturbations if ".tilt." in p.place]
-    if tilts and any(column.metric == "non_distortion_room_mm" for column in plan.columns):
-        yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
-    axial = [name for name in plan.question.metrics if not METRICS[name].per_field]
-    if axial and tilts:
-        yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
+            stack.enter_context(cluster)
+        try:
+            client = stack.enter_context(untyped.Client(cluster, timeout=CONNECT, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                (Problem("--scheduler", f"no Dask scheduler answers at {address} ({type(error).__name__}); check it"),)
+            ) from None
+
+        def submit(index: int) -> Any:
+            # A key of its own: a scheduler that remembers an earlier run must not hand out that run's results.
+            return client.submit(work, index, key=f"roslf-tolerance-{uuid4().hex}-{index}", pure=False, retries=0)
+
+        waiting = list(reversed(indices))
+        at_once = 2 * max(workers, len(client.scheduler_info(n_workers=-1)["workers"]), 1)
+        first = [submit(waiting.pop()) for _ in range(min(at_once, len(waiting)))]
+        finished = untyped.as_completed(first, loop=client.loop)
+        for future in finished:
+            index = int(future.key.rsplit("-", 1)[1])
+            try:
+                content = future.result()
+            except KilledWorker as error:
+                raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with --resume") from None
+            future.release()
+            if waiting:
+                finished.add(submit(waiting.pop()))
+            yield index, content
 
 
-def _power(trials: int) -> int:
-    return 1 << (trials - 1).bit_length()
+class Store:
+    """A run's folder: a manifest that says what runs, and one file a finished chunk, each written whole or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where missing.
+    plan : Plan
+        Whose chunks.
+    resume : bool
+        Go on with what is there; else earlier results of the folder are an error.
+
+    Raises
+    ------
+    InputError
+        The folder holds another study's run, or one of this study and `resume` is false.
+    OSError
+        The folder cannot be made or written.
+    """
+
+    def __init__(self, folder: Path, plan: Plan, *, resume: bool = False) -> None:
+        self.plan, self.digest = plan, plan.digest()
+        self.folder = folder / "chunks"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        manifest = folder / MANIFEST
+        if manifest.exists():
+            fault = self._fault(manifest, resume)
+            if fault:
+                raise InputError((Problem("", fault),))
+        content = {
+            "schema": SCHEMA,
+            "study": plan.name,
+            "digest": self.digest,
+            "seed": plan.draws.seed,
+            "trials": plan.trials,
+            "chunk": plan.chunk,
+            "chunks": plan.chunks,
+        }
+        write_atomically(manifest, (json.dumps(content, indent=1) + "\n").encode())
+
+    def _fault(self, manifest: Path, resume: bool) -> str:
+        """Why the run cannot use this folder; empty where it can."""
+        folder = manifest.parent
+        try:
+            digest = json.loads(manifest.read_text())["digest"]
+        except (ValueError, KeyError, TypeError):
+            return f"{manifest} is damaged; delete it or choose another folder"
+        if digest != self.digest:
+            return f"{folder} holds another study, seed or trial count; delete it or choose another folder"
+        if not resume and any(self.folder.glob("*.npz")):
+            return f"{folder} holds this run already; pass --resume to go on with it"
+        return ""
+
+    def _path(self, index: int) -> Path:
+        return self.folder / f"{index:06d}.npz"
+
+    def missing(self) -> list[int]:
+        """Chunks still to be run: those without a file, and those whose file is damaged or of something else."""
+        return [index for index in range(self.plan.chunks) if not self._good(index)]
+
+    def _good(self, index: int) -> bool:
+        try:
+            self.read(index)
+        except (FileNotFoundError, ValueError):
+            return False
+        return True
+
+    def write(self, index: int, content: bytes) -> None:
+        """Keep a chunk's results."""
+        write_atomically(self._path(index), content)
+
+    def read(self, index: int) -> Tally:
+        """Results of a chunk.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            Not run yet; damaged.
+        """
+        return unpack(self._path(index).read_bytes(), self.digest)
+
+    def tallies(self) -> Iterator[Tally]:
+        """Results of all chunks in order, one in memory at a time."""
+        return (self.read(index) for index in range(self.plan.chunks))

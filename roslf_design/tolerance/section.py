@@ -11,11 +11,11 @@ import numpy as np
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
 from ..report.figures.style import to_svg
 from ..report.words import in_words
+from .analyses import LimitYield
 from .figures import PLOTS, drawn
 from .metrics import METRICS
 from .places import display, perturbable, short_name
 from .result import StudyResult
-from .summary import LimitYield
 
 TOP = 12
 """Rows of a ranking."""

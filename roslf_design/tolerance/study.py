@@ -1,13 +1,24 @@
-"""Study files: which design, what it is held to, what it may miss, in TOML."""
+"""Study files in TOML, which design, what it is held to, what it may miss; and the plan that is made of one.
+
+A `Study` is what a file says. A `Plan` is ready to run: every place, number and limit resolved, one frozen value that
+travels to any worker.
+"""
 
 from __future__ import annotations
 
-import os
+import hashlib
+import json
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -19,37 +30,61 @@ from pydantic import (
 )
 
 from ..design import Design, load, preset_names
+from ..design.conjugates import CONJUGATES
 from ..design.files import read_toml
 from ..design.kinds import expect_kind
 from ..design.messages import problems_of
 from ..design.units import Length, parse_quantity
 from ..errors import InputError, Problem
-from .distributions import Distribution
-from .draws import Sampling
-from .grades import SHIPPED, Grades, load_grades
-from .metrics import metric_named
-from .places import expand, nominal_values, parse_tolerance, perturbable
+from ..evaluation import default_fields
+from .draws import BITS, Distribution, Draws, Perturbation, Sampling
+from .metrics import METRICS, Column, Question, evaluate_builds, metric_named
+from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
+
+Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
-
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
+FORMAT = 2
+"""Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
+TIED = ": "
+"""Between a group's name and the pose that its members share."""
 
 
-class Table(BaseModel):
+class StrictTable(BaseModel):
     """Base of every table of a study: frozen, unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def _places(names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-    design = (info.context or {}).get("design")
+def _design(info: ValidationInfo) -> Design | None:
+    """The study's design, where it could be read."""
+    design: Design | None = (info.context or {}).get("design")
+    return design
+
+
+def _expanded(names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+    design = _design(info)
     return names if design is None else tuple(place for name in names for place in expand(design, name))
 
 
-def _tuple(value: Any) -> Any:
+def _adjustable(names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+    rest = tuple(name for name in names if name != CALIBRATION)
+    return _expanded(rest, info) + ((CALIBRATION,) if len(rest) < len(names) else ())
+
+
+def _listed(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
+
+
+def _widths(text: str | float | None, places: tuple[str, ...], design: Design | None) -> dict[str, float]:
+    """A tolerance at each of some places, read; nothing without a text or a design."""
+    if text is None or design is None:
+        return {}
+    kinds, nominal = perturbable(design), nominal_values(design)
+    return {p: parse_tolerance(text, kinds[p], nominal[p]) for p in places if p != CALIBRATION}
 
 
 def _field_place(value: Any, info: ValidationInfo) -> Any:
@@ -63,14 +98,18 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
     return tuple(parse_quantity(number, "length", unit_required=from_file) for number in value)
 
 
+def _metric(name: str) -> str:
+    return metric_named(name).name
+
+
 FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
 """A name of `FIELD_NAMES`, or (x, y) on the array [mm]."""
 
 
-class Perturb(Table):
+class Perturb(StrictTable):
     """What a build misses; several places share one line. Places that a grade covers need no line of their own."""
 
-    place: tuple[str, ...]
+    place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_expanded)]
     """Dotted places, pairs or symbols of the paper."""
     tolerance: str | float | None = None
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
@@ -82,20 +121,13 @@ class Perturb(Table):
     opposed: bool = False
     """Moves against its group."""
 
-    _listed = field_validator("place", mode="before")(_tuple)
-    _known = field_validator("place")(_places)
-
     @model_validator(mode="after")
     def _readable(self, info: ValidationInfo) -> Perturb:
-        design = (info.context or {}).get("design")
-        if design is not None and self.tolerance is not None:
-            kinds, nominal = perturbable(design), nominal_values(design)
-            for place in self.place:
-                parse_tolerance(self.tolerance, kinds[place], nominal[place])
+        _widths(self.tolerance, self.place, _design(info))
         return self
 
 
-class Group(Table):
+class Group(StrictTable):
     """Parts on one barrel."""
 
     name: str
@@ -103,20 +135,15 @@ class Group(Table):
     """Of the members' normal scores; 1: they share their deviation."""
 
 
-class Goal(Table):
+class Goal(StrictTable):
     """A limit. A build passes when all its goals hold, at all their fields; what is undefined does not hold."""
 
-    metric: str
+    metric: Annotated[str, AfterValidator(_metric)]
     min: float | None = None
     max: float | None = None
     """In the unit of the metric's name."""
     fields: tuple[int, ...] | None = None
     """Indices into the study's fields; all where left out."""
-
-    @field_validator("metric")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        return metric_named(name).name
 
     @model_validator(mode="after")
     def _bounded(self) -> Goal:
@@ -127,33 +154,20 @@ class Goal(Table):
         return self
 
 
-class Compensate(Table):
+class Compensate(StrictTable):
     """Something that is adjusted on each build: a place of the design, or "calibration" of the decoder."""
 
-    place: tuple[str, ...]
+    place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_adjustable)]
     range: str | float | None = None
     """How far it can be moved either way; without limit where left out."""
 
-    _listed = field_validator("place", mode="before")(_tuple)
-
-    @field_validator("place")
-    @classmethod
-    def _known(cls, names: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        rest = tuple(name for name in names if name != CALIBRATION)
-        return _places(rest, info) + ((CALIBRATION,) if len(rest) < len(names) else ())
-
     @model_validator(mode="after")
     def _readable(self, info: ValidationInfo) -> Compensate:
-        design = (info.context or {}).get("design")
-        if design is not None and self.range is not None:
-            kinds, nominal = perturbable(design), nominal_values(design)
-            for place in self.place:
-                if place != CALIBRATION:
-                    parse_tolerance(self.range, kinds[place], nominal[place])
+        _widths(self.range, self.place, _design(info))
         return self
 
 
-class Study(Table):
+class Study(StrictTable):
     """A tolerance study, as its file says it."""
 
     name: str
@@ -165,7 +179,7 @@ class Study(Table):
     """Gives a tolerance to every place that the table of grades covers."""
     grades: str | None = None
     """A table of grades of one's own, relative to the study."""
-    exclude: tuple[str, ...] = ()
+    exclude: Annotated[tuple[str, ...], AfterValidator(_expanded)] = ()
     """Places that keep their nominal value though the grade covers them."""
     distribution: Distribution = "normal"
     truncate: Annotated[float, Field(gt=0)] = 2.0
@@ -179,7 +193,7 @@ class Study(Table):
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
     goals: tuple[Goal, ...]
-    report: tuple[str, ...] = ()
+    report: tuple[Annotated[str, AfterValidator(_metric)], ...] = ()
     """Further metrics to tabulate, without limits."""
     compensators: tuple[Compensate, ...] = ()
     share: Literal["rss", "worst-case"] = "rss"
@@ -193,8 +207,6 @@ class Study(Table):
     """How many of the first trials are written out one by one."""
     keep_worst: Annotated[int, Field(ge=0, le=100)] = 3
     """How many of the worst trials are written as design files."""
-
-    _excluded = field_validator("exclude")(_places)
 
     @field_validator("goals", mode="before")
     @classmethod
@@ -210,41 +222,41 @@ class Study(Table):
             raise ValueError(f"a study needs at least one field, e.g. {', '.join(FIELD_NAMES)}")
         return places
 
-    @field_validator("report")
-    @classmethod
-    def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(metric_named(name).name for name in names)
 
+def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> tuple[Study, Design, Grades]:
+    """A study from the nested values of its file, with its design and its grades.
 
-def load_study(path: str | os.PathLike[str]) -> tuple[Study, Design, Grades]:
-    """Read a study with its design and its grades.
+    Parameters
+    ----------
+    data : mapping
+        As the file says it.
+    folder : Path
+        Where the files that it names are looked for.
+    origin : str
+        What errors are told of.
 
     Raises
     ------
     InputError
-        Names the file and every fault in it: of the study, and of the design or grades it names.
+        Every fault of the study, and of the design or grades it names.
     """
-    place = Path(path)
-    data = read_toml(place, str(path))
-    expect_kind(data, "tolerance", str(path))
-    return read_study(data, place.parent, str(path))
-
-
-def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> tuple[Study, Design, Grades]:
-    """The same from nested values, with `folder` for the files they name."""
     problems: list[Problem] = []
-    design = _named(data, "design", folder, problems)
-    grades_path = folder / str(data["grades"]) if data.get("grades") else SHIPPED
-    grades = None
+    design = grades = study = None
+    name = data.get("design")
+    if isinstance(name, str):  # else the study's own check says so
+        try:
+            design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+        except InputError as error:
+            problems += [Problem("design", f"{name}: {fault}") for fault in error.problems]
+    table = folder / str(data["grades"]) if data.get("grades") else SHIPPED
     try:
-        grades = load_grades(grades_path)
+        grades = load_grades(table)
     except InputError as error:
-        problems += [Problem("grades", f"{grades_path.name}: {fault}") for fault in error.problems]
+        problems += [Problem("grades", f"{table.name}: {fault}") for fault in error.problems]
     try:
         study = Study.model_validate(data, context={"from_file": True, "design": design})
     except ValidationError as error:
         problems += problems_of(error, data, Study, from_file=True)
-        study = None
     if study is not None and grades is not None and study.grade is not None and study.grade not in grades.names:
         problems.append(Problem("grade", f"'{study.grade}' is not known; use one of {', '.join(grades.names)}"))
     if problems or study is None or design is None or grades is None:
@@ -252,12 +264,232 @@ def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     return study, design, grades
 
 
-def _named(data: Mapping[str, Any], key: str, folder: Path, problems: list[Problem]) -> Design | None:
-    name = data.get(key)
-    if not isinstance(name, str):
-        return None  # the study's own check says so
-    try:
-        return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
-    except InputError as error:
-        problems += [Problem(key, f"{name}: {fault}") for fault in error.problems]
-        return None
+@dataclass(frozen=True)
+class Limit:
+    """A goal at one column."""
+
+    column: int
+    low: float
+    high: float
+    """Infinite where there is none."""
+
+
+@dataclass(frozen=True)
+class Adjuster:
+    """A compensator that moves a part."""
+
+    place: str
+    reach: float
+    """[mm or rad]; infinite without limit."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What runs."""
+
+    name: str
+    question: Question
+    draws: Draws
+    limits: tuple[Limit, ...]
+    adjusters: tuple[Adjuster, ...]
+    calibrated: bool
+    """Whether full calibration is among the compensators."""
+    trials: int
+    chunk: int
+    """Trials a chunk."""
+    keep_trials: int
+    keep_worst: int
+    quantiles: tuple[float, ...]
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Names of what is measured of each trial; the last is what counts."""
+        if self.adjusters:
+            return ("as built", "adjusted, linear", "adjusted")
+        return ("as built", "calibrated") if self.calibrated else ("as built",)
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are; the last may be short."""
+        return -(-self.trials // self.chunk)
+
+    def chunk_trials(self, index: int) -> int:
+        """Trials of one chunk."""
+        return min(self.chunk, self.trials - index * self.chunk)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What is measured of each build."""
+        return self.question.columns
+
+    @cached_property
+    def nominal(self) -> Array:
+        """The nominal design's columns, shape (columns,)."""
+        return evaluate_builds(self.question, {}, 1)[:, 0]
+
+    def nominal_misses(self) -> tuple[str, ...]:
+        """Labels of the limits that the nominal design itself does not hold: no tolerance mends those."""
+        nominal = self.nominal
+        missed = [self.columns[l.column].label for l in self.limits if not l.low <= nominal[l.column] <= l.high]
+        return tuple(dict.fromkeys(missed))
+
+    def passes(self, values: Array) -> NDArray[np.bool_]:
+        """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
+        held = np.empty((len(self.limits), values.shape[1]), bool)
+        for row, limit in enumerate(self.limits):
+            value = values[limit.column]
+            held[row] = (value >= limit.low) & (value <= limit.high)
+        return held
+
+    def digest(self) -> str:
+        """Fingerprint of all that decides the results' bytes."""
+        text = json.dumps([FORMAT, repr(self), self.question.design.model_dump(mode="json")], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def with_draws(self, **changes: Any) -> Plan:
+        """The same plan with its draws changed."""
+        return replace(self, draws=replace(self.draws, **changes))
+
+
+def chunk_size(trials: int) -> int:
+    """Trials a chunk: enough work for a worker, few enough files for a folder."""
+    return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
+
+
+def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None) -> tuple[Plan, Study, Grades]:
+    """Read a study file and resolve it; `trials` and `seed` override the file's.
+
+    Raises
+    ------
+    InputError
+        Names the file and every fault in it.
+    """
+    data = read_toml(path, str(path))
+    expect_kind(data, "tolerance", str(path))
+    study, design, grades = read_study(data, Path(path).parent, str(path))
+    changes = {"trials": trials, "seed": seed}
+    study = study.model_copy(update={key: value for key, value in changes.items() if value is not None})
+    return make_plan(study, design, grades, str(path)), study, grades
+
+
+def plan_from(data: Mapping[str, Any]) -> Plan:
+    """A plan from the nested values of a study, for scripts."""
+    return make_plan(*read_study(data))
+
+
+def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") -> Plan:
+    """Resolve a study.
+
+    Raises
+    ------
+    InputError
+        Every fault between its tables.
+    """
+    problems: list[Problem] = []
+    distance = design.d_f if study.object_distance is None else study.object_distance
+    if distance <= design.d_3:
+        problems.append(
+            Problem("object_distance", f"{distance:g} mm lies within the bore (d_3 = {design.d_3:g} mm); move it out")
+        )
+    if study.sampling == "sobol" and study.trials > 2**BITS:
+        problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
+    named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
+    fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
+    metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
+    question = Question(design, metrics, fields, distance)
+    perturbations = _perturbations(study, design, grades, problems)
+    members = {line.group for line in study.perturb}
+    problems += [
+        Problem("groups", f"'{group.name}' has no member; name it as `group` in some [[perturb]]")
+        for group in study.groups
+        if group.name not in members
+    ]
+    declared = {group.name: group.correlation for group in study.groups}
+    groups = dict.fromkeys(p.group for p in perturbations if p.group)
+    limits = [limit for index, goal in enumerate(study.goals) for limit in _limits(index, goal, question, problems)]
+    if problems:
+        raise InputError(tuple(problems), origin)
+    reaches: dict[str, float] = {}
+    for line in study.compensators:
+        widths = _widths(line.range, line.place, design)
+        reaches |= {place: widths.get(place, math.inf) for place in line.place if place != CALIBRATION}
+    return Plan(
+        name=study.name,
+        question=question,
+        draws=Draws(
+            perturbations,
+            tuple((name, declared.get(name.split(TIED)[0], 1.0)) for name in groups),
+            study.sampling,
+            study.seed,
+        ),
+        limits=tuple(limits),
+        adjusters=tuple(Adjuster(place, reach) for place, reach in reaches.items()),
+        calibrated=any(CALIBRATION in line.place for line in study.compensators),
+        trials=study.trials,
+        chunk=chunk_size(study.trials),
+        keep_trials=study.keep_trials,
+        keep_worst=study.keep_worst,
+        quantiles=study.quantiles,
+    )
+
+
+def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:
+    nominal = nominal_values(design)
+    graded = grades.tolerances(study.grade, design) if study.grade else {}
+    if design.sensor.relay_magnification == 1:
+        graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong
+    origin = {place: f"{study.grade}: {words}" for place, words in grades.provenance(design).items()}
+    result = {
+        p: Perturbation(p, nominal[p], width, study.distribution, study.truncate, source=origin[p])
+        for p, width in graded.items()
+        if p not in study.exclude
+    }
+    given: set[str] = set()
+    for index, line in enumerate(study.perturb):
+        own = _widths(line.tolerance, line.place, design)
+        for place in line.place:
+            key = f"perturb.{index}.place"
+            if place in given:
+                problems.append(Problem(key, f"{place} is given twice; keep one line"))
+            given.add(place)
+            if place not in own and place not in graded:
+                why = f"the grade '{study.grade}' does not cover it" if study.grade else "the study names no grade"
+                problems.append(Problem(key, f"{place} has no tolerance and {why}; add tolerance = ..."))
+                continue
+            result[place] = Perturbation(
+                place,
+                nominal[place],
+                own[place] if place in own else graded[place],
+                line.distribution or study.distribution,
+                line.truncate or study.truncate,
+                _tied(line.group, place),
+                line.opposed,
+                "this study" if place in own else origin[place],
+            )
+    if not result:
+        problems.append(Problem("perturb", "nothing is perturbed; name a grade or add [[perturb]] tables"))
+    if all(place in result for place in CONJUGATES):
+        f, plane, distance = CONJUGATES
+        problems.append(Problem("perturb", f"{f}, {plane} and {distance} cannot all miss; one follows from two"))
+    return tuple(result.values())
+
+
+def _tied(group: str | None, place: str) -> str | None:
+    """Parts on one barrel share their shift along x, along y, their tilts: each pose is tied to its like."""
+    *_, name, axis = place.split(".")
+    pose = f"{TIED}{name} {'xy'[int(axis)]}" if axis.isdigit() else ""
+    return f"{group}{pose}" if group else None
+
+
+def _limits(index: int, goal: Goal, question: Question, problems: list[Problem]) -> list[Limit]:
+    count = len(question.fields)
+    wanted = goal.fields if METRICS[goal.metric].per_field else None
+    key, beyond = f"goals.{index}.fields", [field for field in wanted or () if not 0 <= field < count]
+    problems += [Problem(key, f"{field} is no field; they run from 0 to {count - 1}") for field in beyond]
+    low = -math.inf if goal.min is None else goal.min
+    high = math.inf if goal.max is None else goal.max
+    return [
+        Limit(number, low, high)
+        for number, column in enumerate(question.columns)
+        if column.metric == goal.metric and (wanted is None or column.field in wanted)
+    ]

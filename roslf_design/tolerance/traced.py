@@ -1,62 +1,386 @@
 """Builds behind a real main lens: every build's own lens is traced, and the metrics rest on its rays.
 
-The decoder believes in the nominal design as traced: a microlens's image centre is where the nominal lens puts it, a
-slope means the depth that the nominal lens gives it at that field. Calibrated on a build, it adds what an affine
-lattice and targets on the axis tell it of the build.
+The lens is as made, everything else where it was put. The decoder believes in the nominal design as traced: a
+microlens's image centre is where the nominal lens puts it, a slope means the depth that the nominal lens gives it at
+that field. Calibrated on a build, it adds what an affine lattice and targets on the axis tell it of the build.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..camera import Camera, Frame, Number
+from ..camera.frames import frame
 from ..design import Design
-from ..lenses.aim import Aimed, Aims, Outlines, aimed, cut_shapes, outlines, spot_radii
+from ..design.conjugates import CONJUGATES
+from ..errors import InputError
+from ..lenses.aim import (
+    Aimed,
+    Aims,
+    Outlines,
+    Planes,
+    aimed,
+    aims,
+    cut_shapes,
+    landings,
+    outlines,
+    pupil_points,
+    spot_radii,
+)
+from ..lenses.builds import LensBuilds, lens_builds
+from ..lenses.first_order import first_order
+from ..lenses.images import FOLDED, real_images, sensor_of_pupil
 from ..lenses.kernels import BLOCK
-from .decoder import fractional
-from .mount import Mounted, mounted
-from .reference import Reference, epi_slopes, reference
-from .thin import ThinBuilds
+from ..lenses.manufacture import as_made
+from ..lenses.of_design import camera_of, microlenses
+from .ideal import IdealBuilds, azimuths, fractional
+from .places import in_lens, nominal_values, of_lens, stops_of
 
 Array = NDArray[np.float64]
 
+FOCAL, PLANE, DISTANCE = CONJUGATES
+STEP = 0.25
+"""Between the places that tell how image centres move over the array [mm]."""
+ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
+"""Direction along which views of targets on the axis are taken."""
 SPOT_RADII, SPOT_TURNS = 4, 12
 """Rays that an object point's light is taken by: rings of equal weight by Gauss's rule, and rays on each."""
+CHECKED = 4
+"""Builds that are traced once more on their own, of the study's own, its first."""
+POINTS = 768
+"""Of an oracle's boundary: where rims cut an image, its own area is then right to 4e-5."""
+METHOD = (
+    "Exact rays through every build's own lens, aimed at the FAP; images integrated by Fourier series along the FAP's "
+    "rim, and by polynomials of the fifth degree where rims cut them."
+)
 
 
-class TracedBuilds(ThinBuilds):
-    """Builds behind a real lens; `ThinBuilds` of their thin twins, with every metric of a field traced instead."""
+class Mounted(NamedTuple):
+    """T builds of a camera behind a real lens."""
+
+    lens: LensBuilds
+    planes: Planes
+    twins: dict[str, Array]
+    """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
+    sound: NDArray[np.bool_]
+    """Which can be put together, (T,)."""
+    world: Array
+    """What the system's frame is shifted by against the lens's [mm], (T, 3)."""
+
+
+def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
+    """Where everything stands in builds of a design behind a real lens.
+
+    The lens is missed in itself; the stops, the array and the sensor keep the places that the nominal lens gave them,
+    but for their own misses.
+    """
+    nominal, stops = nominal_values(design), stops_of(design)
+    camera, drawn = camera_of(design), design.lens
+    assert drawn is not None
+
+    def number(place: str) -> Array:
+        return values.get(place, np.full(trials, nominal[place]))
+
+    def pair(name: str) -> tuple[Array, Array]:
+        return number(f"{name}.0"), number(f"{name}.1")
+
+    lens = lens_builds(
+        drawn,
+        design.wavelength,
+        of_lens(values),
+        trials,
+        light=values.get("light.wavelength"),
+        diameter=values.get("main_lens.diameter"),
+        tilt=pair("main_lens.tilt"),
+    )
+    mla = camera.first_order.rear_principal + _mla_distance(design, values, number(DISTANCE))
+    fronts = {stop: camera.first_order.front_principal - number(f"{stop}.distance") for stop in stops}
+    lens_x, lens_y = pair("main_lens.decentre")
+
+    def placed(part: str, z: Array, roll: Number = 0.0) -> Array:
+        x, y = pair(f"{part}.decentre")
+        return _row(frame((x - lens_x, y - lens_y), z, pair(f"{part}.tilt"), roll), trials)
+
+    rims = [np.column_stack([placed(stop, z), number(f"{stop}.diameter") / 2]) for stop, z in fronts.items()]
+    planes = Planes(
+        placed("microlens_array", mla, number("microlens_array.rotation")),
+        placed("sensor", mla + number("sensor.distance")),
+        np.stack(rims, axis=1),
+    )
+    twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
+    twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
+    twins |= {f"{stop}.distance": lens.front_principal - z for stop, z in fronts.items()}
+    sound = lens.sound & (mla > lens.rear)
+    for z in fronts.values():
+        sound = sound & (z <= np.minimum(lens.front, camera.front))
+    return Mounted(lens, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+
+
+def _mla_distance(design: Design, values: Mapping[str, Any], given: Any) -> Any:
+    """d_1 as given, or refocused to a focal plane by the nominal lens's constants [mm]."""
+    return design.f * values[PLANE] / (values[PLANE] - design.f) if PLANE in values else given
+
+
+def _row(pose: Frame, trials: int) -> Array:
+    row = np.empty((trials, 12))
+    for column, value in enumerate((*pose.origin, *pose.x, *pose.y, *pose.z)):
+        row[:, column] = value
+    return row
+
+
+def as_built(design: Design, values: Mapping[str, float]) -> Design:
+    """One build as a design of its own, whose traced camera is the build.
+
+    Its lens is written out as made; distances then count from that lens's own principal planes.
+
+    Parameters
+    ----------
+    design : Design
+        The nominal design, behind a real lens.
+    values : mapping
+        Place to number.
+
+    Raises
+    ------
+    InputError
+        The numbers make no camera.
+    """
+    drawn, constants = design.lens, camera_of(design).first_order
+    assert drawn is not None
+    nominal = nominal_values(design)
+    made = as_made(drawn, of_lens(values), design.wavelength)
+    narrowest = 2 * min(surface.semi_diameter for surface in drawn.surfaces)
+    if "main_lens.diameter" in values:
+        wide = values["main_lens.diameter"] / 2
+        cut = [
+            replace(s, semi_diameter=wide) if 2 * s.semi_diameter <= narrowest * (1 + 1e-9) else s
+            for s in made.surfaces
+        ]
+        made = replace(made, surfaces=tuple(cut))
+    changes: dict[str, object] = {p: v for p, v in values.items() if not in_lens(p) and p not in (DISTANCE, PLANE)}
+    own = first_order(made, values.get("light.wavelength", design.wavelength))
+    d_1 = _mla_distance(design, values, values.get(DISTANCE, nominal[DISTANCE]))
+    changes[DISTANCE] = constants.rear_principal + d_1 - own.rear_principal
+    for place in (f"{stop}.distance" for stop in stops_of(design)):
+        changes[place] = own.front_principal - (constants.front_principal - values.get(place, nominal[place]))
+    changes |= {"main_lens.prescription": made, "main_lens.reversed": False, "main_lens.diameter": None}
+    return design.replace({**changes, "main_lens.focal_length": None})
+
+
+class LocalMaps(NamedTuple):
+    """Image centres about n places of the array, to second order [mm]."""
+
+    place: Array
+    """(n, 2)."""
+    value: Array
+    """(n, 2)."""
+    slope: Array
+    """By x and y, (n, 2, 2): second axis the way, last the centre's coordinate."""
+    bend: Array
+    """Second derivatives xx, xy, yy, (n, 3, 2)."""
+
+    def at(self, x: Array, y: Array) -> Array:
+        """Image centres at places (n, ...) of the array, (n, ..., 2)."""
+        more = (1,) * (np.ndim(x) - 1)
+        u = (x - self.place[:, 0].reshape(-1, *more))[..., None]
+        v = (y - self.place[:, 1].reshape(-1, *more))[..., None]
+        value, dx, dy, xx, xy, yy = (
+            part.reshape(-1, *more, 2)
+            for part in (self.value, *np.moveaxis(self.slope, 1, 0), *np.moveaxis(self.bend, 1, 0))
+        )
+        return np.asarray(value + u * dx + v * dy + u * u * xx / 2 + u * v * xy + v * v * yy / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """All that builds of one question share. F fields."""
+
+    chief: Aims
+    """To the FAP's centre, F."""
+    rim: Aims
+    """To its rim, F times `aim.RIM`."""
+    inner: Aims
+    """To points inside it, its centre first."""
+    neighbours: Aims
+    """To its centre, from half a pitch left, right, below and above, F times 4."""
+    ends: Aims
+    """To its centre, from the ends of both axes of the array at `IdealBuilds.reach`, 4."""
+    folded: NDArray[np.bool_]
+    """Fields whose nominal image is folded: it has no outline, (F,)."""
+    points: Array
+    """Object points that nominal chief rays meet at the object's distance, in the system's frame [mm], (F, 3)."""
+    axis_points: Array
+    """The same on the axis at the depths of a calibration, (3, 3)."""
+    centres: LocalMaps
+    end_centres: LocalMaps
+    axis_centres: LocalMaps
+    slopes: Array
+    """Nominal slopes at those depths along each field's chief ray, (F, 3)."""
+    axis_slopes: Array
+    """The same on the axis, (3,)."""
+
+
+@lru_cache(maxsize=8)
+def reference(
+    design: Design, fields: tuple[tuple[float, float], ...], reach: float, distance: float, depths: tuple[float, ...]
+) -> Reference:
+    """Trace the nominal camera of a question.
+
+    Parameters
+    ----------
+    design : Design
+        With a real main lens.
+    fields : tuple of (x, y)
+        Microlens positions on the array [mm].
+    reach : float
+        Where on the array's axes a calibration looks at image centres [mm].
+    distance, depths : float and tuple of float
+        Z of the decoder's targets and of a calibration's, from the object-side principal plane [mm].
+    """
+    camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
+    mount = mounted(design, {}, 1)
+    rim, inner = pupil_points()
+
+    def wanted(base: ArrayLike, target: Array, offset: ArrayLike = ((0.0, 0.0),)) -> Aims:
+        """Every offset and target at every place, the places slowest."""
+        at, aside = np.atleast_2d(np.asarray(base, float)), np.asarray(offset, float)
+        per = max(len(target), len(aside))
+        start = np.repeat(at, per, axis=0)
+        nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(at), 1)) for part in (aside, target))
+        return aims(camera, start, goal, microlenses(design, start + nudge * design.d / 2), nudge)
+
+    middle = np.zeros((1, 2))
+    crosses = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+    ends = -reach * crosses
+
+    def centres(at: Array) -> LocalMaps:
+        return _local_maps(at, lambda places: _centres(mount, design, wanted(places, middle)))
+
+    front = camera.first_order.front_principal
+
+    def along_chief(depth: float) -> Array:
+        rays = sensor_of_pupil(camera, microlenses(design, at), np.array([camera.fap.x, camera.fap.y]))
+        aside = rays.views.at(depth - design.d_3) + np.asarray(design.main_lens.decentre)
+        aside[~rays.ok] = np.nan
+        return np.concatenate([aside, np.full((len(at), 1), front - depth)], axis=1)
+
+    def slopes(points: Array, azimuth: tuple[Array, Array], maps: LocalMaps) -> Array:
+        return epi_slopes(mount, Camera.of(design), points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
+
+    near, axis = centres(at), centres(middle)
+    on_axis = np.array([[0.0, 0.0, front - depth] for depth in depths])
+    return Reference(
+        chief=wanted(at, middle),
+        rim=wanted(at, rim),
+        inner=wanted(at, inner),
+        neighbours=wanted(at, middle, crosses),
+        ends=wanted(ends, middle),
+        folded=np.asarray(real_images(camera, microlenses(design, at)).status == FOLDED),
+        points=along_chief(distance),
+        axis_points=on_axis,
+        centres=near,
+        end_centres=centres(ends),
+        axis_centres=axis,
+        slopes=np.stack([slopes(along_chief(z), azimuths(at[:, :1], at[:, 1:]), near) for z in depths], axis=-1),
+        axis_slopes=np.concatenate([slopes(point[None], ALONG_X, axis) for point in on_axis]),
+    )
+
+
+def _centres(mount: Mounted, design: Design, wanted: Aims) -> Array:
+    count, half = len(wanted.base), np.array([design.d / 2])
+    rays = next(size for size in range(min(BLOCK, count), 0, -1) if count % size == 0)
+    begin = np.arange(0, count, rays)
+    found = aimed(mount.lens, mount.planes, half, wanted, np.zeros(len(begin), np.int64), begin, rays)
+    return found.landed.reshape(count, 2)
+
+
+def _local_maps(place: Array, centre: Callable[[Array], Array]) -> LocalMaps:
+    steps = STEP * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
+    o, w, e, s, n, sw, ne, nw, se = np.moveaxis(centre((place[:, None] + steps).reshape(-1, 2)).reshape(-1, 9, 2), 1, 0)
+    slope = np.stack([e - w, n - s], axis=1) / (2 * STEP)
+    bend = np.stack([e - 2 * o + w, (ne + sw - nw - se) / 4, n - 2 * o + s], axis=1) / STEP**2
+    return LocalMaps(place, o, slope, bend)
+
+
+def epi_slopes(
+    mount: Mounted,
+    camera: Camera,
+    points: Array,
+    azimuth: tuple[Array, Array],
+    centre: Callable[[Array, Array], Array],
+) -> Array:
+    """Slopes between each point's rays through the FAP's two ends, as a decoder computes them.
+
+    Parameters
+    ----------
+    mount, camera
+        T builds and their thin twins.
+    points : ndarray, shape (n, 3)
+        Object points, in the system's frame [mm].
+    azimuth : pair of ndarray, shape (n, 1)
+        The ends' direction.
+    centre : callable
+        From places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
+
+    Returns
+    -------
+    ndarray, shape (n, T)
+        [microlenses per pixel].
+    """
+    cos, sin = azimuth
+    way = np.concatenate([cos, sin], axis=1)
+    met = landings(mount.lens, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way]))
+    (u0, v0, x0, y0), (u1, v1, x1, y1) = (np.moveaxis(end, (0, 1), (2, 1)) for end in np.split(met, 2, axis=1))
+    (s0, t0), (s1, t1) = (np.moveaxis(centre(u, v), -1, 0) for u, v in ((u0, v0), (u1, v1)))
+    across = ((x0 / camera.q - s0) - (x1 / camera.q - s1)) * cos + ((y0 / camera.q - t0) - (y1 / camera.q - t1)) * sin
+    return np.asarray(((u0 - u1) * cos + (v0 - v1) * sin) / camera.d / across)
+
+
+class TracedShapes(NamedTuple):
+    """What rims leave of images, each (fields, trials); nan where the nominal image is folded."""
+
+    area: Array
+    kept_fraction: Array
+    axis_ratio: Array
+
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        """Whether anything is."""
+        return self.kept_fraction > 0
+
+
+class TracedBuilds(IdealBuilds):
+    """Builds behind a real lens: their thin twins, with everything of a field traced instead.
+
+    Parameters
+    ----------
+    design : Design
+        As designed.
+    mount : Mounted
+        The builds.
+    camera, fields, object_distance, calibrated
+        As for `IdealBuilds`; `camera` their twins.
+    """
 
     def __init__(
         self,
-        mount: Mounted,
-        known: Reference,
         design: Design,
-        fields: Sequence[tuple[float, float]],
+        mount: Mounted,
+        camera: Camera,
+        fields: tuple[tuple[float, float], ...],
         object_distance: float,
         calibrated: bool,
     ) -> None:
-        super().__init__(mount.camera, design, fields, object_distance, calibrated)
-        self.mount, self.known = mount, known
-        self.trials = len(mount.camera.valid)
-        self.half = np.broadcast_to(np.asarray(mount.camera.d) / 2, (self.trials,)).copy()
-
-    @classmethod
-    def of(
-        cls,
-        design: Design,
-        values: Mapping[str, Array],
-        trials: int,
-        fields: Sequence[tuple[float, float]],
-        object_distance: float,
-        calibrated: bool,
-    ) -> TracedBuilds:
-        """Builds with numbers (trials,) at the places missed."""
-        known = reference(design, tuple(fields), object_distance)
-        return cls(mounted(design, values, trials), known, design, fields, object_distance, calibrated)
+        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated)
+        self.mount, self.trials = mount, len(mount.sound)
+        self.half = np.broadcast_to(np.asarray(camera.d) / 2, (self.trials,)).copy()
+        self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
 
     def _aimed(self, wanted: Aims, rays: int) -> Aimed:
         """Rays of every field of every build, (trials * fields, rays) with the fields running fastest."""
@@ -65,131 +389,131 @@ class TracedBuilds(ThinBuilds):
         groups = fields // together
         trial = np.repeat(np.arange(self.trials), groups)
         begin = np.tile(np.arange(groups) * together * rays, self.trials)
-        found = aimed(self.mount.lens, self.mount.planes, self.half, wanted, trial, begin, together * rays)
-        count = self.trials * fields
-        return Aimed(*(part.reshape(count, rays, *part.shape[2:]) for part in found))
+        rows = aimed(self.mount.lens, self.mount.planes, self.half, wanted, trial, begin, together * rays)
+        return Aimed(*(part.reshape(self.trials * fields, rays, *part.shape[2:]) for part in rows))
 
     def _grid(self, column: Array) -> Array:
         """From (trials * fields, ...) to (fields, trials, ...)."""
         return np.swapaxes(column.reshape(self.trials, -1, *column.shape[1:]), 0, 1)
 
-    @property
+    @cached_property
     def rim(self) -> Aimed:
         """Rays of the FAP's rim."""
-        return self._once("rim", lambda: self._aimed(self.known.rim, len(self.known.rim.base) // len(self.fields)))  # type: ignore[no-any-return]
+        return self._aimed(self.known.rim, len(self.known.rim.base) // len(self.fields))
 
-    @property
-    def outline(self) -> Outlines:
+    @cached_property
+    def uncut(self) -> Outlines:
         """Images as if nothing cut them."""
-        return self._once("outline", lambda: outlines(self.rim))  # type: ignore[no-any-return]
+        return outlines(self.rim)
 
-    @property
-    def chief(self) -> Array:
-        """Images of the FAP's centre [mm], (fields, trials, 2)."""
-        return self._once("chief", lambda: self._grid(self._aimed(self.known.chief, 1).landed[:, 0]))  # type: ignore[no-any-return]
+    @cached_property
+    def chief(self) -> tuple[Number, Number]:
+        """Images of the FAP's centre [mm]."""
+        x, y = np.moveaxis(self._grid(self._aimed(self.known.chief, 1).landed[:, 0]), -1, 0)
+        return x, y
 
-    def _image_diameter_mm(self) -> Any:
-        return self._grid(2 * np.sqrt(self.outline.shape[:, 0] / np.pi))
+    @cached_property
+    def diameter(self) -> Number:
+        """Diameter of the disc as large as the uncut image [mm]."""
+        return self._grid(2 * np.sqrt(self.uncut.shape[:, 0] / np.pi))
 
-    def _image_pitch_mm(self) -> Any:
-        found = self._grid(self._aimed(self.known.neighbours, 4).landed)
-        across, along = found[..., 1, :] - found[..., 0, :], found[..., 3, :] - found[..., 2, :]
-        return np.sqrt(np.abs(across[..., 0] * along[..., 1] - across[..., 1] * along[..., 0]))
+    @cached_property
+    def pitch(self) -> Number:
+        """Distance between neighbouring images [mm]."""
+        at = self._grid(self._aimed(self.known.neighbours, 4).landed)
+        across, up = at[..., 1, :] - at[..., 0, :], at[..., 3, :] - at[..., 2, :]
+        return np.sqrt(np.abs(across[..., 0] * up[..., 1] - across[..., 1] * up[..., 0]))
 
-    def _non_distortion_room_mm(self) -> Any:
+    @cached_property
+    def room(self) -> Number:
+        """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
         lens, rims = self.mount.lens, self.mount.planes.rims
-        count = lens.media.shape[1] - 1
-        semi = np.sqrt(lens.table.reshape(self.trials, count, -1)[:, :, 5])
+        semi = np.sqrt(lens.table.reshape(self.trials, lens.media.shape[1] - 1, -1)[:, :, 5])
         radii = np.concatenate([semi, rims[:, 1:, 12]], axis=1)
-        peaks = self._grid(self.outline.peaks)
-        return np.min(radii * (1 - np.sqrt(peaks)), axis=-1) + 0 * self._image_diameter_mm()
+        room: Array = np.min(radii * (1 - np.sqrt(self._grid(self.uncut.peaks))), axis=-1)
+        return room + 0 * self.diameter
 
-    def _centre_shift_px(self) -> Any:
-        """Against the straight line from the middle of the image-side principal plane, which Eq. 4 takes."""
+    @cached_property
+    def through_lens(self) -> tuple[Number, Number]:
+        """Where straight lines from the middle of the image-side principal plane (Eq. 4) meet the sensor [mm]."""
         plane, lens = self.mount.planes.array, self.mount.lens
-        lens_at = np.stack(
-            [plane[:, k] + self.x * plane[:, 3 + k] + self.y * plane[:, 6 + k] for k in range(3)], axis=-1
-        )
-        middle = np.zeros((self.trials, 3))
-        middle[:, 2] = lens.rear_principal
-        run = lens_at - middle
-        there = _crossing(lens_at, run / run[..., 2:], self.mount.planes.sensor)
-        cos, sin = self.known.azimuth
-        x, y = np.moveaxis(there - self.chief, -1, 0)
-        return (x * cos + y * sin) / self.camera.q
+        start = [plane[:, k] + self.x * plane[:, 3 + k] + self.y * plane[:, 6 + k] for k in range(3)]
+        run = np.stack([*start[:2], start[2] - lens.rear_principal], axis=-1)
+        x, y = np.moveaxis(_crossing(np.stack(start, axis=-1), run / run[..., 2:], self.mount.planes.sensor), -1, 0)
+        return x, y
 
-    def _shapes(self) -> tuple[Array, Array, Array]:
-        rim, found = self.rim, self.outline
-        shape, share = found.shape.copy(), np.ones(len(found.shape))
-        cut = np.flatnonzero(np.any(~(found.peaks <= 1), axis=1))
+    @cached_property
+    def shapes(self) -> TracedShapes:  # type: ignore[override]
+        """The lit parts: polynomials of the fifth degree over the FAP where rims cut."""
+        rim, uncut = self.rim, self.uncut
+        shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
+        cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
         if len(cut):
             fields = len(self.fields)
             rays = len(self.known.inner.base) // fields
             trial, field = cut // fields, cut % fields
             inner = aimed(self.mount.lens, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
-            shape[cut], share[cut] = cut_shapes(
-                Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in found))
-            )
+            parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
+            shape[cut], share[cut] = cut_shapes(*parts)
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
         xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
         major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-        ratio = np.where(share > 0, np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major, np.nan)
-        return self._grid(shape[:, 0]), self._grid(share), self._grid(ratio)
+        ratio = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major
+        return TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
 
-    def _believed(self, x: Any, y: Any) -> Array:
-        """Image centres that the decoder believes in [px] for places of the array [mm], (fields, trials, ...)."""
-        scale = self.design.d / np.asarray(self.camera.d)
-        found = self.known.centres.at(x * scale, y * scale) / self.design.q
-        if not self.calibrated:
-            return found
-        rows = self._once("lattice", self._lattice)
-        return np.asarray(found + rows[0] + (x * scale)[..., None] * rows[1] + (y * scale)[..., None] * rows[2])
+    def _believed(self, maps: LocalMaps) -> Callable[[Array, Array], Array]:
+        """Image centres that the decoder believes in [px] at places of the array [mm], near those of some maps."""
+        scale = self.nominal.d / np.asarray(self.camera.d)
 
-    def _lattice(self) -> Array:
+        def centre(x: Array, y: Array) -> Array:
+            at = maps.at(x * scale, y * scale) / self.nominal.q
+            if not self.calibrated:
+                return at
+            rows = self.correction
+            return np.asarray(at + rows[0] + (x * scale)[..., None] * rows[1] + (y * scale)[..., None] * rows[2])
+
+        return centre
+
+    @cached_property
+    def correction(self) -> Array:
         """What an affine calibration adds to the nominal centres, (3, trials, 2): at the middle, per mm in x, in y."""
-        seen = self._grid(self._aimed(self.known.ends, 1).landed[:, 0]) / np.asarray(self.camera.q)[..., None]
-        scale = self.design.d / np.asarray(self.camera.d)
-        reach = self.known.reach
-        x, y = reach * np.array([[1.0], [-1.0], [0.0], [0.0]]), reach * np.array([[0.0], [0.0], [1.0], [-1.0]])
-        off = seen - self.known.end_centres.at(x * scale, y * scale) / self.design.q
-        width = 2 * reach * np.broadcast_to(scale, (self.trials,))[:, None]
+        at = self._grid(self._aimed(self.known.ends, 1).landed[:, 0]) / np.asarray(self.camera.q)[..., None]
+        scale = np.broadcast_to(self.nominal.d / np.asarray(self.camera.d), (self.trials,))
+        x, y = (self.reach * np.array(way)[:, None] for way in ((1.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, -1.0)))
+        off = at - self.known.end_centres.at(x * scale, y * scale) / self.nominal.q
+        width = 2 * self.reach * scale[:, None]
         return np.stack([(off[0] + off[1]) / 2, (off[0] - off[1]) / width, (off[2] - off[3]) / width])
 
-    def _centre_error(self) -> tuple[Any, Any]:
+    @cached_property
+    def centre_error(self) -> tuple[Number, Number]:
+        """Image centres less where the decoder believes them [px]."""
         x, y = (np.broadcast_to(part, (len(self.fields), self.trials)) for part in (self.x, self.y))
-        off = self.chief / np.asarray(self.camera.q)[..., None] - self._believed(x, y)
-        return off[..., 0], off[..., 1]
+        believed = self._believed(self.known.centres)(x, y)
+        return self.chief[0] / self.camera.q - believed[..., 0], self.chief[1] / self.camera.q - believed[..., 1]
 
-    def _depth_error_mm(self) -> Any:
-        known = self.known
-        slope = self._slopes(known.points, known.azimuth, self._believed)
+    @cached_property
+    def depth_error(self) -> Number:
+        """Decoded depth less true depth of the targets [mm]; slopes mean what they do in the nominal camera."""
+        known, depths = self.known, self.calibration_depths
+        slope: Number = self._traced_slopes(known.points, self.azimuth, known.centres)
         if self.calibrated:
-            axis = (np.ones((1, 1)), np.zeros((1, 1)))
-            seen = [self._slopes(point[None], axis, self._near_axis) for point in known.axis_points]
-            depth = fractional(slope, seen, known.depths)
-            slope = np.asarray(fractional(depth, known.depths, tuple(float(value) for value in known.axis_slopes)))
-        depths = known.depths
+            own = [self._traced_slopes(point[None], ALONG_X, known.axis_centres) for point in known.axis_points]
+            slope = fractional(fractional(slope, own, depths), depths, tuple(known.axis_slopes.tolist()))
         return fractional(slope, tuple(known.slopes.T[:, :, None]), depths) - self.object_distance
 
-    def _near_axis(self, x: Any, y: Any) -> Array:
-        scale = self.design.d / np.asarray(self.camera.d)
-        rows = self._once("lattice", self._lattice)
-        found = self.known.axis_centres.at(x * scale, y * scale) / self.design.q
-        return np.asarray(found + rows[0] + (x * scale)[..., None] * rows[1] + (y * scale)[..., None] * rows[2])
+    def _traced_slopes(self, points: Array, azimuth: tuple[Array, Array], maps: LocalMaps) -> Array:
+        return epi_slopes(self.mount, self.camera, points, azimuth, self._believed(maps))
 
-    def _slopes(self, points: Array, azimuth: tuple[Array, Array], centre: Any) -> Array:
-        """Slopes between the rays through the FAP's ends [microlenses per pixel], (points, trials)."""
-        return epi_slopes(self.mount, points, azimuth, centre)
-
-    def _blur_pitches(self) -> Any:
-        mount = self.mount
+    @cached_property
+    def blur_pitches(self) -> Number:
+        """Root-mean-square radius on the array of the targets' light [microlens pitches]."""
         nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
         radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
         pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
-        planes, points = mount.planes, self.known.points
-        return spot_radii(mount.lens, planes.array, planes.rims, mount.world, points, pupil, weight).T / self.camera.d
+        lens, planes, world = self.mount.lens, self.mount.planes, self.mount.world
+        return spot_radii(lens, planes.array, planes.rims, world, self.known.points, pupil, weight).T / self.camera.d
 
 
 def _crossing(point: Array, slope: Array, plane: Array) -> Array:
@@ -198,3 +522,69 @@ def _crossing(point: Array, slope: Array, plane: Array) -> Array:
     lean, ahead = np.sum(slope * plane[:, 9:], axis=-1), np.sum(off * plane[:, 9:], axis=-1)
     hit = off - slope * (ahead / lean)[..., None]
     return np.stack([np.sum(hit * plane[:, 3:6], axis=-1), np.sum(hit * plane[:, 6:9], axis=-1)], axis=-1)
+
+
+@dataclass(frozen=True)
+class TraceCheck:
+    """Largest differences between the study's metrics and builds traced one at a time, over all its fields."""
+
+    builds: int
+    """How many were compared; images undefined in a study are left out."""
+    centre_px: float
+    """Of image centres [px]."""
+    diameter: float
+    """Of image diameters, as a share."""
+    kept_fraction: float
+    """Of the parts of the FAP that are seen."""
+    folded: tuple[tuple[float, float], ...]
+    """Fields whose nominal image is folded [mm]."""
+
+    def __str__(self) -> str:
+        return (
+            f"{METHOD} {self.builds} builds traced one at a time differ by up to {self.centre_px:.1g} px in image "
+            f"centres, {self.diameter:.1g} of image diameters and {self.kept_fraction:.1g} in kept fractions"
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        """What a study says of it."""
+        where = ", ".join(f"{x:g}, {y:g} mm" for x, y in self.folded)
+        shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
+        return (str(self), shape) if where else (str(self),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For the JSON object."""
+        return {
+            "method": METHOD,
+            "builds_compared": self.builds,
+            "largest_difference": {
+                "image_centre_px": self.centre_px,
+                "image_diameter_share": self.diameter,
+                "kept_fraction": self.kept_fraction,
+            },
+        }
+
+
+def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Array]) -> TraceCheck:
+    """Trace builds one at a time; `values` are the numbers that made them, by place, (T,) each."""
+    centre, diameter, kept, compared = 0.0, 0.0, 0.0, 0
+    with np.errstate(all="ignore"):
+        chief, sizes = np.stack(builds.chief, axis=-1), np.asarray(builds.diameter)
+        shares = builds.shapes.kept_fraction
+    for trial in range(builds.trials):
+        try:
+            one = as_built(design, {place: float(numbers[trial]) for place, numbers in values.items()})
+            at = microlenses(one, builds.fields)
+            images = real_images(camera_of(one), at, points=POINTS)
+        except InputError:
+            continue  # no camera; the study says so too
+        compared += 1
+        there = at + images.chief - np.subtract(one.sensor.decentre, one.main_lens.decentre)
+        centre = max(centre, _largest(there - chief[:, trial]) / one.q)
+        diameter = max(diameter, _largest(images.diameter / sizes[:, trial] - 1))
+        kept = max(kept, _largest(images.kept_fraction - shares[:, trial]))
+    folded = [(float(x), float(y)) for x, y in builds.fields[builds.known.folded]]
+    return TraceCheck(compared, centre, diameter, kept, tuple(folded))
+
+
+def _largest(off: Array) -> float:
+    return float(np.max(np.abs(off[np.isfinite(off)]), initial=0.0))

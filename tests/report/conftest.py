@@ -19,11 +19,13 @@ def without_figures(monkeypatch):
 @pytest.fixture(scope="module")
 def few_builds():
     """A first look at tolerances with a handful of builds, without the yields at other scales."""
-    from roslf_design.tolerance import run
+    from roslf_design.tolerance import result
 
     look = quick_tolerances.quick_tolerances
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-        patch.setattr(run, "yield_curve", lambda plan: tuple((s, run.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0)))
-        patch.setattr(run, "scale_for_yield", lambda plan, target: None)
+        patch.setattr(
+            result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))
+        )
+        patch.setattr(result, "scale_for_yield", lambda plan, target: None)
         yield

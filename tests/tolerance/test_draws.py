@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from roslf_design.tolerance.distributions import DISTRIBUTIONS, deviation, standard_deviation
-from roslf_design.tolerance.draws import Draws, Perturbation, sobol_points
+from roslf_design.tolerance.draws import DISTRIBUTIONS, Draws, Perturbation, deviation, sobol_points, standard_deviation
 
 DENSITIES = {
     "uniform": lambda x: 0.5 + 0 * x,

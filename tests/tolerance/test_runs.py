@@ -17,10 +17,9 @@ import numpy as np
 import pytest
 
 from roslf_design.errors import InputError
-from roslf_design.tolerance import executors, store
-from roslf_design.tolerance.executors import ChunkLostError, in_pool
-from roslf_design.tolerance.plan import plan_from
-from roslf_design.tolerance.run import Where, run_trials
+from roslf_design.tolerance import run as runs
+from roslf_design.tolerance.run import ChunkLostError, Where, anywhere, run_trials, tally_chunk
+from roslf_design.tolerance.study import plan_from
 from roslf_design.tolerance.tally import merged, pack, unpack
 
 STUDY = """
@@ -94,7 +93,7 @@ def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, exp
 
 
 def test_no_scheduler_there_is_one_clear_error(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "CONNECT", 1)
+    monkeypatch.setattr(runs, "CONNECT", 1)
     pytest.importorskip("distributed", reason="Dask is not installed")
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         run_trials(plan, tmp_path, Where(1, "tcp://127.0.0.1:9"))
@@ -111,14 +110,14 @@ def die(_index):
 
 
 def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
-    monkeypatch.setattr(executors, "ATTEMPTS", 2)
+    monkeypatch.setattr(runs, "ATTEMPTS", 2)
     with pytest.raises(ChunkLostError, match="its worker process died 2 times"):
-        list(in_pool(die, [0], 1))
+        list(anywhere(die, [0, 1], Where(2)))
 
 
 def test_an_error_in_the_work_is_not_taken_for_a_dead_worker():
     with pytest.raises(ZeroDivisionError):
-        list(in_pool(fail, [0, 1], 1))
+        list(anywhere(fail, [0, 1], Where(2)))
 
 
 def fail(index):
@@ -126,7 +125,7 @@ def fail(index):
 
 
 def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(plan, expected, tmp_path, monkeypatch):
-    write, written = store.write_atomically, []
+    write, written = runs.write_atomically, []
 
     def full_after_four(path, content):
         if len(written) == 4:
@@ -134,7 +133,7 @@ def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(p
         written.append(path)
         write(path, content)
 
-    monkeypatch.setattr(store, "write_atomically", full_after_four)
+    monkeypatch.setattr(runs, "write_atomically", full_after_four)
     with pytest.raises(OSError, match="No space left"):
         run_trials(plan, tmp_path)
     monkeypatch.undo()
@@ -167,8 +166,6 @@ def test_a_folder_of_another_run_is_not_touched(plan, tmp_path):
 
 
 def test_results_travel_through_bytes_unchanged(plan):
-    from roslf_design.tolerance.chunk import tally_chunk
-
     small = replace(plan, trials=3000)
     tally = tally_chunk(small, 0)
     content = pack(tally, "x")
@@ -185,8 +182,6 @@ def test_results_travel_through_bytes_unchanged(plan):
 
 def test_memory_does_not_grow_with_the_number_of_chunks(plan):
     import tracemalloc
-
-    from roslf_design.tolerance.chunk import tally_chunk
 
     one = tally_chunk(replace(plan, keep_trials=0), 0)
     peaks = []

@@ -6,12 +6,11 @@ import pytest
 
 from roslf_design.commands.tolerance import summary
 from roslf_design.report.blocks import Figure, Statements, Table
-from roslf_design.tolerance.chunk import tally_chunk
 from roslf_design.tolerance.figures import pictures
-from roslf_design.tolerance.plan import make_plan
-from roslf_design.tolerance.run import analyse
+from roslf_design.tolerance.result import analyse
+from roslf_design.tolerance.run import tally_chunk
 from roslf_design.tolerance.section import ranking, tolerance_section
-from roslf_design.tolerance.study import read_study
+from roslf_design.tolerance.study import make_plan, read_study
 
 
 @pytest.fixture(scope="module")

@@ -12,15 +12,13 @@ from roslf_design.lenses.images import FULL, real_images
 from roslf_design.lenses.of_design import camera_of, microlenses, real_field
 from roslf_design.lenses.trace import Rays, trace
 from roslf_design.rays.sampling import sunflower
-from roslf_design.tolerance.chunk import one_trial
-from roslf_design.tolerance.grades import load_grades
-from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
-from roslf_design.tolerance.mount import as_built, mounted
-from roslf_design.tolerance.places import LENS, nominal_values, perturbable
-from roslf_design.tolerance.plan import plan_from
-from roslf_design.tolerance.reference import reference
+from roslf_design.tolerance.metrics import METRICS, Question, builds_of, evaluate_builds
+from roslf_design.tolerance.places import LENS, load_grades, nominal_values, perturbable
+from roslf_design.tolerance.result import trace_check
 from roslf_design.tolerance.run import Where, run_trials
-from roslf_design.tolerance.trace_check import check_traced
+from roslf_design.tolerance.study import plan_from
+from roslf_design.tolerance.traced import as_built, mounted
+from roslf_design.tolerance.trials import one_trial
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 
@@ -115,14 +113,14 @@ def believed_move(design, step):
 def test_twins_of_builds_have_their_lenses_constants():
     design = DESIGNS["achromat"]
     values = builds(design, 5, 2)
-    found = mounted(design, values, 5)
+    twins = builds_of(Question(design, (), FIELDS, 350.0), values, 5)[0]
     for trial in range(5):
         one = as_built(design, one_of(values, trial))
         own = first_order(one.lens, one.wavelength)
-        assert found.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
-        assert found.camera.d_1[trial] == pytest.approx(one.d_1, rel=1e-13)
-        assert found.camera.d_f[trial] == pytest.approx(one.d_f, rel=1e-12)
-        assert found.camera.rims[0].distance[trial] == pytest.approx(one.d_3, rel=1e-12)
+        assert twins.mount.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
+        assert twins.camera.d_1[trial] == pytest.approx(one.d_1, rel=1e-13)
+        assert twins.camera.d_f[trial] == pytest.approx(one.d_f, rel=1e-12)
+        assert twins.camera.d_3[trial] == pytest.approx(one.d_3, rel=1e-12)
 
 
 def test_the_room_is_what_the_pencil_leaves():
@@ -178,7 +176,7 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
     design = DESIGNS["bore"]
     values = builds(design, 3, 7)
     found = evaluate_builds(Question(design, ("blur_pitches",), FIELDS, 340.0), values, 3)
-    known = reference(design, FIELDS, 340.0)
+    known = builds_of(Question(design, (), FIELDS, 340.0), {}, 1)[0].known
     for trial in range(3):
         one = as_built(design, one_of(values, trial))
         camera, fap = camera_of(one), camera_of(one).fap
@@ -205,7 +203,8 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
 
 def test_spots_are_the_same_on_all_threads():
     design = DESIGNS["singlet"]
-    mount, known = mounted(design, builds(design, 130, 8), 130), reference(design, FIELDS, 350.0)
+    traced, _ = builds_of(Question(design, (), FIELDS, 350.0), builds(design, 130, 8), 130)
+    mount, known = traced.mount, traced.known
     pupil, weight = sunflower(37).T, np.ones(37)
     sizes = [
         spot_radii(
@@ -248,12 +247,12 @@ def test_a_study_says_how_exactly_it_traced():
         "goals": [{"metric": "fill_factor", "min": 0.5}],
         "fields": [["0 mm", "0 mm"], ["10 mm", "0 mm"]],
     }
-    found = check_traced(plan_from(data))
+    found = trace_check(plan_from(data))
     assert found.builds == 4
     assert found.centre_px < 1e-9
     assert found.diameter < 1e-8
     assert "builds traced one at a time differ by up to" in str(found)
-    assert check_traced(plan_from({**data, "design": "paper"})) is None
+    assert trace_check(plan_from({**data, "design": "paper"})) is None
 
 
 def test_impossible_builds_are_undefined():

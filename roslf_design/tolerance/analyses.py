@@ -1,0 +1,446 @@
+"""What trials say: yields and what meets a wanted one, distributions, sensitivities, Sobol indices, inverse tolerances.
+
+What is undefined is counted beside: it fails every limit and is never averaged away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..theory.quantities import QUANTITIES
+from . import sketch
+from .draws import Perturbation, sobol_points
+from .study import Limit, Plan
+from .tally import Tally
+from .trials import BLOCK, differences, measure, measure_uniforms
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+"""Of every interval."""
+SCALES = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0)
+"""Of all tolerances at once, for the yield curve."""
+CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
+"""Trials for each point of a curve; fewer where each trial is adjusted."""
+HISTOGRAM_BINS = 60
+STEP = 1e-4
+"""Of a tolerance, for derivatives: the error of a central difference is then far below a percent of anything asked."""
+IMAGINARY = 1e-40
+"""Step for exact derivatives, as a share of the number; its square vanishes against 1."""
+LOOSEST = 1e3
+"""Inverse sensitivity stops looking beyond this many times the given tolerance."""
+HALVINGS = 40
+"""Steps of its bisection, the first ones doublings: six digits and more."""
+RESAMPLES = 256
+"""Bootstrap samples of Sobol indices."""
+
+
+@dataclass(frozen=True)
+class Yield:
+    """A measured yield, the share of builds that hold every limit, with its interval."""
+
+    passed: int
+    trials: int
+
+    @property
+    def value(self) -> float:
+        """Share that passed."""
+        return self.passed / self.trials
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Exact binomial interval (Clopper-Pearson, 95 %); too wide, never too narrow, for Sobol sampling."""
+        return binomial_interval(self.passed, self.trials)
+
+
+def binomial_interval(passed: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Clopper-Pearson interval of a proportion.
+
+    Parameters
+    ----------
+    passed, trials : int
+        ``0 <= passed <= trials``, ``trials > 0``.
+    confidence : float
+        At least this much coverage.
+    """
+    from scipy.special import betaincinv
+
+    tail = (1 - confidence) / 2
+    low = float(betaincinv(passed, trials - passed + 1, tail)) if passed else 0.0
+    high = float(betaincinv(passed + 1, trials - passed, 1 - tail)) if passed < trials else 1.0
+    return low, high
+
+
+def curve_trials(plan: Plan) -> int:
+    """Trials that a point of a curve is worth."""
+    return min(CURVE_TRIALS_ADJUSTED if plan.adjusters else CURVE_TRIALS, max(plan.trials, 256))
+
+
+def yield_at(plan: Plan, scale: float, trials: int) -> Yield:
+    """Yield with all tolerances times `scale`; the same draws at every scale."""
+    deviations = plan.draws.deviations(plan.draws.uniforms(0, trials))
+    blocks = (measure(plan, deviations[:, at : at + BLOCK], scale) for at in range(0, trials, BLOCK))
+    return Yield(sum(int(plan.passes(block.variants[-1]).all(axis=0).sum()) for block in blocks), trials)
+
+
+def yield_curve(plan: Plan, scales: Sequence[float] = SCALES) -> tuple[tuple[float, Yield], ...]:
+    """Yield over a common factor on all tolerances."""
+    trials = curve_trials(plan)
+    return tuple((scale, yield_at(plan, scale, trials)) for scale in scales)
+
+
+def scale_for_yield(plan: Plan, target: float) -> tuple[float, Yield] | None:
+    """Largest common factor on all tolerances, up to 64, whose yield is still the target.
+
+    Returns
+    -------
+    (factor, yield) or None
+        None where even a thousandth of the tolerances misses the target: the nominal design is at fault. The yield is
+        that of `curve_trials` trials with the same draws at every factor, so it falls in steps of one trial.
+    """
+    trials = curve_trials(plan)
+    loose, tight = 64.0, 1e-3
+    best = yield_at(plan, tight, trials)
+    if best.value < target:
+        return None
+    whole = yield_at(plan, loose, trials)
+    if whole.value >= target:
+        return loose, whole
+    while loose / tight >= 1.001:
+        middle = float(np.sqrt(loose * tight))
+        tried = yield_at(plan, middle, trials)
+        if tried.value >= target:
+            tight, best = middle, tried
+        else:
+            loose = middle
+    return tight, best
+
+
+@dataclass(frozen=True)
+class ColumnSummary:
+    """One column over the trials of one variant."""
+
+    label: str
+    nominal: float
+    undefined: int
+    """Trials in which it has no value; they count as failures of every limit on it."""
+    mean: float
+    deviation: float
+    """Standard deviation. Both NaN where any trial is undefined: an average of the rest would flatter."""
+    low: float
+    high: float
+    """Least and greatest defined value."""
+    probabilities: tuple[float, ...]
+    quantiles: tuple[float, ...]
+    """Undefined trials rank as worst: beyond the limit on that side (infinite there), above all where there is none."""
+    cuts: tuple[float, ...]
+    histogram: tuple[float, ...]
+    """Defined trials between neighbouring cuts."""
+
+
+@dataclass(frozen=True)
+class LimitYield:
+    """One limit alone."""
+
+    label: str
+    low: float
+    high: float
+    result: Yield
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The builds as they come, or after adjustment."""
+
+    name: str
+    result: Yield
+    """All limits together."""
+    limits: tuple[LimitYield, ...]
+    distributions: tuple[ColumnSummary, ...]
+
+    @property
+    def weakest(self) -> LimitYield:
+        """The limit that fails most often; among those that never fail, the one whose room scatter uses most of."""
+        columns = {column.label: column for column in self.distributions}
+
+        def strength(limit: LimitYield) -> tuple[int, float]:
+            column = columns[limit.label]
+            rooms = [abs(edge - column.nominal) for edge in (limit.low, limit.high) if np.isfinite(edge)]
+            return limit.result.passed, min(rooms) / max(column.high - column.low, 1e-300)
+
+        return min(self.limits, key=strength)
+
+
+def summarise(plan: Plan, tally: Tally) -> tuple[Variant, ...]:
+    """Every variant of a run."""
+    return tuple(
+        Variant(
+            name,
+            Yield(int(tally.passed[v]), tally.trials),
+            tuple(
+                LimitYield(plan.columns[limit.column].label, limit.low, limit.high, Yield(int(held), tally.trials))
+                for limit, held in zip(plan.limits, tally.held[v], strict=True)
+            ),
+            tuple(_summary(plan, tally, v, c) for c in range(len(plan.columns))),
+        )
+        for v, name in enumerate(plan.variants)
+    )
+
+
+def _summary(plan: Plan, tally: Tally, v: int, c: int) -> ColumnSummary:
+    nominal = float(plan.nominal[c])
+    here = nominal if math.isfinite(nominal) else 0.0
+    undefined, counts = int(tally.undefined[v, c]), tally.counts[v, c]
+    defined = tally.trials - undefined
+    low, high = float(tally.low[v, c]), float(tally.high[v, c])
+    limits = [limit for limit in plan.limits if limit.column == c]
+    worst_is_low = any(np.isfinite(l.low) for l in limits) and not any(np.isfinite(l.high) for l in limits)
+    below, above = (undefined, 0) if worst_is_low else (0, undefined)
+    quantiles = sketch.quantiles(counts, plan.quantiles, low, high, below, above)
+    mean = deviation = math.nan
+    if not undefined:
+        shift = float(tally.total[v, c]) / defined
+        mean = here + shift
+        deviation = math.sqrt(max(float(tally.square[v, c]) / defined - shift**2, 0.0))
+    cuts: tuple[float, ...] = ()
+    bars: tuple[float, ...] = ()
+    if defined and high > low:
+        places = np.linspace(low, high, HISTOGRAM_BINS + 1)
+        bars = tuple(sketch.rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])).tolist())
+        cuts = tuple((here + places).tolist())
+    return ColumnSummary(
+        label=plan.columns[c].label,
+        nominal=nominal,
+        undefined=undefined,
+        mean=mean,
+        deviation=deviation,
+        low=here + low if defined else math.nan,
+        high=here + high if defined else math.nan,
+        probabilities=plan.quantiles,
+        quantiles=tuple(here + q for q in quantiles),
+        cuts=cuts,
+        histogram=bars,
+    )
+
+
+def correlations(tally: Tally) -> Array:
+    """Correlation of each column (final variant, where defined) with each perturbation, shape (C, P); 0 where still."""
+    n = tally.trials - tally.undefined[-1][:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean_x, mean_y = tally.x / n, tally.total[-1][:, None] / n
+        var_x = tally.xx / n - mean_x**2
+        var_y = tally.square[-1][:, None] / n - mean_y**2
+        r = (tally.xy / n - mean_x * mean_y) / np.sqrt(var_x * var_y)
+    return np.where(np.isfinite(r), r, 0.0)
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives and finite moves of every column. V variants, C columns, P perturbations."""
+
+    derivatives: Array
+    """As built, by central differences [column's unit per mm or rad], shape (C, P)."""
+    exact: Array
+    """The same from closed forms, NaN where there is none, shape (C, P)."""
+    plus: Array
+    minus: Array
+    """Change of the column at the two ends of the tolerance, as built and after adjustment, shape (V, C, P); NaN where
+    undefined."""
+
+    @property
+    def worst(self) -> Array:
+        """Larger of the two moves, shape (V, C, P); infinite where the column becomes undefined."""
+        size = np.maximum(np.abs(self.plus), np.abs(self.minus))
+        return np.where(np.isnan(size), np.inf, size)
+
+
+def sensitivity(plan: Plan) -> Sensitivity:
+    """How each perturbation alone moves each column."""
+    perturbations = plan.draws.perturbations
+    derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
+    one = np.eye(len(perturbations))
+    plus, minus = (measure(plan, sign * one).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
+    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
+
+
+def exact_derivatives(plan: Plan) -> Array:
+    """Derivatives of the closed forms by each perturbed place, shape (C, P); NaN where there is none.
+
+    Of an aligned design behind an ideal lens, whose fields all have the same value, by complex steps: no difference, so
+    nothing cancels. A pose changes what is local to a field; by those there are none.
+    """
+    perturbations, design = plan.draws.perturbations, plan.question.design
+    exact = np.full((len(plan.columns), len(perturbations)), np.nan)
+    if not design.aligned or design.lens is not None:
+        return exact
+    steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
+    at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}
+    camera = Camera.of(design).replace(at)
+    posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
+    for row, column in enumerate(plan.columns):
+        quantity = QUANTITIES.get(column.metric)
+        if quantity is not None and quantity.analytic:
+            exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
+            if column.field is not None:
+                exact[row, posed] = np.nan
+    return exact
+
+
+def root_sum_square(plan: Plan, moves: Sensitivity) -> Array:
+    """Standard deviation of every column if it were linear in the perturbations, shape (C,)."""
+    slopes = np.where(np.isfinite(moves.exact), moves.exact, moves.derivatives)
+    variance = np.einsum("ci,ij,cj->c", slopes, plan.draws.covariance(), slopes)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What one perturbation alone may be, so that it uses no more than its share of any limit."""
+
+    place: str
+    tolerance: float
+    """Half-width [mm or rad]; infinite where nothing up to `LOOSEST` times the given one uses the share."""
+    given: float
+    limited_by: str
+    """Label of the column whose limit binds; empty where none does."""
+
+
+def inverse_sensitivity(plan: Plan, share: float) -> tuple[Allowed, ...]:
+    """Largest tolerance of each perturbation that keeps every limited column within a share of its limit.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its perturbations and limits.
+    share : float
+        Part of the way from nominal to a limit that one perturbation may use.
+
+    Raises
+    ------
+    ValueError
+        The nominal design itself does not hold a limit.
+
+    Notes
+    -----
+    Found on the real response by bisection, not from a derivative: margins and decentres bend. Where something is
+    adjusted, what is left after adjustment counts.
+    """
+    misses = plan.nominal_misses()
+    if misses:
+        raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
+    perturbations = plan.draws.perturbations
+    cases = [(p, limit, sign) for p in perturbations for limit in plan.limits for sign in (1.0, -1.0)]
+    inside, outside = np.zeros(len(cases)), np.full(len(cases), np.inf)
+    trial = np.ones(len(cases))
+    for _ in range(HALVINGS):
+        held = _held(plan, cases, trial, share)
+        inside = np.where(held, trial, inside)
+        outside = np.where(held, outside, trial)
+        trial = np.where(
+            np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
+        )
+    widths = np.where(inside >= LOOSEST * (1 - 1e-9), np.inf, inside).reshape(len(perturbations), -1)
+    rows = []
+    for p, row in zip(perturbations, widths, strict=True):
+        tightest = int(np.argmin(row))
+        width = float(row[tightest])
+        label = plan.columns[plan.limits[tightest // 2].column].label if math.isfinite(width) else ""
+        rows.append(Allowed(p.place, width * p.tolerance if label else math.inf, p.tolerance, label))
+    return tuple(rows)
+
+
+def _held(plan: Plan, cases: list[tuple[Perturbation, Limit, float]], widths: Array, share: float) -> NDArray[np.bool_]:
+    index = {p.place: row for row, p in enumerate(plan.draws.perturbations)}
+    deviations = np.zeros((len(index), len(cases)))
+    for case, (p, _, sign) in enumerate(cases):
+        deviations[index[p.place], case] = sign * widths[case]
+    columns = measure(plan, deviations).variants[-1]
+    which = np.array([limit.column for _, limit, _ in cases])
+    here, value = plan.nominal[which], columns[which, np.arange(len(cases))]
+    low = np.array([limit.low for _, limit, _ in cases])
+    high = np.array([limit.high for _, limit, _ in cases])
+    return np.asarray((value >= here - share * (here - low)) & (value <= here + share * (high - here)))
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Indices of C columns for F independent factors, with bootstrap intervals. NaN rows where a column has none."""
+
+    factors: tuple[str, ...]
+    """A free perturbation, a group that moves together, or a partly tied member's own part."""
+    first: Array
+    """Share of the variance that a factor explains alone, shape (C, F)."""
+    total: Array
+    """Share with all its interactions, shape (C, F)."""
+    first_interval: Array
+    total_interval: Array
+    """Lower and upper end, shape (C, F, 2)."""
+    undefined: NDArray[np.int64]
+    """Evaluations in which a column was undefined, shape (C,); its indices are then NaN rather than of the rest."""
+    evaluations: int
+
+
+def sobol_indices(plan: Plan, samples: int) -> SobolIndices:
+    """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is perturbed and measured.
+    samples : int
+        Base samples n; n (F + 2) builds are evaluated.
+
+    Notes
+    -----
+    Estimators of Saltelli (first order, 2010) and Jansen (total, 1999) on a scrambled Sobol sequence; intervals by
+    resampling the base samples.
+    """
+    factors = plan.draws.factors
+    count = len(factors)
+    a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
+    mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
+    f_a, f_b, *f_ab = (measure_uniforms(plan, uniforms).variants[-1] for uniforms in (a, b, *mixed))
+    undefined = np.isnan(np.stack([f_a, f_b, *f_ab])).sum(axis=(0, 2))
+    indices = saltelli_jansen(f_a, f_b, np.stack(f_ab), plan.draws.seed)
+    for part in indices:
+        part[undefined > 0] = np.nan
+    return SobolIndices(factors, *indices, undefined, samples * (count + 2))
+
+
+def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Array, Array, Array, Array]:
+    """First-order and total indices, then the intervals of both.
+
+    Parameters
+    ----------
+    f_a, f_b : ndarray, shape (C, n)
+        Responses to the two base samples.
+    f_ab : ndarray, shape (F, C, n)
+        To the first one with one factor each from the second.
+    seed : int
+        Of the resampling.
+    """
+    columns, n = f_a.shape
+    factors = len(f_ab)
+    usable = np.asarray(np.isfinite(np.stack([f_a, f_b, *f_ab])).all(axis=(0, 2)))
+    middle = np.where(usable, 0.5 * (f_a.mean(axis=1) + f_b.mean(axis=1)), 0.0)
+    ya, yb, yab = (np.where(usable[:, None], f, 0.0) - middle[:, None] for f in (f_a, f_b, f_ab))
+    # One row a base sample: what is summed for sum y, sum y^2, first and total.
+    sums_of = [(ya + yb)[None], (ya * ya + yb * yb)[None], yb * (yab - ya), 0.5 * (ya - yab) ** 2]
+    terms = np.concatenate(sums_of).reshape(-1, n)
+    stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(2**32,))))
+    weights = np.concatenate([np.ones((1, n)), stream.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)]) / n
+    sums = np.einsum("rn,kn->rk", weights, terms).reshape(len(weights), 2 + 2 * factors, columns)
+    variance = 0.5 * sums[:, 1] - (0.5 * sums[:, 0]) ** 2
+    still = variance <= 1e-24 * np.maximum(middle**2, 1e-30)
+    ratios = np.where(still[:, None], 0.0, sums[:, 2:] / np.where(still, 1.0, variance)[:, None])
+    ratios = np.moveaxis(ratios, 2, 1)
+    ends = np.quantile(ratios[1:], [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
+    first, total = ratios[0, :, :factors].copy(), ratios[0, :, factors:].copy()
+    intervals = np.moveaxis(ends, 0, -1)
+    return first, total, intervals[:, :factors].copy(), intervals[:, factors:].copy()

@@ -1,0 +1,268 @@
+"""Trials: builds drawn, measured as they come, and adjusted. Trial n again, alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..design import Design
+from .metrics import evaluate_builds
+from .places import nominal_values
+from .study import Plan
+from .traced import as_built
+
+Array = NDArray[np.float64]
+
+BLOCK = 4096
+"""Trials evaluated at once: their arrays stay in a processor's cache."""
+ITERATIONS = 3
+"""Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
+DAMPING = 1e-10
+"""Of the largest curvature, against adjusters that do the same."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Consecutive trials, measured."""
+
+    deviations: Array
+    """[tolerances], shape (P, trials)."""
+    variants: Array
+    """Columns as built (then linearly adjusted, then adjusted), shape (V, C, trials)."""
+    moved: Array
+    """Adjustments [mm, rad], shape (adjusters, trials)."""
+
+    @staticmethod
+    def joined(blocks: list[Measured]) -> Measured:
+        """Several, one after the other."""
+        parts = ([getattr(block, name) for block in blocks] for name in ("deviations", "variants", "moved"))
+        return Measured(*(np.concatenate(part, axis=-1) for part in parts))
+
+
+def measure(plan: Plan, deviations: Array, scale: float = 1.0) -> Measured:
+    """Measure trials given by their deviations.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is measured.
+    deviations : ndarray, shape (P, trials)
+        [tolerances].
+    scale : float
+        All tolerances times this.
+    """
+    values = plan.draws.values(deviations, scale)
+    trials = deviations.shape[1]
+    columns = [evaluate_builds(plan.question, values, trials)]
+    moved = np.empty((0, trials))
+    if plan.adjusters:
+        compensator = compensator_of(plan)
+        start = compensator.linear(deviations * scale)
+        columns.append(compensator.measured(values, start))
+        moved, after = compensator.newton(values, start)
+        columns.append(after)
+    elif plan.calibrated:
+        columns.append(evaluate_builds(plan.question, values, trials, calibrated=True))
+    return Measured(deviations, np.stack(columns), moved)
+
+
+def measure_uniforms(plan: Plan, uniforms: Array) -> Measured:
+    """Trials given by their independent uniform numbers, shape (factors, trials), block by block."""
+    draws, starts = plan.draws, range(0, uniforms.shape[1], BLOCK)
+    return Measured.joined(
+        [measure(plan, draws.deviations(np.ascontiguousarray(uniforms[:, at : at + BLOCK]))) for at in starts]
+    )
+
+
+def trial_measured(plan: Plan, number: int) -> Measured:
+    """What was measured of trial `number`, bit for bit (its whole block runs again, so arrays have the same shapes).
+
+    Raises
+    ------
+    ValueError
+        There is no such trial.
+    """
+    if not 0 <= number < plan.trials:
+        raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
+    index, within = divmod(number, plan.chunk)
+    start = within - within % BLOCK
+    trials = plan.chunk_trials(index)
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + BLOCK, trials)])
+    pick = slice(within - start, within - start + 1)
+    return Measured(block.deviations[:, pick], block.variants[:, :, pick], block.moved[:, pick])
+
+
+def one_trial(plan: Plan, number: int) -> tuple[Design, Measured]:
+    """Trial `number` again, bit for bit: its design (adjustments included) and what was measured.
+
+    Raises
+    ------
+    ValueError
+        There is no such trial, or its numbers make no design (d_3 >= d_f and the like).
+    """
+    measured = trial_measured(plan, number)
+    values = plan.draws.values(measured.deviations)
+    if plan.adjusters:
+        values = compensator_of(plan).applied(values, measured.moved)
+    changes = {place: float(value[0]) for place, value in values.items()}
+    design = plan.question.design
+    if design.lens is None:
+        return design.replace(changes), measured
+    return as_built(design, changes), measured
+
+
+class Compensator:
+    """Adjusts builds of one plan: the limited columns back to nominal, each in units of what its limit allows.
+
+    Parameters
+    ----------
+    plan : Plan
+        With at least one adjuster.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.nominal = nominal_values(plan.question.design)
+        aim = evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated)[:, 0]
+        allowed: dict[int, float] = {}
+        for limit in plan.limits:
+            here = aim[limit.column]
+            room = [abs(edge - here) for edge in (limit.low, limit.high) if np.isfinite(edge) and edge != here]
+            allowed[limit.column] = min([*room, allowed.get(limit.column, np.inf)])
+        self.columns = np.array([column for column in allowed if np.isfinite(aim[column])], dtype=np.intp)
+        widths = np.array([allowed[column] for column in self.columns])
+        self.aim = aim[self.columns, None]
+        self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]
+        d_1 = plan.question.design.d_1
+        angles = [".tilt." in a.place or a.place.endswith("rotation") for a in plan.adjusters]
+        self.steps = np.where(angles, 1e-5, 1e-5 * d_1)
+        self.reach = np.array([adjuster.reach for adjuster in plan.adjusters])[:, None]
+        self.gain = self._gain()
+
+    def _gain(self) -> Array:
+        """Adjustments that best undo one tolerance of each perturbation, shape (adjusters, perturbations)."""
+        plan, perturbations = self.plan, self.plan.draws.perturbations
+        steps = [(p.place, 1e-3 * p.tolerance) for p in perturbations]
+        steps += [(a.place, float(step)) for a, step in zip(plan.adjusters, self.steps, strict=True)]
+        slopes = differences(plan, steps, calibrated=plan.calibrated)[self.columns] * self.weights
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+        count = len(perturbations)
+        tolerances = np.array([p.tolerance for p in perturbations])
+        undone: Array = -np.linalg.pinv(slopes[:, count:], rcond=1e-8) @ (slopes[:, :count] * tolerances)
+        return undone
+
+    def linear(self, deviations: Array) -> Array:
+        """Adjustments by projection, shape (adjusters, trials) [mm, rad]; clipped to the adjusters' reach."""
+        # Summed one perturbation after the other: the same bits whatever the machine's linear algebra.
+        moved = np.zeros((len(self.plan.adjusters), deviations.shape[1]))
+        for column, row in zip(self.gain.T, deviations, strict=True):
+            moved += column[:, None] * row
+        return np.clip(moved, -self.reach, self.reach)
+
+    def applied(self, values: Mapping[str, Array], moved: Array) -> dict[str, Array]:
+        """The builds' numbers with their adjustments on top."""
+        result = dict(values)
+        for adjuster, row in zip(self.plan.adjusters, moved, strict=True):
+            result[adjuster.place] = result.get(adjuster.place, self.nominal[adjuster.place]) + row
+        return result
+
+    def measured(self, values: Mapping[str, Array], moved: Array) -> Array:
+        """All columns of the adjusted builds."""
+        plan = self.plan
+        return evaluate_builds(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
+
+    def newton(self, values: Mapping[str, Array], start: Array) -> tuple[Array, Array]:
+        """Adjustments that bring each trial's targets closest to nominal in the least-squares sense.
+
+        Parameters
+        ----------
+        values : mapping
+            The builds' numbers, unadjusted.
+        start : ndarray, shape (adjusters, trials)
+            First guess, e.g. from `linear`.
+
+        Returns
+        -------
+        (adjustments, columns)
+            Shapes (adjusters, trials) and (columns, trials). Never worse than the start: a step that does not lower a
+            trial's residual is halved once, then refused for that trial.
+        """
+        moved, columns = start, self.measured(values, start)
+        residual = self.residual(columns)
+        cost = _cost(residual)
+        for _ in range(ITERATIONS):
+            slopes = []
+            for row, step in enumerate(self.steps):
+                nudged = moved.copy()
+                nudged[row] += step
+                slopes.append((self.residual(self.measured(values, nudged)) - residual) / step)
+            change = _least_squares(slopes, residual, self.steps)
+            for fraction in (1.0, 0.5):
+                trial = np.clip(moved + fraction * change, -self.reach, self.reach)
+                tried = self.measured(values, trial)
+                left = self.residual(tried)
+                better = _cost(left) < cost
+                moved = np.where(better, trial, moved)
+                columns = np.where(better, tried, columns)
+                residual = np.where(better, left, residual)
+                cost = np.where(better, _cost(left), cost)
+                change = np.where(better, 0.0, change)
+        return moved, columns
+
+    def residual(self, columns: Array) -> Array:
+        """How far the limited columns are from nominal, in units of what their limits allow."""
+        return (columns[self.columns] - self.aim) * self.weights
+
+
+@lru_cache(maxsize=4)
+def compensator_of(plan: Plan) -> Compensator:
+    """The plan's compensator, made once in a process."""
+    return Compensator(plan)
+
+
+def differences(plan: Plan, steps: list[tuple[str, float]], *, calibrated: bool = False) -> Array:
+    """Central differences of every column at the nominal design.
+
+    Parameters
+    ----------
+    plan : Plan
+        Whose columns.
+    steps : list of (place, step)
+        A place may occur more than once. Steps of 0 give 0.
+
+    Returns
+    -------
+    ndarray, shape (columns, steps)
+        Change of the column per unit of the place.
+    """
+    count, nominal = len(steps), nominal_values(plan.question.design)
+    values: dict[str, Array] = {}
+    for index, (place, step) in enumerate(steps):
+        numbers = values.setdefault(place, np.full(2 * count, nominal[place]))
+        numbers[index] += step
+        numbers[count + index] -= step
+    ends = evaluate_builds(plan.question, values, 2 * count, calibrated=calibrated)
+    widths = np.array([step for _, step in steps])
+    return (ends[:, :count] - ends[:, count:]) / np.where(widths == 0, 1.0, 2 * widths)
+
+
+def _cost(residual: Array) -> Array:
+    return np.where(np.isfinite(residual).all(axis=0), np.einsum("ct,ct->t", residual, residual), np.inf)
+
+
+def _least_squares(slopes: list[Array], residual: Array, steps: Array) -> Array:
+    """Gauss-Newton steps, shape (adjusters, trials); 0 where a trial's residual is undefined."""
+    good = np.isfinite(residual).all(axis=0)
+    for slope in slopes:
+        good &= np.isfinite(slope).all(axis=0)
+    # In units of the difference steps, so that millimetres and radians weigh alike.
+    j = np.stack([np.where(good, slope, 0.0) * step for slope, step in zip(slopes, steps, strict=True)])
+    normal = np.einsum("act,bct->tab", j, j)
+    right = -np.einsum("act,ct->ta", j, np.where(good, residual, 0.0))
+    size = np.max(np.einsum("taa->ta", normal), axis=1)
+    normal = normal + np.where(size > 0, DAMPING * size, 1.0)[:, None, None] * np.eye(len(steps))
+    return np.linalg.solve(normal, right[..., None])[..., 0].T * steps[:, None]
