@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 
 from .. import theory
-from ..calibration.board import Observations
-from ..calibration.lines import EpiLines, fit_lines
-from ..calibration.model import Camera, Poses
-from ..calibration.step_one import StepOne
-from ..calibration.step_two import step_two
+from ..calibration.model import Intrinsics, Observations, Poses
+from ..calibration.steps import EpiLines, StepOne, fit_lines, step_two
 from ..design import Design
 from .cases import Budget, HardCase, Trial
 from .walks import arguments_of, gaps, jittered
@@ -93,7 +90,7 @@ def _two(depth: tuple[float, ...], slope: tuple[float, ...], A: float, q: float,
     pose[:, 5] = depth
     one = np.ones((b, 1))
     lines = EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, one, 0.0)
-    first = StepOne(Camera(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0, None)  # type: ignore[arg-type]
+    first = StepOne(Intrinsics(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0)
     observations = Observations(np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((b, 1, 1, 2)))
     camera = step_two(observations, lines, first).camera
     return camera.m, camera.inverse_d_2

@@ -7,30 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.calibration.board import Board, Observations
-from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.corner_statistics import corner_statistics
+from roslf_design.calibration.calibrate import calibrate, corner_statistics, fit_statistics
 from roslf_design.calibration.datasheet import DataSheet, derived
-from roslf_design.calibration.errors import CalibrationError
-from roslf_design.calibration.fisher import covariance_of, reduced_information
-from roslf_design.calibration.homography import homography, shared_camera
-from roslf_design.calibration.lines import fit_lines
-from roslf_design.calibration.model import Camera, project_boards
-from roslf_design.calibration.refine import refine
-from roslf_design.calibration.statistics_fit import fit_statistics
-from roslf_design.calibration.step_one import step_one
-from roslf_design.calibration.step_two import step_two
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
+from roslf_design.calibration.frames import CalibrationError
+from roslf_design.calibration.model import Board, Intrinsics, Observations
+from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
+from roslf_design.calibration.steps import Linear, covariance_of, refine
 from roslf_design.theory import back_substitute
 
-CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
+CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0)
 NAMES = ("A", "m", "inverse_d_2", "x_0", "y_0")
 
 
 def captured(captures, seed=0, camera=CAMERA):
     rng = np.random.default_rng(seed)
-    return observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
+    return synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
 
 
 def sigmas_off(camera, covariance):
@@ -95,7 +87,7 @@ def test_reduced_information_is_the_inverse_of_the_whole_covariance_s_block():
         whole[b, :, 5 + 6 * b : 11 + 6 * b] = own[b]
     flat = whole.reshape(120, -1)
     block = np.linalg.inv(flat.T @ flat)[:5, :5]
-    np.testing.assert_allclose(np.linalg.inv(reduced_information(shared, own)), block, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.inv(Linear(np.zeros((3, 40)), shared, own).information()), block, rtol=1e-6)
 
 
 def test_missing_corners_and_views_are_left_out():
@@ -116,32 +108,6 @@ def test_missing_corners_and_views_are_left_out():
     )
     difference = plain.camera.vector(NAMES) - found.joint.camera.vector(NAMES)
     assert np.abs(difference / np.sqrt(np.diag(found.joint.covariance.matrix))).max() < 1e-3
-
-
-def test_zhang_s_closed_form_is_exact_and_knows_its_limits():
-    poses = random_poses(Captures(boards=3), 120.0, np.random.default_rng(3))
-    points = Board(4, 5, 6.0).points
-    uv = project_boards(CAMERA.vector(), poses.vector, points, np.zeros((1, 2))).uv[:, 0]
-    maps = np.stack([homography(points[:, :2], image) for image in uv])
-    focal, x, y = shared_camera(maps, uv.mean(axis=(0, 1)))
-    np.testing.assert_allclose((focal, x, y), (92 / 0.063, 182.0, 118.0), rtol=1e-7)
-    flat = poses.vector * ([0, 0, 1, 1, 1, 1])
-    uv = project_boards(CAMERA.vector(), flat, points, np.zeros((1, 2))).uv[:, 0]
-    maps = np.stack([homography(points[:, :2], image) for image in uv])
-    found = shared_camera(maps, uv.mean(axis=(0, 1)))
-    assert found is None or found[0] != pytest.approx(92 / 0.063, rel=1e-3)
-
-
-def test_step_two_reports_its_lever():
-    observations = captured(Captures(boards=8))
-    lines = fit_lines(observations)
-    second = step_two(observations, lines, step_one(observations, lines, CAMERA.q, CAMERA.d))
-    far, near = (1 / 1e4, 1 / 230.0)
-    assert near * 0.8 < second.centre < near * 1.2
-    assert far < second.inverse_depth.min()
-    assert 5 < second.condition < 50
-    assert -1 < second.correlation < 1
-    np.testing.assert_allclose(second.slope, second.fitted, atol=5 * 0.06 / math.sqrt(lines.lever.min()))
 
 
 def test_table_2_of_the_paper_with_its_spread():

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from roslf_design.calibration.centres import find_centres
-from roslf_design.calibration.errors import CalibrationError
+from roslf_design.calibration.centres import Reason, find_centres
+from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.lattice import CentreLattice, fit_lattice
-from roslf_design.calibration.spectrum import estimate_lattice
-from roslf_design.calibration.trust import Reason
 from tests.oracles.calibration import nodes_over, white_image
 
 PITCH, ROTATION = 14.07, math.radians(0.31)
@@ -35,7 +33,6 @@ def test_clean_white_image_gives_centres_below_two_thousandths_of_a_pixel(layout
     assert np.all(found.used | (found.reasons == Reason.BORDER) | (found.reasons == Reason.OUTLIER))
     assert found.lattice.pitch == pytest.approx(PITCH, abs=2e-4)
     assert found.lattice.rotation == pytest.approx(ROTATION, abs=1e-5)
-    assert 0.3 * found.sigma < max(rms(errors(found, truth)), 0.5 * found.sigma) < 4 * found.sigma
 
 
 @pytest.mark.parametrize("layout", ["square", "hexagonal"])
@@ -50,8 +47,8 @@ def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
     error = errors(found, truth)
     assert rms(error) < 0.05
     assert rms(error) < 0.006  # what it does; other tools 0.21-0.47
-    assert rms(error) < 3 * found.sigma + found.unseen_cut
-    assert found.cut_bias > 0.7  # the bias a fit through every centroid would have met
+    off = np.hypot(*(found.measured - found.centres)[found.reasons == Reason.CUT].T)
+    assert np.sort(off)[-50:].mean() > 0.7  # the bias a fit through every centroid would have met
     cut = found.reasons == Reason.CUT
     radius = np.hypot(*(found.centres - middle).T)
     whole = (0.62 - 0.475) * PITCH / 5 * np.hypot(*middle)  # the second disc touches the first here
@@ -61,8 +58,8 @@ def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
 
 def test_lenses_beyond_the_promised_radius_are_left_out():
     truth = nodes_over((400, 400), PITCH, ROTATION, "square")
-    found = find_centres(white_image((400, 400), truth, 6.0, noise=0.01), undistorted_radius=100.0, axis=(150.0, 200.0))
-    radius = np.hypot(*(found.centres - (150.0, 200.0)).T)
+    found = find_centres(white_image((400, 400), truth, 6.0, noise=0.01), undistorted_radius=100.0)
+    radius = np.hypot(*(found.centres - 199.5).T)
     assert (radius[found.used] < 100.5).all()
     assert (found.reasons[radius > 101] != Reason.USED).all()
     assert rms(errors(found, truth)) < 0.003
@@ -94,7 +91,6 @@ def test_vignetting_leaves_the_centres_alone(pitch, fill):
     image = white_image(shape, truth, fill * pitch / 2, noise=0.01, envelope=1 - 0.25 * (x**2 + y**2))
     found = find_centres(image)
     assert rms(errors(found, truth)) < 0.003  # centroids alone: 0.015 at 14 px, 0.1 at 40 px
-    assert found.shading > 0
     by_lens = 1 - 0.25 * (((truth - (549.5, 449.5)) / (549.5, 449.5)) ** 2).sum(axis=1)
     stairs = np.zeros(shape)
     for level in np.unique(np.round(by_lens, 2)):
@@ -110,7 +106,6 @@ def test_blurred_images_that_run_into_each_other():
     blur = np.exp(-2 * (math.pi * 0.15 * PITCH) ** 2 * (frequency[:, None] ** 2 + frequency[None, :] ** 2))
     image = np.fft.ifft2(np.fft.fft2(sharp) * blur).real + np.random.default_rng(0).normal(0, 0.01, sharp.shape)
     found = find_centres(image)
-    assert found.pull > 0.5
     assert rms(errors(found, truth)) < 0.004
 
 
@@ -121,7 +116,6 @@ def test_dark_frame_is_taken_off_and_a_constant_changes_nothing():
     raw = np.clip(image + dark, 0, None).astype(np.uint16)
     found, plain = find_centres(raw, dark), find_centres(image)
     np.testing.assert_allclose(found.lattice.basis, plain.lattice.basis, atol=2e-4)  # uint16 rounding
-    np.testing.assert_allclose(found.light, plain.light, rtol=0.02)
     undone = find_centres(raw)
     np.testing.assert_allclose(undone.lattice.origin, plain.lattice.origin, atol=0.01)
 
@@ -142,8 +136,9 @@ def test_reasons_are_counted_in_words():
     truth = nodes_over((400, 400), PITCH, 0.0, "square", (0.31, 0.17))
     image = white_image((400, 400), truth, 6.0, noise=0.005)
     image[180:200, 180:200] = 0
-    image[100:102, 100:102] = 9.0
-    found = find_centres(image, saturation=5.0)
+    raw = np.clip(40_000 * image + 1000, 0, 60_000).astype(np.uint16)
+    raw[100:102, 100:102] = 65535
+    found = find_centres(raw)
     counts = found.counts()
     assert sum(counts.values()) == len(found.indices)
     assert counts["saturated pixels"] in (1, 2, 3, 4)
@@ -173,17 +168,8 @@ def test_bad_white_images_are_refused_in_one_line():
         find_centres(np.zeros(12))
     with pytest.raises(CalibrationError, match="square lattice, not a hexagonal"):
         find_centres(image, layout="hexagonal")
-    with pytest.raises(CalibrationError, match=r"expected pitch of 40\.00 px: the image's strongest period is 14\."):
-        find_centres(image, pitch=40.0)
     with pytest.raises(CalibrationError, match=r"one direction only|neither square"):
         find_centres(np.tile(np.sin(np.arange(300) / 2.0) + 1, (300, 1)))
-
-
-def test_prior_pitch_is_accepted_and_agrees():
-    truth = nodes_over((300, 300), PITCH, 0.1, "hexagonal")
-    image = white_image((300, 300), truth, 6.0, noise=0.01)
-    given = estimate_lattice(image, pitch=15.0, layout="hexagonal")
-    np.testing.assert_allclose(given.basis, estimate_lattice(image).basis, rtol=1e-12)
 
 
 def test_lattice_fit_is_exact_on_exact_points_and_clips_outliers():

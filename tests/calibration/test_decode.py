@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration.centres import find_centres
-from roslf_design.calibration.decode import decode
-from roslf_design.calibration.errors import CalibrationError
+from roslf_design.calibration.decoding import decode
+from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.lattice import CentreLattice
-from roslf_design.calibration.storage import load_light_field, save_light_field
 from tests.oracles.calibration import nodes_over, white_image
 
 SQUARE = CentreLattice(
@@ -74,15 +73,14 @@ def test_a_moving_point_draws_a_line_of_its_slope_in_the_epi():
     u, v = np.round((x - 115) / pitch), np.round((y - 115) / pitch)
     s, t = x - 115 - pitch * u, y - 115 - pitch * v
     raw = np.exp(-0.5 * ((u - 2 - slope * s) ** 2 + (v + 1 - slope * t) ** 2) / 0.8**2)
-    field = decode(raw, lattice, radius=4)
-    epi = field.epi(v=-1.0)
+    field = decode(raw, lattice)
+    epi = field.values[len(field.t) // 2, :, np.abs(field.v + 1).argmin()]
     centre = (epi * field.u).sum(axis=1) / epi.sum(axis=1)
     np.testing.assert_allclose(np.polyfit(field.s, centre, 1), [slope, 2.0], atol=2e-3)
-    epi = field.vertical_epi(u=2.0)
+    epi = field.values[:, len(field.s) // 2, :, np.abs(field.u - 2).argmin()]
     centre = (epi * field.v).sum(axis=1) / epi.sum(axis=1)
     np.testing.assert_allclose(np.polyfit(field.t, centre, 1), [slope, -1.0], atol=2e-3)
-    assert field.microlens(3, 4).shape == (9, 9)
-    np.testing.assert_array_equal(field.view(1.2, -2.0), field.values[2, 5])
+    np.testing.assert_array_equal(field.view(1.2, -2.0), field.values[3, 6])
     np.testing.assert_allclose(field.position(3.0, 4.5), (field.u[3], 0.5 * (field.v[4] + field.v[5])))
 
 
@@ -109,41 +107,6 @@ def test_real_views_show_parallax(shared_data):
     )
 
 
-def test_files_round_trip_and_are_whole_or_absent(tmp_path, monkeypatch):
-    y, x = np.mgrid[0:90, 0:90]
-    field = decode(
-        quadratic(x, y), CentreLattice((45.0, 45.0), (9.0, 0.1), (-0.1, 9.0), "square"), white=np.ones((90, 90))
-    )
-    paths = save_light_field(tmp_path / "field", field, netcdf=False)
-    assert [p.name for p in paths] == ["field.npz"]
-    back = load_light_field(paths[0])
-    for name in ("values", "weight", "s", "t", "u", "v", "pitch", "rotation"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(field, name))
-
-    def fail(*args, **kwargs):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(np, "savez_compressed", fail)
-    with pytest.raises(OSError, match="disk full"):
-        save_light_field(tmp_path / "field", field, netcdf=False)
-    assert [p.name for p in tmp_path.iterdir()] == ["field.npz"]
-    np.testing.assert_array_equal(load_light_field(paths[0]).values, field.values)
-    (tmp_path / "other.npz").write_bytes(b"nonsense")
-    with pytest.raises(CalibrationError, match="no light field file"):
-        load_light_field(tmp_path / "other.npz")
-
-
-def test_netcdf_carries_coordinates(tmp_path):
-    xarray = pytest.importorskip("xarray")
-    y, x = np.mgrid[0:90, 0:90]
-    field = decode(quadratic(x, y), CentreLattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square"))
-    path = save_light_field(tmp_path / "field", field, netcdf=True)[1]
-    with xarray.open_dataset(path, engine="scipy") as data:
-        assert data.radiance.dims == ("t", "s", "v", "u")
-        np.testing.assert_array_equal(data.radiance.sel(s=1.0, t=-2.0).values, field.view(1.0, -2.0))
-        assert data.u.attrs["units"] == "microlens pitch"
-
-
 def test_bad_images_are_named():
     lattice = CentreLattice((45.0, 45.0), (9.0, 0.0), (0.0, 9.0), "square")
     raw = np.zeros((90, 90))
@@ -154,5 +117,3 @@ def test_bad_images_are_named():
     with pytest.raises(CalibrationError, match=r"raw image is saturated: 100 % of its pixels reach 4095; expose less"):
         decode(np.full((90, 90), 4095, np.uint16), lattice)
     decode(np.full((90, 90), 4000, np.uint16), lattice)  # bright and even, not saturated
-    with pytest.raises(ValueError, match="radius must be at least 1"):
-        decode(raw, lattice, radius=0)

@@ -7,11 +7,18 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.calibration.board import Board
 from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.errors import CalibrationError
-from roslf_design.calibration.planning import camera_of, expected_errors, plan, sheet_of
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
+from roslf_design.calibration.datasheet import sheet_of
+from roslf_design.calibration.frames import CalibrationError
+from roslf_design.calibration.model import Board
+from roslf_design.calibration.planning import (
+    Captures,
+    camera_of,
+    expected_errors,
+    plan,
+    random_poses,
+    synthetic_observations,
+)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +47,7 @@ def test_promised_errors_are_those_of_repeated_calibrations(design, exact):
     found = []
     for k in range(40):
         rng = np.random.default_rng([5, k])
-        observations = observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
+        observations = synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
         fit = calibrate(observations, exact).fit
         found.append((fit.camera.A, 100 + (100 - fit.camera.A) / fit.camera.m, 1 / fit.camera.inverse_d_2))
     for name, values in zip(("A", "d_3", "d_2"), np.transpose(found), strict=True):

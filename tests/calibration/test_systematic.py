@@ -7,24 +7,22 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.consequences import variance_shares
-from roslf_design.calibration.datasheet import DataSheet
-from roslf_design.calibration.draws import laplace_draws
-from roslf_design.calibration.model import Camera
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
-from roslf_design.calibration.undistorted import undistorted_radius
-from roslf_design.calibration.view_agreement import view_disagreement
+from roslf_design.calibration.datasheet import DataSheet, laplace_draws, variance_shares
+from roslf_design.calibration.diffraction import view_disagreement
+from roslf_design.calibration.model import Intrinsics
+from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
+from roslf_design.calibration.result import undistorted_radius
 from roslf_design.design import load
 from roslf_design.design.parts import Stop
 
-CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
+CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 0.1)
 CAPTURES = Captures(boards=8, views=5, noise=0.01)
 
 
 def observed(seed=0):
     rng = np.random.default_rng(seed)
-    return observe_synthetic(CAMERA, random_poses(CAPTURES, 120.0, rng), CAPTURES, rng)
+    return synthetic_observations(CAMERA, random_poses(CAPTURES, 120.0, rng), CAPTURES, rng)
 
 
 def test_views_that_look_from_further_inside_are_seen_to_disagree():
@@ -46,7 +44,7 @@ def test_views_that_look_from_further_inside_are_seen_to_disagree():
     assert abs(shift[0, 2]) > 5 * sigma
     error = worse.fit.camera.inverse_d_2 - CAMERA.inverse_d_2
     assert abs(error) < 2 * abs(shift[0, 2])
-    assert len(view_disagreement(clean.select(views=[0, 1, 2, 3]), found, SHEET)) == 0
+    assert len(view_disagreement(clean.of_views(views=[0, 1, 2, 3]), found, SHEET)) == 0
 
 
 def test_systematic_errors_widen_every_interval_that_follows():
