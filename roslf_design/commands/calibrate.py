@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from .. import __version__
+from .. import __version__, calibration
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..calibration import (
     Board,
@@ -26,33 +26,13 @@ from ..calibration import (
     MicrolensCentres,
     Outcome,
     Posterior,
-    calibrate_corrected,
-    camera_of,
-    decode,
-    find_centres,
-    laplace_draws,
-    observe,
-    outcome_of,
-    read_capture,
-    sample_posterior,
-    sheet_of,
-    undistorted_radius,
+    figures,
+    section,
 )
-from ..calibration import plan as plan_captures
-from ..calibration.figures import drawn
 from ..calibration.frames import Capture
 from ..calibration.planning import reason
 from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
 from ..calibration.result import LAPLACE_DRAWS
-from ..calibration.section import (
-    calibration_report,
-    plan_blocks,
-    plan_to_dict,
-    quantities_table,
-    shares_table,
-    statements,
-    ways_table,
-)
 from ..design import Design, DesignError, dumps, load
 from ..design.units import parse_quantity
 from ..design.write import write_atomically
@@ -231,20 +211,22 @@ def calibrated(
     sheet = read_sheet(loaded, f_sigma)
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
-        capture = read_capture(folder)
+        capture = calibration.read_capture(folder)
         status.tell("finding microlens centres")
-        radius = undistorted_radius(loaded) or None
-        centres = find_centres(
+        radius = calibration.undistorted_radius(loaded) or None
+        centres = calibration.find_centres(
             capture.white, capture.dark, layout=loaded.microlens_array.layout, undistorted_radius=radius
         )
-        observations = observe(_decoded(capture, centres, status), checkerboard)
+        observations = calibration.observe(_decoded(capture, centres, status), checkerboard)
         status.tell("fitting")
-        fitted, waves = calibrate_corrected(
+        fitted, waves = calibration.calibrate_corrected(
             observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
-            dark=capture.dark, distortion=distortion, guess=camera_of(loaded).A, wish=diffraction,
+            dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
         )  # fmt: skip
         if no_posterior:
-            draws: CameraDraws = laplace_draws(fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed))
+            draws: CameraDraws = calibration.laplace_draws(
+                fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed)
+            )
         else:
             status.tell("sampling the posterior")
 
@@ -255,8 +237,10 @@ def calibrated(
 
             size = sample_size_for(accuracy)
             most = most_steps_for(size)
-            draws = sample_posterior(fitted.fit, sheet, seed=seed, ess=size, most_steps=most, progress=progress)
-    return outcome_of(
+            draws = calibration.sample_posterior(
+                fitted.fit, sheet, seed=seed, ess=size, most_steps=most, progress=progress
+            )
+    return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
         seed=seed, distortion=distortion, warnings=_mismatch(loaded, centres), diffraction=waves,
         undistorted_radius=radius,
@@ -269,7 +253,7 @@ def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) ->
         status.tell(f"finding the board in {path.name} ({number} of {len(capture.boards)})")
         image = capture.board(path)
         try:
-            field = decode(image, centres.lattice, white=capture.white, dark=capture.dark)
+            field = calibration.decode(image, centres.lattice, white=capture.white, dark=capture.dark)
         except CalibrationError as error:
             raise CalibrationError(f"{path.name}: {error}") from None
         yield path.name, field
@@ -295,11 +279,11 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
-    for name, figure in drawn(result).items():
+    for name, figure in figures.drawn(result).items():
         drawings[name] = to_svg(figure, f"calibration-{name}")
         files[f"{name}.svg"] = standalone(drawings[name])
         files[f"{name}.png"] = to_png(figure)
-    files["index.html"] = render_html(calibration_report(result, drawings, command, __version__)).encode()
+    files["index.html"] = render_html(section.calibration_report(result, drawings, command, __version__)).encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         write_atomically(folder / name, content)
@@ -312,11 +296,13 @@ def print_result(result: Outcome, written: list[Path], console: Console) -> None
 
     marks = {"good": ("✓", "green"), "bad": ("✗", "red"), "caution": ("!", "yellow"), "plain": ("·", "dim")}
     console.print(Text(f"Calibration of {result.design.name}", style="bold"))
-    for statement in statements(result):
+    for statement in section.statements(result):
         mark, colour = marks[statement.tone]
         said = f"{statement.text} {statement.remedy}".strip()
         console.print(Text(f"{mark} ", style=colour) + Text(said), soft_wrap=True)
-    _print_blocks((quantities_table(result), ways_table(result), shares_table(result.shares)), console)
+    _print_blocks(
+        (section.quantities_table(result), section.ways_table(result), section.shares_table(result.shares)), console
+    )
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
 
@@ -404,8 +390,8 @@ def print_plan(
     with StatusLine("calibrate") as status:
         status.tell("planning")
         try:
-            plan = plan_captures(
-                camera_of(loaded), read_sheet(loaded, f_sigma), captures, distortion=distortion, seed=seed
+            plan = calibration.plan(
+                calibration.camera_of(loaded), read_sheet(loaded, f_sigma), captures, distortion=distortion, seed=seed
             )
         except CalibrationError as error:
             why = reason(captures)
@@ -414,7 +400,7 @@ def print_plan(
             raise CalibrationError(f"{error}: {why}") from None
     notes = too_large(loaded, captures)
     if json:
-        data = {**plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
+        data = {**section.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
         print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
@@ -429,7 +415,7 @@ def print_plan(
         highlight=False,
         soft_wrap=True,
     )
-    _print_blocks(plan_blocks(plan), console)
+    _print_blocks(section.plan_blocks(plan), console)
     for note in notes:
         console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
 
@@ -438,7 +424,7 @@ def too_large(design: Design, captures: Captures) -> tuple[str, ...]:
     """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
     board = captures.board
     nearest = captures.distance - captures.distance_range / 2 - design.d_3
-    field = sorted(size * nearest / camera_of(design).A for size in design.sensor_size)
+    field = sorted(size * nearest / calibration.camera_of(design).A for size in design.sensor_size)
     sides = sorted((board.columns * board.cell, board.rows * board.cell))
     if all(side <= seen for side, seen in zip(sides, field, strict=True)):
         return ()
@@ -467,12 +453,12 @@ def read_sheet(design: Design, f_sigma: str) -> DataSheet:
     """The data sheet of a design, f as well known as --f-sigma says."""
     text = f_sigma.strip()
     if not text.endswith("%"):
-        return sheet_of(design, _quantity("--f-sigma", f_sigma, "length") / design.f)
+        return calibration.sheet_of(design, _quantity("--f-sigma", f_sigma, "length") / design.f)
     try:
         relative = float(text[:-1]) / 100
     except ValueError:
         raise _refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
-    return sheet_of(design, relative)
+    return calibration.sheet_of(design, relative)
 
 
 def _quantity(option: str, text: str, dimension: str) -> float:

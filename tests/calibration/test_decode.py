@@ -5,22 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from roslf_design.calibration.centres import find_centres
-from roslf_design.calibration.decoding import decode
-from roslf_design.calibration.frames import CalibrationError
-from roslf_design.calibration.lattice import CentreLattice
+from roslf_design.calibration import CalibrationError, CentreLattice, decode, find_centres
 from tests.oracles.calibration import nodes_over, white_image
 
-SQUARE = CentreLattice(
-    (101.3, 80.9), (9.7 * math.cos(0.1), 9.7 * math.sin(0.1)), (-9.7 * math.sin(0.1), 9.7 * math.cos(0.1)), "square"
-)
-TURN = 0.05 + math.pi / 3
-HEXAGONAL = CentreLattice(
-    (101.3, 80.9),
-    (9.7 * math.cos(0.05), 9.7 * math.sin(0.05)),
-    (9.7 * math.cos(TURN), 9.7 * math.sin(TURN)),
-    "hexagonal",
-)
+
+def lattice_of(turn, layout, pitch=9.7, origin=(101.3, 80.9)):
+    ahead = turn + (math.pi / 2 if layout == "square" else math.pi / 3)
+    first, second = ((pitch * math.cos(a), pitch * math.sin(a)) for a in (turn, ahead))
+    return CentreLattice(origin, first, second, layout)
 
 
 def quadratic(x, y):
@@ -33,53 +25,46 @@ def position_on_sensor(field, lattice):
     along = np.asarray(lattice.first) / np.hypot(*lattice.first)
     across = np.array([-along[1], along[0]])
     pitch = lattice.pitch
-    x = lattice.origin[0] + (u * pitch + s) * along[0] + (v * pitch + t) * across[0]
-    y = lattice.origin[1] + (u * pitch + s) * along[1] + (v * pitch + t) * across[1]
-    return x, y
+    return [lattice.origin[k] + (u * pitch + s) * along[k] + (v * pitch + t) * across[k] for k in (0, 1)]
 
 
-@pytest.mark.parametrize("lattice", [SQUARE, HEXAGONAL])
+@pytest.mark.parametrize("lattice", [lattice_of(0.1, "square"), lattice_of(0.05, "hexagonal")])
 def test_every_sample_of_a_quadratic_image_is_exact(lattice):
     y, x = np.mgrid[0:170, 0:210]
     field = decode(quadratic(x, y), lattice)
-    sx, sy = position_on_sensor(field, lattice)
     assert field.values.shape == (9, 9, len(field.v), len(field.u))
     seen = field.weight > 0
     assert seen.mean() > 0.7
-    np.testing.assert_allclose(field.values[seen], quadratic(sx, sy)[seen], rtol=3e-6)  # float32
+    expected = quadratic(*position_on_sensor(field, lattice))
+    np.testing.assert_allclose(field.values[seen], expected[seen], rtol=3e-6)  # float32
     assert (field.values[~seen] == 0).all()
-    du, dv = np.diff(field.u), np.diff(field.v)
-    np.testing.assert_allclose(np.concatenate([du, dv]), 1 if lattice.layout == "square" else math.sqrt(3) / 2)
+    steps = np.concatenate([np.diff(field.u), np.diff(field.v)])
+    np.testing.assert_allclose(steps, 1 if lattice.layout == "square" else math.sqrt(3) / 2)
 
 
 def test_the_white_image_takes_off_vignetting_and_the_dark_frame_its_offset():
     truth = nodes_over((200, 200), 12.3, 0.02, "square")
     y, x = np.mgrid[-1:1:200j, -1:1:200j]
     white = 1000 * white_image((200, 200), truth, 5.5, envelope=1 - 0.3 * (x**2 + y**2))
-    lattice = find_centres(white).lattice
     dark = 50 + np.zeros((200, 200))
-    field = decode(0.37 * white + dark, lattice, white=white + dark, dark=dark)
+    field = decode(0.37 * white + dark, find_centres(white).lattice, white=white + dark, dark=dark)
     seen = field.weight > 0
-    scale = field.values[seen] / np.median(field.values[seen])
-    np.testing.assert_allclose(scale, 1.0, rtol=1e-5)
+    np.testing.assert_allclose(field.values[seen] / np.median(field.values[seen]), 1.0, rtol=1e-5)
     assert field.weight[len(field.t) // 2, len(field.s) // 2].max() == pytest.approx(1.0, abs=0.02)
     assert (field.weight[0, 0] == 0).mean() > 0.9  # the corners between round images see nothing
 
 
 def test_a_moving_point_draws_a_line_of_its_slope_in_the_epi():
     slope, pitch = 0.4, 11.0
-    lattice = CentreLattice((115.0, 115.0), (pitch, 0.0), (0.0, pitch), "square")
     y, x = np.mgrid[0:231, 0:231].astype(float)
     u, v = np.round((x - 115) / pitch), np.round((y - 115) / pitch)
     s, t = x - 115 - pitch * u, y - 115 - pitch * v
     raw = np.exp(-0.5 * ((u - 2 - slope * s) ** 2 + (v + 1 - slope * t) ** 2) / 0.8**2)
-    field = decode(raw, lattice)
-    epi = field.values[len(field.t) // 2, :, np.abs(field.v + 1).argmin()]
-    centre = (epi * field.u).sum(axis=1) / epi.sum(axis=1)
-    np.testing.assert_allclose(np.polyfit(field.s, centre, 1), [slope, 2.0], atol=2e-3)
-    epi = field.values[:, len(field.s) // 2, :, np.abs(field.u - 2).argmin()]
-    centre = (epi * field.v).sum(axis=1) / epi.sum(axis=1)
-    np.testing.assert_allclose(np.polyfit(field.t, centre, 1), [slope, -1.0], atol=2e-3)
+    field = decode(raw, CentreLattice((115.0, 115.0), (pitch, 0.0), (0.0, pitch), "square"))
+    across, down = field.values[5, :, np.abs(field.v + 1).argmin()], field.values[:, 5, :, np.abs(field.u - 2).argmin()]
+    for epi, axis, views, expected in ((across, field.u, field.s, 2.0), (down, field.v, field.t, -1.0)):
+        centre = ((epi * axis).sum(axis=1) / epi.sum(axis=1))[1:-1]  # the rim of an image is its neighbour's
+        np.testing.assert_allclose(np.polyfit(views[1:-1], centre, 1), [slope, expected], atol=2e-3)
     np.testing.assert_array_equal(field.view(1.2, -2.0), field.values[3, 6])
     np.testing.assert_allclose(field.position(3.0, 4.5), (field.u[3], 0.5 * (field.v[4] + field.v[5])))
 
@@ -95,16 +80,10 @@ def test_real_views_show_parallax(shared_data):
     assert (len(field.s), len(field.u), len(field.v)) == (15, 28, 28)
     left, middle, right = (field.view(s) for s in (-5.0, 0.0, 5.0))
     rim = middle.mean() + 0.5 * middle.std()
-
-    def width(view):
-        columns = np.flatnonzero((view > rim).sum(axis=0) > 1)
-        return columns.max() - columns.min()
-
-    assert min(width(left), width(right)) > width(middle)  # the vesicle's near and far sides slide apart
-    assert (
-        np.corrcoef(left.ravel(), right.ravel())[0, 1]
-        < 0.95 * np.corrcoef(left.ravel(), field.view(-4.0).ravel())[0, 1]
-    )
+    widths = [np.ptp(np.flatnonzero((view > rim).sum(axis=0) > 1)) for view in (left, middle, right)]
+    assert min(widths[0], widths[2]) > widths[1]  # the vesicle's near and far sides slide apart
+    near, far = (np.corrcoef(left.ravel(), other.ravel())[0, 1] for other in (field.view(-4.0), right))
+    assert far < 0.95 * near
 
 
 def test_bad_images_are_named():

@@ -8,18 +8,23 @@ import sys
 import numpy as np
 import pytest
 
-from roslf_design.calibration.centres import find_centres
-from roslf_design.calibration.datasheet import sheet_of
+from roslf_design.calibration import (
+    Captures,
+    calibrate_corrected,
+    camera_of,
+    find_centres,
+    random_poses,
+    sheet_of,
+    synthetic_observations,
+)
 from roslf_design.calibration.diffraction import (
     PupilImage,
     ViewWeights,
     apparent_shifts,
-    calibrate_corrected,
     fit_cell,
     view_weights,
     white_cell,
 )
-from roslf_design.calibration.planning import Captures, camera_of, random_poses, synthetic_observations
 from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.effects.field import image_diameter, image_pitch
@@ -184,13 +189,6 @@ def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path):
     assert waves["quantities"]["d_2"]["estimate"] == pytest.approx(TRUTH["d_2"], rel=0.015)
     assert waves["quantities"]["m"]["estimate"] == pytest.approx(TRUTH["m"], rel=1e-3)
     assert waves["quantities"]["d_2"]["variance_shares"]["systematic"] > 0.3  # the correction's own uncertainty
-
-
-def test_left_in_diffraction_spoils_d_2(capsys, circle, tmp_path):
-    off = calibrated(capsys, circle, "waves", tmp_path / "off", "--diffraction", "off")
-    assert off["diffraction"]["corrected"] is False
-    assert off["quantities"]["d_2"]["estimate"] > 1.08 * TRUTH["d_2"]
-    assert off["systematic_sigma"]["inverse_d_2"] > 0  # inner and outer views do not agree
 
 
 def test_what_is_asked_what_is_expected_and_what_is_seen_decide():

@@ -1,4 +1,4 @@
-"""The posterior against brute force, exact laws, another library's diagnostics, and its own repeatability."""
+"""The posterior against brute force, exact laws, coverage of known truths, and its own repeatability."""
 
 import importlib.util
 import math
@@ -7,24 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.datasheet import DataSheet, depth_errors, derived, laplace_draws, variance_shares
-from roslf_design.calibration.frames import CalibrationError
-from roslf_design.calibration.model import Intrinsics, Observations, Poses, project_boards
-from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
-from roslf_design.calibration.posterior import ProfileLikelihood, sample_posterior
+from roslf_design.calibration import (
+    CalibrationError,
+    Captures,
+    calibrate,
+    depth_errors,
+    laplace_draws,
+    sample_posterior,
+    variance_shares,
+)
+from roslf_design.calibration.model import project_boards
+from roslf_design.calibration.posterior import ProfileLikelihood
 from roslf_design.theory import back_substitution_covariance
-
-CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
-SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
-SESSION = Captures(boards=5, views=3)
-
-
-def calibrated(captures=SESSION, seed=0, distortion=0, camera=CAMERA):
-    rng = np.random.default_rng(seed)
-    observations = synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
-    return calibrate(observations, SHEET, distortion=distortion)
+from tests.calibration.made import CAMERA, SHEET, captured
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +37,7 @@ def coverage(root):
 
 @pytest.fixture(scope="module")
 def fit():
-    return calibrated().fit
+    return calibrate(captured(Captures(boards=5, views=3)), SHEET).fit
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +47,6 @@ def posterior(fit):
 
 def brute_force(fit, camera):
     """Sum of squares with every pose fitted by scipy, from the model of corners in views alone."""
-    from scipy.optimize import least_squares
-
     data = fit.statistics
     total = 0.0
     for b in range(len(data.values)):
@@ -130,28 +125,10 @@ def test_a_short_run_says_that_it_did_not_converge(fit):
 
 def test_distortion_is_sampled_where_asked():
     camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
-    fit = calibrated(Captures(boards=6, views=3, offset=20.0), distortion=2, camera=camera).fit
+    fit = calibrate(captured(Captures(boards=6, views=3, offset=20.0), camera=camera), SHEET, distortion=2).fit
     posterior = sample_posterior(fit, SHEET, seed=1, chunk=100, most_steps=100)
     assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "f")
     assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
-
-
-def test_images_say_nothing_of_q_d_and_the_board_s_scale():
-    poses = random_poses(SESSION, 120.0, np.random.default_rng(2))
-    uv = synthetic_observations(CAMERA, poses, SESSION).uv
-    q, d, scale = 1.03, 0.98, 1.01
-    lengths = derived(CAMERA.vector(), SHEET, np.asarray(100.0), np.array([q * SHEET.q, d * SHEET.d, scale]))
-    other = replace(
-        CAMERA,
-        A=float(lengths["A"]),
-        m=float(lengths["m"]),
-        inverse_d_2=1 / float(lengths["d_2"]),
-        q=q * SHEET.q,
-        d=d * SHEET.d,
-    )
-    grown = Poses(poses.rotation, poses.translation * scale)
-    board = replace(SESSION.board, cell=SESSION.board.cell * scale)
-    np.testing.assert_allclose(synthetic_observations(other, grown, replace(SESSION, board=board)).uv, uv, rtol=1e-12)
 
 
 def test_variance_shares_add_up_and_agree_with_draws(fit):
@@ -181,15 +158,6 @@ def test_depth_errors_are_those_of_the_draws(fit, posterior):
         depth_errors(posterior, fit, SHEET, np.array([d_3 - 1.0]))
 
 
-def test_data_sheets_are_checked():
-    with pytest.raises(CalibrationError, match="f must be a positive length, got -1"):
-        DataSheet(-1.0, 1.0, 1.0, 0.1)
-    with pytest.raises(CalibrationError, match="d_sigma must be zero or positive"):
-        DataSheet(1.0, 1.0, 1.0, 0.1, d_sigma=-1.0)
-    with pytest.raises(CalibrationError, match="20 % at most"):
-        DataSheet(1.0, 1.0, 1.0, 0.5)
-
-
 def test_intervals_of_68_percent_hold_the_truth_as_often_as_they_say(coverage):
     found = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=6, views=3), trials=40, seed=1)
     assert found.failed == 0
@@ -211,12 +179,3 @@ def test_intervals_of_the_sampled_posterior_hold_too(coverage):
     fisher = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=3, views=3), trials=2, seed=2, level=0.95)
     for name, pulls in found.pulls.items():  # the same cameras, judged alike by both
         np.testing.assert_allclose(pulls, fisher.pulls[name], atol=0.5)
-
-
-def test_one_view_observations_have_no_posterior():
-    rng = np.random.default_rng(0)
-    captures = replace(SESSION, views=1)
-    seen = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
-    assert isinstance(seen, Observations)
-    with pytest.raises(CalibrationError, match="one view only"):
-        calibrate(seen, SHEET)
