@@ -143,7 +143,7 @@ IMAGE = white_image((300, 300), nodes_over((300, 300), PITCH, 0.0, "square"), 6.
         (
             (IMAGE, np.zeros((300, 200))),
             None,
-            r"white image and the dark frame differ in size \(300 x 300 px and 200 x",
+            r"white image and the dark frame differ in size \(300 x 300 px and 200",
         ),
         ((np.clip(400 * IMAGE, 0, 255).astype(np.uint8),), None, "saturated: 100 % of its microlens .* grey level 255"),
         ((np.random.default_rng(0).normal(100, 1, (300, 300)),), None, "no periodic lattice"),

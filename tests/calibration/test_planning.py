@@ -42,7 +42,7 @@ def test_promised_errors_are_those_of_repeated_calibrations():
         rng = np.random.default_rng([5, k])
         observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
         fit = calibrate(observations, EXACT).fit
-        found.append((fit.CAMERA.A, 100 + (100 - fit.CAMERA.A) / fit.CAMERA.m, 1 / fit.CAMERA.inverse_d_2))
+        found.append((fit.camera.A, 100 + (100 - fit.camera.A) / fit.camera.m, 1 / fit.camera.inverse_d_2))
     for name, values in zip(("A", "d_3", "d_2"), np.transpose(found), strict=True):
         assert values.std() == pytest.approx(promised.sigma[name], rel=0.35)  # 40 trials: 11 %; poses: 20 %
 
