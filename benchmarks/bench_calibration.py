@@ -12,23 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.calibration.calibrate import calibrate
+from roslf_design.calibration.calibrate import calibrate, corner_statistics, fit_statistics
 from roslf_design.calibration.centres import MicrolensCentres, find_centres
-from roslf_design.calibration.corner_statistics import corner_statistics
 from roslf_design.calibration.datasheet import DataSheet
-from roslf_design.calibration.decode import decode
+from roslf_design.calibration.decoding import decode
 from roslf_design.calibration.lattice import CentreLattice, Layout
-from roslf_design.calibration.model import Camera
+from roslf_design.calibration.model import Intrinsics
+from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
 from roslf_design.calibration.posterior import sample_posterior
-from roslf_design.calibration.statistics_fit import fit_statistics
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 from roslf_design.microlens.coverage import coverage_image
 
 Array = NDArray[np.float64]
 PITCH, ROTATION, FILL, NOISE = 14.07, math.radians(0.31), 0.95, 0.01
 CUT_RADIUS, CUT_SHIFT = 0.62, 5.0
 """Second disc: radius in pitches, displacement at the corner [px]."""
-CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
+CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
 
 
@@ -87,7 +85,7 @@ def _decode() -> None:
 def _fits() -> None:
     captures = Captures(boards=12, views=7)
     rng = np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
+    observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     seconds, found = _timed(lambda: calibrate(observations, SHEET), 5)
     print(
         f"calibration, 12 boards in {len(observations.views)} views, {observations.count} coordinates: {seconds:.3f} s"
@@ -101,7 +99,7 @@ def _fits() -> None:
 def _posterior() -> None:
     captures = Captures(boards=12, views=5)
     rng = np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
+    observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     fit = calibrate(observations, SHEET).fit
     sample_posterior(fit, SHEET, seed=0, chunk=10, most_steps=10)
     seconds = {}

@@ -44,14 +44,12 @@ def pixels(inputs, options):
 def posterior(inputs, options):
     """Steps of the posterior's walkers for so many parameters beside the focal length."""
     from benchmarks.bench_calibration import CAMERA, SHEET
-    from roslf_design.calibration.calibrate import calibrate
-    from roslf_design.calibration.corner_statistics import corner_statistics
+    from roslf_design.calibration.calibrate import calibrate, corner_statistics, fit_statistics
+    from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
     from roslf_design.calibration.posterior import sample_posterior
-    from roslf_design.calibration.statistics_fit import fit_statistics
-    from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 
     captures, rng = Captures(boards=12, views=5), np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
+    observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     found = calibrate(observations, SHEET)
     names = found.fit.covariance.names[: int(options["size"]) - 1]
     data = corner_statistics(observations, found.lines.sigma)

@@ -2,57 +2,54 @@
 
 White image -> microlens centres (`find_centres`) -> light field (`decode`) -> corners (`observe`) -> two steps and
 joint refinement (`calibrate`) -> posterior (`sample_posterior`) -> depth errors (`depth_errors`); before any image,
-`plan`.
-Modules here import scipy, OpenCV and emcee only inside the functions that need them (extra `calibrate`).
+`plan`. Modules here import scipy, OpenCV, emcee and arviz-stats only inside the functions that need them.
 """
 
 from __future__ import annotations
 
-from .board import Board, Observations
 from .calibrate import Calibration, calibrate
-from .centres import MicrolensCentres, find_centres
-from .consequences import depth_errors, variance_shares
+from .centres import MicrolensCentres, Reason, find_centres
 from .corners import find_corners, observe, observe_pictures
-from .coverage import Coverage, coverage
-from .datasheet import DataSheet, derived
-from .decode import decode
-from .diffraction import Corrected, Diffraction, calibrate_corrected
-from .draws import Draws, laplace_draws
-from .errors import CalibrationError, MissingExtraError
+from .datasheet import CameraDraws, DataSheet, depth_errors, derived, laplace_draws, sheet_of, variance_shares
+from .decoding import LightField, decode
+from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
+from .frames import CalibrationError, read_capture, read_image
 from .lattice import CentreLattice
-from .lightfield import LightField
-from .model import Camera, Poses
-from .planning import Plan, camera_of, expected_errors, plan, sheet_of
+from .model import Board, Intrinsics, Observations, Poses
+from .planning import (
+    CapturePlan,
+    Captures,
+    camera_of,
+    expected_errors,
+    plan,
+    random_poses,
+    synthetic_observations,
+)
 from .posterior import Posterior, sample_posterior
-from .storage import load_light_field, save_light_field
-from .synthetic import Captures, observe_synthetic, random_poses
-from .trust import Reason
-from .undistorted import undistorted_radius
+from .result import Outcome, outcome_of, undistorted_radius
 
 __all__ = [
     "Board",
     "Calibration",
     "CalibrationError",
-    "Camera",
+    "CameraDraws",
+    "CapturePlan",
     "Captures",
     "CentreLattice",
     "Corrected",
-    "Coverage",
     "DataSheet",
-    "Diffraction",
-    "Draws",
+    "DiffractionCheck",
+    "Intrinsics",
     "LightField",
     "MicrolensCentres",
-    "MissingExtraError",
     "Observations",
-    "Plan",
+    "Outcome",
     "Poses",
     "Posterior",
     "Reason",
     "calibrate",
     "calibrate_corrected",
     "camera_of",
-    "coverage",
     "decode",
     "depth_errors",
     "derived",
@@ -60,15 +57,16 @@ __all__ = [
     "find_centres",
     "find_corners",
     "laplace_draws",
-    "load_light_field",
     "observe",
     "observe_pictures",
-    "observe_synthetic",
+    "outcome_of",
     "plan",
     "random_poses",
+    "read_capture",
+    "read_image",
     "sample_posterior",
-    "save_light_field",
     "sheet_of",
+    "synthetic_observations",
     "undistorted_radius",
     "variance_shares",
 ]

@@ -1,24 +1,163 @@
-"""The whole calibration: lines, step one, step two, joint refinement, and the fit that a posterior starts from."""
+"""The whole calibration: steps, joint fit, and the fit on the corners' statistics that intervals come from."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..theory.calibration import BackSubstituted, back_substitute
-from .board import Observations
-from .corner_statistics import corner_statistics
 from .datasheet import DataSheet
-from .errors import CalibrationError
-from .fisher import undetermined
-from .homography import homography, parallel
-from .lines import EpiLines, fit_lines
-from .model import Poses
-from .refine import Refined, refine, shared_names
-from .statistics_fit import StatisticsFit, fit_statistics
-from .step_one import StepOne, step_one
-from .step_two import StepTwo, step_two
+from .frames import Array, CalibrationError
+from .model import GLOBALS, Intrinsics, Observations, Poses, ProjectedCorners, project_boards
+from .steps import (
+    Covariance,
+    EpiLines,
+    Linear,
+    Refined,
+    StepOne,
+    StepTwo,
+    all_parallel,
+    covariance_of,
+    fit_lines,
+    refine,
+    settle,
+    shared_names,
+    step_one,
+    step_two,
+    undetermined,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CornerStatistics:
+    """What all views say of each corner, in three numbers: a sufficient summary of the observations."""
+
+    points: Array
+    """Corners in the board's frame [mm], shape (n, 3)."""
+    values: Array
+    """u, v [pitches] at `at`, and the slope [pitches/px], shape (b, n, 3); 0 where not seen."""
+    at: Array
+    """Mean (s', t') [px], shape (b, n, 2)."""
+    share: Array
+    """Share of the squared baseline along s, shape (b, n)."""
+    sigma: Array
+    """Standard deviation of each value, shape (b, n, 3); infinite where not seen."""
+
+    def scaled(self, place: float, slope: float) -> CornerStatistics:
+        """The same with the places' and the slopes' standard deviations multiplied."""
+        return replace(self, sigma=self.sigma * np.array([place, place, slope]))
+
+    def model(self, camera: Array, pose: Array, derivatives: bool = True) -> ProjectedCorners:
+        """Where `project_boards` puts them: values (b, n, 3), derivatives (b, n, 3, 9) and (b, n, 3, 6)."""
+        both = project_boards(camera, pose, self.points, self.at[:, None], self.share[:, None], derivatives)
+        return ProjectedCorners(*(part[:, 0] if part.ndim > 1 else part for part in both))
+
+
+def corner_statistics(observations: Observations, sigma: float, lines: EpiLines | None = None) -> CornerStatistics:
+    """Summarise observations whose coordinates have independent errors of `sigma` [pitches]."""
+    fit = fit_lines(observations) if lines is None else lines
+    seen, sloped = fit.views > 0, np.isfinite(fit.slope)
+    base = np.where(observations.seen[..., None], observations.views[None, :, None, :] - fit.at[:, None], 0.0)
+    along = np.square(base[..., 0]).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.where(seen, sigma / np.sqrt(fit.views), np.inf)
+        slope = np.where(sloped, sigma / np.sqrt(fit.lever), np.inf)
+        share = np.where(fit.lever > 0, along / fit.lever, 0.5)
+    values = np.concatenate([np.where(seen[..., None], fit.mean, 0), np.where(sloped, fit.slope, 0)[..., None]], -1)
+    at = np.where(seen[..., None], fit.at, 0.0)
+    return CornerStatistics(observations.points, values, at, share, np.stack([place, place, slope], axis=-1))
+
+
+class StatisticsFit(NamedTuple):
+    """The fit, and how the boards follow the camera."""
+
+    camera: Intrinsics
+    poses: Poses
+    statistics: CornerStatistics
+    """With the standard deviations used."""
+    covariance: Covariance
+    """Of the shared parameters, poses eliminated."""
+    place_scale: float
+    """Scatter of the places about the model over what independent errors allow."""
+    slope_scale: float
+    """The same of the slopes."""
+    pose_by_shared: Array
+    """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
+    systematic: Array = np.zeros((0, 3))
+    """Standard deviations of what corners' scatter does not show, as independent shifts of (A, m, 1/d_2), (k, 3)."""
+
+
+def fit_statistics(
+    statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...], *, scale: bool = True
+) -> StatisticsFit:
+    """Fit the shared parameters `names` and all poses to the statistics.
+
+    Errors of a corner in neighbouring views are seldom independent (interpolation, diffraction, the detector's own
+    bias). With `scale`, the scatter about the model of places and of slopes, each over its own degrees of freedom,
+    replaces what independence would promise.
+
+    Parameters
+    ----------
+    statistics : CornerStatistics
+    camera, poses
+        Where to start, near the solution.
+    names : tuple of str
+        Shared parameters to fit.
+    scale : bool
+        Judge the noise by the scatter.
+
+    Raises
+    ------
+    CalibrationError
+        A parameter is not determined, or the fit does not settle.
+    """
+    place = slope = 1.0
+    for _ in range(3 if scale else 1):
+        weighted = statistics.scaled(place, slope)
+        fit = settle(lambda *x, data=weighted: _linear(data, *x), camera, poses, names)
+        if not fit.done:
+            raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
+        camera, poses = fit.camera, fit.poses
+        if scale:
+            more = _scatter(fit.linear)
+            place, slope = place * more[0], slope * more[1]
+    best = fit_at(statistics.scaled(place, slope), camera, poses, names)
+    return best._replace(place_scale=place, slope_scale=slope)
+
+
+def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
+    """What a fit that ended at this camera and these poses would say of its errors."""
+    linear = _linear(statistics, camera.vector(), poses.vector, True)
+    linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
+    follow = -np.linalg.pinv(linear.own) @ linear.shared
+    return StatisticsFit(camera, poses, statistics, covariance_of(linear.information(), names), 1.0, 1.0, follow)
+
+
+def _linear(statistics: CornerStatistics, camera: Array, pose: Array, derivatives: bool) -> Linear:
+    model = statistics.model(camera, pose, derivatives)
+    boards, weight = len(pose), 1 / statistics.sigma
+    off = ((model.values - statistics.values) * weight).reshape(boards, -1)
+    if not derivatives:
+        return Linear(off, model.by_globals, model.by_pose)
+    shared, own = (part * weight[..., None] for part in (model.by_globals, model.by_pose))
+    return Linear(off, shared.reshape(boards, -1, len(GLOBALS)), own.reshape(boards, -1, 6))
+
+
+def _scatter(linear: Linear) -> tuple[float, float]:
+    """Scatter of places and slopes over their standard deviations, each by its own degrees of freedom."""
+    free = linear.eliminated()
+    flat = free.shared.reshape(-1, free.shared.shape[-1])
+    basis = np.linalg.qr(flat / np.sqrt(np.square(flat).sum(axis=0)))[0]
+    taken = np.square(basis).sum(axis=1) + np.square(free.own).sum(axis=-1).ravel()
+    off, used = linear.off.ravel(), (linear.own != 0).any(axis=-1).ravel()
+    sloped = np.arange(off.size) % 3 == 2
+    scales = []
+    for rows in (used & ~sloped, used & sloped):
+        freedom = rows.sum() - taken[rows].sum()
+        scales.append(float(np.sqrt(np.square(off[rows]).sum() / freedom)) if freedom > 8 else 1.0)
+    return scales[0], scales[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,33 +214,20 @@ def calibrate(
         first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
         second = step_two(observations, lines, first)
         joint = refine(observations, second.camera, first.poses, distortion=distortion)
-        camera = joint.camera
-        lost = undetermined(joint.covariance, {"A": camera.A, "m": camera.m, "inverse_d_2": camera.inverse_d_2})
+        lost = undetermined(joint.covariance, joint.camera)
         if lost:
             raise CalibrationError(f"{', '.join(lost)} not determined to 30 %: {_why(joint.poses)}")
     except CalibrationError as error:
-        if _all_parallel(observations, lines):
+        if all_parallel(observations, lines):
             raise CalibrationError(
                 "A, x_0 and y_0 (and with them d_2, H and d_3) are not determined: the boards are all parallel, as far"
                 " as their corners tell; tilt them by 20 degrees in several directions"
             ) from error
         raise
-    sigma = lines.sigma if lines.sigma > 0 else joint.sigma
+    camera, sigma = joint.camera, lines.sigma if lines.sigma > 0 else joint.sigma
     fit = fit_statistics(corner_statistics(observations, sigma, lines), camera, joint.poses, shared_names(distortion))
-    stepwise = back_substitute(sheet.f, second.camera.A, second.camera.m)
-    refined = back_substitute(sheet.f, camera.A, camera.m)
+    stepwise, refined = (back_substitute(sheet.f, c.A, c.m) for c in (second.camera, camera))
     return Calibration(observations, lines, first, second, joint, fit, stepwise, refined)
-
-
-def _all_parallel(observations: Observations, lines: EpiLines) -> bool:
-    central = lines.central
-    seen = np.isfinite(central[..., 0]) & np.isfinite(central[..., 1])
-    if (seen.sum(axis=1) < 4).any() or not lines.sigma > 0:
-        return False
-    plane = [observations.points[s, :2] for s in seen]
-    image = [c[s] for s, c in zip(seen, central, strict=True)]
-    maps = np.stack([homography(p, c) for p, c in zip(plane, image, strict=True)])
-    return parallel(plane, image, maps, lines.sigma / float(np.sqrt(np.median(lines.views[lines.views > 0]))))
 
 
 def _why(poses: Poses) -> str:

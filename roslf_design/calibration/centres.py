@@ -2,23 +2,49 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .cells import CellMoments, cell_moments
-from .errors import CalibrationError
-from .frames import Frame, grey_frame, saturation_level
-from .lattice import Array, CentreLattice, LatticeFit, Layout, fit_lattice
-from .shading import centred
-from .spectrum import estimate_lattice
-from .trust import Reason, judge_shapes
+from .._jit import THREADS, kernel, prange
+from .frames import Array, CalibrationError, Frame, grey_frame, saturation_level
+from .lattice import CentreLattice, LatticeFit, Layout, estimate_lattice, fit_lattice
 
 _SAMPLE = 3000
 """Lenses measured in each step of growth: enough for 0.01 px."""
-WHITE_ALL_OVER = 0.9
+_ALL_OVER = 0.9
 """Share of saturated pixels above which no lattice is left to find; below it, microlens images are counted."""
+_FEWEST = 12
+"""Whole microlens images that a fit takes."""
+
+
+class Reason(IntEnum):
+    """Why a lens was left out of the lattice fit."""
+
+    USED = 0
+    BORDER = 1
+    DARK = 2
+    SATURATED = 3
+    CUT = 4
+    OUTLIER = 5
+    BEYOND = 6
+
+    @property
+    def text(self) -> str:
+        """One phrase for reports."""
+        return {
+            Reason.USED: "used",
+            Reason.BORDER: "cell reaches over the image's edge",
+            Reason.DARK: "too dark",
+            Reason.SATURATED: "saturated pixels",
+            Reason.CUT: "image cut by a stop (cat's eye)",
+            Reason.OUTLIER: "off the lattice by over 5 sigma",
+            Reason.BEYOND: "beyond the undistorted field",
+        }[self]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,20 +58,8 @@ class MicrolensCentres:
     """Each lens's own centre [px], shape (n, 2): its centroid, freed of shading and of the drag of its cell's sides."""
     reasons: NDArray[np.int8]
     """A `Reason` for each lens: 0 where it was used in the fit."""
-    light: Array
-    """Sum over each cell, shape (n,)."""
     rms: float
     """RMS distance per axis between the used lenses' own centres and the lattice [px]."""
-    sigma: float
-    """Standard deviation, per axis, of the fitted lattice's centres from noise: RMS over all lenses [px]."""
-    unseen_cut: float
-    """RMS error of the fitted centres [px] that cuts too slight to be seen may cause, extrapolated over the field."""
-    cut_bias: float
-    """Mean distance [px] from the worst 5 % of the lenses, cut, to the lattice: the bias avoided."""
-    pull: float
-    """Share of a cell's displacement that its centroid follows."""
-    shading: float
-    """Largest slope of brightness taken off, across one pitch, relative; 0 where none was found."""
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -66,11 +80,8 @@ def find_centres(
     white: ArrayLike | None,
     dark: ArrayLike | None = None,
     *,
-    pitch: float | None = None,
     layout: Layout | None = None,
-    saturation: float | None = None,
     undistorted_radius: float | None = None,
-    axis: tuple[float, float] | None = None,
 ) -> MicrolensCentres:
     """Centres of the microlens images in a white image, for square and hexagonal arrays at any rotation.
 
@@ -82,17 +93,11 @@ def find_centres(
     ----------
     white, dark : array_like
         White image and, optionally, a frame without light, shape (rows, columns).
-    pitch : float, optional
-        Expected pitch [px].
     layout : {"square", "hexagonal"}, optional
         Expected layout.
-    saturation : float, optional
-        Grey level of a saturated pixel in `white`; found from the image where not given.
     undistorted_radius : float, optional
-        Radius [px] about `axis` inside which Eq. 6 promises whole images: lenses beyond are left out, and those inside
-        still judged by their shape.
-    axis : (float, float), optional
-        Where the optical axis meets the sensor [px]; the middle of the image where not given.
+        Radius [px] about the image's middle inside which Eq. 6 promises whole images: lenses beyond are left out, and
+        those inside still judged by their shape.
 
     Raises
     ------
@@ -101,111 +106,79 @@ def find_centres(
         few whole images.
     """
     frame = grey_frame(white, dark, "white image")
-    level = saturation_level(np.asarray(white)) if saturation is None else saturation
+    level = saturation_level(np.asarray(white))
     full = float(np.mean(np.asarray(white) >= level))
-    if full > WHITE_ALL_OVER:
+    if full > _ALL_OVER:
         raise CalibrationError(
             f"the white image is saturated: {100 * full:.0f} % of its pixels reach grey level {level:g}; expose less"
         )
     raw = frame if dark is None else grey_frame(white, None, "white image")
-    coarse = _grown(frame, estimate_lattice(frame, pitch, layout))
-    fit = _Fit(frame, raw, level, undistorted_radius, axis)
-    result = fit(coarse)
-    return fit(result.lattice)
+    lattice = _grown(frame, estimate_lattice(frame, layout))
+    return _fitted(
+        frame, raw, level, undistorted_radius, _fitted(frame, raw, level, undistorted_radius, lattice).lattice
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
+def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattice: CentreLattice) -> MicrolensCentres:
     """One round: measure every cell at the current lattice, judge, fit anew."""
+    indices = lattice.inside((frame.shape[0], frame.shape[1]))
+    nodes = lattice.nodes(indices[:, 0], indices[:, 1])
+    moments = cell_moments(frame, lattice, nodes)
+    reasons = _first_reasons(frame, raw, level, lattice, nodes, moments)
+    distance = np.hypot(*(nodes - (np.array(frame.shape[::-1]) - 1) / 2).T)
 
-    frame: Frame
-    raw: Frame
-    level: float
-    radius: float | None
-    axis: tuple[float, float] | None
+    def enough(said: str) -> NDArray[np.bool_]:
+        good: NDArray[np.bool_] = np.equal(reasons, Reason.USED)
+        if good.sum() < _FEWEST:
+            raise CalibrationError(f"only {int(good.sum())} {said}")
+        return good
 
-    def __call__(self, lattice: CentreLattice) -> MicrolensCentres:
-        shape = self.frame.shape
-        indices = lattice.inside((shape[0], shape[1]))
-        nodes = lattice.nodes(indices[:, 0], indices[:, 1])
-        moments = cell_moments(self.frame, lattice, nodes)
-        reasons, distance = self._first_reasons(lattice, indices, nodes, moments)
-        good = reasons == Reason.USED
-        if good.sum() < 12:
-            raise CalibrationError(f"only {int(good.sum())} whole microlens images in the white image: 12 are needed")
-        if self.radius is not None:
-            reasons[good & (distance > self.radius)] = Reason.BEYOND
-            good = reasons == Reason.USED
-            if good.sum() < 12:
-                raise CalibrationError(
-                    f"only {int(good.sum())} microlens images lie within the {self.radius:.4g} px of the axis that"
-                    " Eq. 6 leaves undistorted: 12 are needed; does the design describe this camera?"
-                )
-        shapes = judge_shapes(indices, moments.spread, good, distance)
-        reasons[good & shapes.cut] = Reason.CUT
-        limit = shapes.threshold
-        good = reasons == Reason.USED
-        if good.sum() < 12:
-            raise CalibrationError(
-                f"only {int(good.sum())} microlens images are not cut by a stop: the lattice cannot be told from cat's"
-                " eyes; capture the white image with the second stop opened or give `undistorted_radius`"
-            )
-        offset, fit, shading, pull = centred(self.frame, lattice, indices, moments, good)
-        if pull > 0.97:
-            raise CalibrationError(
-                "the microlens images melt into each other: the white image shows no contrast to centre on"
-            )
-        measured = nodes + offset
-        reasons[np.flatnonzero(good)[~fit.inliers]] = Reason.OUTLIER
-        reach = float(distance.max() / distance[reasons == Reason.USED].max())
-        unseen = 0.0 if not np.isfinite(limit) else limit * lattice.pitch / 8 / (1 - pull) * reach / 2
-        return MicrolensCentres(
-            lattice=fit.lattice,
-            indices=indices,
-            measured=measured,
-            reasons=reasons,
-            light=moments.light,
-            rms=fit.rms,
-            sigma=_sigma(fit, indices),
-            unseen_cut=unseen,
-            cut_bias=_bias(fit, indices, measured, reasons),
-            pull=pull,
-            shading=shading,
+    good = enough(f"whole microlens images in the white image: {_FEWEST} are needed")
+    if radius is not None:
+        reasons[good & (distance > radius)] = Reason.BEYOND
+        good = enough(
+            f"microlens images lie within the {radius:.4g} px of the axis that Eq. 6 leaves undistorted:"
+            f" {_FEWEST} are needed; does the design describe this camera?"
         )
+    reasons[good & _cut(indices, moments.spread, good, distance)] = Reason.CUT
+    good = enough(
+        "microlens images are not cut by a stop: the lattice cannot be told from cat's eyes; capture the white image"
+        " with the second stop opened or give `undistorted_radius`"
+    )
+    offset, fit = _centred(frame, lattice, indices, moments, good)
+    reasons[np.flatnonzero(good)[~fit.inliers]] = Reason.OUTLIER
+    return MicrolensCentres(fit.lattice, indices, nodes + offset, reasons, fit.rms)
 
-    def _first_reasons(
-        self, lattice: CentreLattice, indices: NDArray[np.int64], nodes: Array, moments: CellMoments
-    ) -> tuple[NDArray[np.int8], Array]:
-        rows, columns = self.frame.shape
-        reasons = np.zeros(len(indices), np.int8)
-        _, halves = lattice.cell()
-        reach = float(halves.max()) * (1.4143 if lattice.layout == "square" else 1.1548) + 1
-        border = (nodes < reach).any(axis=1) | (nodes > (columns - 1 - reach, rows - 1 - reach)).any(axis=1)
-        hot = np.zeros(len(indices), bool)
-        if np.isfinite(self.level):
-            hot = cell_moments(self.raw, lattice, nodes, self.level).saturated > 0
-        inside = ~border
-        if inside.any() and hot[inside].mean() > 0.2:
-            raise CalibrationError(
-                f"the white image is saturated: {100 * hot[inside].mean():.0f} % of its microlens images reach"
-                f" grey level {self.level:g}; expose less"
-            )
-        typical = float(np.median(moments.light[inside])) if inside.any() else 0.0
-        reasons[moments.light < 0.05 * typical] = Reason.DARK
-        reasons[hot] = Reason.SATURATED
-        reasons[border] = Reason.BORDER
-        middle = np.array([(columns - 1) / 2, (rows - 1) / 2]) if self.axis is None else np.asarray(self.axis, float)
-        return reasons, np.hypot(*(nodes - middle).T)
+
+def _first_reasons(
+    frame: Frame, raw: Frame, level: float, lattice: CentreLattice, nodes: Array, moments: CellMoments
+) -> NDArray[np.int8]:
+    reasons = np.zeros(len(nodes), np.int8)
+    reach = float(lattice.cell()[1].max()) * (1.4143 if lattice.layout == "square" else 1.1548) + 1
+    border = ((nodes < reach) | (nodes > np.array(frame.shape[::-1]) - 1 - reach)).any(axis=1)
+    hot = np.zeros(len(nodes), bool)
+    if np.isfinite(level):
+        hot = cell_moments(raw, lattice, nodes, level).saturated > 0
+    inside = ~border
+    if inside.any() and hot[inside].mean() > 0.2:
+        raise CalibrationError(
+            f"the white image is saturated: {100 * hot[inside].mean():.0f} % of its microlens images reach"
+            f" grey level {level:g}; expose less"
+        )
+    typical = float(np.median(moments.light[inside])) if inside.any() else 0.0
+    reasons[moments.light < 0.05 * typical] = Reason.DARK
+    reasons[hot] = Reason.SATURATED
+    reasons[border] = Reason.BORDER
+    return reasons
 
 
 def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
     """Follow the lattice from the middle of the image to its corners, doubling the radius with every fit."""
-    rows, columns = frame.shape
-    _, halves = lattice.cell()
-    everywhere = lattice.inside((rows, columns), margin=float(halves.max()) * 1.5)
-    reach, farthest = 6.0, float(np.hypot(*everywhere.T).max()) if len(everywhere) else 0.0
+    everywhere = lattice.inside((frame.shape[0], frame.shape[1]), margin=float(lattice.cell()[1].max()) * 1.5)
+    distance = np.hypot(*everywhere.T)
+    reach, farthest = 6.0, float(distance.max(initial=0.0))
     while True:
-        near = everywhere[np.hypot(*everywhere.T) <= reach]
+        near = everywhere[distance <= reach]
         if len(near) < 9:
             raise CalibrationError("the white image holds too few whole microlens images: at least 5 x 5 are needed")
         near = near[:: max(1, len(near) // _SAMPLE)]
@@ -219,15 +192,252 @@ def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
         reach *= 2
 
 
-def _sigma(fit: LatticeFit, indices: NDArray[np.int64]) -> float:
-    design = np.column_stack([np.ones(len(indices)), indices])
-    return float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", design, fit.covariance, design))))
+# --- moments of a cell's light ----------------------------------------------------------------------------------------
 
 
-def _bias(fit: LatticeFit, indices: NDArray[np.int64], measured: Array, reasons: NDArray[np.int8]) -> float:
-    cut = reasons == Reason.CUT
-    if not cut.any():
-        return 0.0
-    off = measured[cut] - fit.lattice.nodes(indices[cut, 0], indices[cut, 1])
-    worst = np.sort(np.hypot(*off.T))[-max(1, len(reasons) // 20) :]
-    return float(worst.mean())
+class CellMoments(NamedTuple):
+    """Moments of the light inside each lens's Voronoi cell, about the cell's middle."""
+
+    light: Array
+    """Sum of the pixel values, shape (n,)."""
+    offset: Array
+    """Centroid minus the cell's middle [px], shape (n, 2)."""
+    spread: Array
+    """Central second moments xx, xy, yy [px^2], shape (n, 3)."""
+    saturated: NDArray[np.int64]
+    """Pixels at or above the saturation level in the cell."""
+
+
+def cell_moments(
+    image: Frame, lattice: CentreLattice, centres: Array, saturation: float = math.inf, scale: float = 1.0
+) -> CellMoments:
+    """Moments of `image` in the Voronoi cells of `lattice` placed at `centres`, in one pass over the pixels.
+
+    Pixels on a cell's side count in proportion to how far they reach inside.
+
+    Parameters
+    ----------
+    image : ndarray of float32
+        Shape (rows, columns).
+    lattice : CentreLattice
+        Gives the shape of the cells.
+    centres : ndarray
+        Middles of the cells [px], shape (n, 2).
+    saturation : float
+        Pixels at or above it are counted.
+    scale : float
+        Size of the window against the cell.
+
+    Returns
+    -------
+    CellMoments
+        A dark cell has zero offset and spread, never NaN.
+    """
+    normals, halves = lattice.cell()
+    out = np.zeros((len(centres), 7))
+    x, y = np.ascontiguousarray(centres[:, 0]), np.ascontiguousarray(centres[:, 1])
+    with THREADS:
+        _moments.compiled(np.ascontiguousarray(image), x, y, normals, scale * halves, float(saturation), out)
+    light = out[:, 0]
+    mean = out[:, 1:6] / np.where(light > 0, light, 1.0)[:, None] * (light > 0)[:, None]
+    offset = mean[:, :2]
+    squares = np.column_stack([offset[:, 0] ** 2, offset[:, 0] * offset[:, 1], offset[:, 1] ** 2])
+    return CellMoments(light, offset, mean[:, 2:] - squares, out[:, 6].astype(np.int64))
+
+
+@kernel(parallel=True)
+def _moments(image: Frame, x: Array, y: Array, normals: Array, halves: Array, limit: float, out: Array) -> None:
+    rows, columns = image.shape
+    sides = halves.shape[0]
+    reach = 0.0
+    for m in range(sides):
+        reach = max(reach, halves[m])
+    reach = reach * 1.4143 + 1.0
+    for n in prange(x.shape[0]):
+        x0, y0 = x[n], y[n]
+        light, mx, my, mxx, mxy, myy, hot = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for row in range(max(0, math.ceil(y0 - reach)), min(rows, math.floor(y0 + reach) + 1)):
+            dy = float(row) - y0
+            for column in range(max(0, math.ceil(x0 - reach)), min(columns, math.floor(x0 + reach) + 1)):
+                dx = float(column) - x0
+                weight, ex, ey = 1.0, dx, dy
+                for m in range(sides):
+                    along = normals[m, 0] * dx + normals[m, 1] * dy
+                    depth = halves[m] - abs(along) + 0.5
+                    if depth < 1.0:
+                        weight *= max(depth, 0.0)
+                        inward = 0.5 * (depth - 1.0) if along > 0.0 else 0.5 * (1.0 - depth)
+                        ex += normals[m, 0] * inward
+                        ey += normals[m, 1] * inward
+                if weight > 0.0:
+                    value = float(image[row, column])
+                    if value >= limit and weight > 0.5:
+                        hot += 1.0
+                    value *= weight
+                    light += value
+                    mx += value * ex
+                    my += value * ey
+                    mxx += value * ex * ex
+                    mxy += value * ex * ey
+                    myy += value * ey * ey
+        out[n, 0], out[n, 1], out[n, 2] = light, mx, my
+        out[n, 3], out[n, 4], out[n, 5], out[n, 6] = mxx, mxy, myy, hot
+
+
+# --- centre and shading told apart ------------------------------------------------------------------------------------
+
+_CORE = 0.45
+"""Size of the inner window against the cell: inside the bright disc of most microlens images."""
+_LEAST_PITCH = 11.5
+"""Below it [px] the inner window is too few pixels wide, and shading moves centroids by under 0.01 px."""
+_MELTED = 0.97
+"""Pull of the cells' sides above which nothing is left to centre on."""
+
+
+def _centred(
+    frame: Frame, lattice: CentreLattice, indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_]
+) -> tuple[Array, LatticeFit]:
+    """Centre minus node of every lens [px], freed of the drag of its cell's sides and of shading; lattice of the good.
+
+    With the cell's middle off the true centre by -delta and brightness (1 + h x) across the image, the centroid in a
+    window lies at ``(1 - pull) delta + h V``, V the second moment in the window. The cell and a smaller window inside
+    it give two equations for the lattice's delta and h, both affine over the array. Vignetting of the scene, of the
+    pupil and of the lenses all come out as h; nothing is assumed of how they share it. Only the change of h over the
+    array is taken off: a constant h moves all centres alike, which no calibration notices, and looks the same as a
+    pixel grid that beats with the lattice. Where the images have no flat top (heavy blur) the two equations say the
+    same, and nothing is taken off.
+    """
+    nodes = lattice.nodes(indices[:, 0], indices[:, 1])
+    sample = nodes[good][:: max(1, int(good.sum()) // 500)]
+    pull, inner_pull = _window_pull(frame, lattice, sample, 1.0), _window_pull(frame, lattice, sample, _CORE)
+    if pull > _MELTED:
+        raise CalibrationError(
+            "the microlens images melt into each other: the white image shows no contrast to centre on"
+        )
+    free = 1 - pull
+
+    def fitted(offset: Array) -> LatticeFit:
+        return fit_lattice(indices[good], (nodes + offset)[good], lattice.layout)
+
+    whole = _without_ripple(nodes, indices, moments.offset / free, good)
+    plain = fitted(whole)
+    inner = cell_moments(frame, lattice, nodes, scale=_CORE)
+    # Mean second moments about the windows' middles along one axis [px^2].
+    size, inner_size = (
+        float(np.median((m.spread[good][:, [0, 2]] + m.offset[good] ** 2).mean(axis=1))) for m in (moments, inner)
+    )
+    crossing = size * (1 - inner_pull) - inner_size * free
+    if lattice.pitch < _LEAST_PITCH or abs(crossing) < 0.6 * (size * abs(1 - inner_pull) + inner_size * free):
+        return whole, plain
+    apart = fitted(
+        _without_ripple(nodes, indices, (size * inner.offset - inner_size * moments.offset) / crossing, good)
+    )
+    slope = free * (whole - (apart.lattice.nodes(indices[:, 0], indices[:, 1]) - nodes)) / size
+    design = np.column_stack([np.ones(len(indices)), indices - indices[good].mean(axis=0)])
+    both = np.flatnonzero(good)[apart.inliers & plain.inliers]
+    growth = np.linalg.lstsq(design[both], slope[both], rcond=None)[0]
+    moved = design[:, 1:] @ growth[1:] * size / free
+    noise = np.sqrt(np.mean(np.einsum("ni,ij,nj->n", design[:, 1:], apart.covariance[1:, 1:], design[:, 1:])))
+    if np.sqrt(np.mean(moved**2)) < 4 * noise:
+        return whole, plain
+    return whole - moved, fitted(whole - moved)
+
+
+def _window_pull(image: Frame, lattice: CentreLattice, centres: Array, scale: float) -> float:
+    """Share of a cell's displacement that its centroid follows: 0 where images stand apart, towards 1 without contrast.
+
+    Light at the sides of a cell drags the centroid along with the cell. For a periodic image the drag is the mean
+    light on the sides over the mean light in the cell; here it is measured, by moving the cells to and fro.
+    """
+    step = min(0.3, 0.05 * lattice.pitch)
+    pulls = []
+    for direction in np.asarray(lattice.first) / lattice.pitches[0], np.asarray(lattice.second) / lattice.pitches[1]:
+        ahead = cell_moments(image, lattice, centres + step * direction, scale=scale).offset @ direction
+        behind = cell_moments(image, lattice, centres - step * direction, scale=scale).offset @ direction
+        pulls.append(1 + float(np.median(ahead - behind)) / (2 * step))
+    return float(np.mean(pulls))
+
+
+def _without_ripple(nodes: Array, indices: NDArray[np.int64], offset: Array, good: NDArray[np.bool_]) -> Array:
+    """Offsets of lenses from their nodes without the part that depends on where in its pixel a node lies.
+
+    Sharp images on coarse pixels have centroids that are off by a few hundredths of a pixel, periodically in the node's
+    place within its pixel, and not at all at the pixel's middle or edge, by symmetry: waves sin(2 pi x), sin(4 pi x).
+    Where the lattice beats slowly with the grid (a pitch near a whole number of pixels, no rotation) that does not
+    average out. The waves' two amplitudes, the same for x and y, are fitted together with the lattice to offsets within
+    6 robust standard deviations; a wave that is less than 30 % independent of the lattice's own columns (all nodes lie
+    alike in their pixels) cannot be told from a common shift, and stays.
+    """
+    waves = np.stack([np.sin(2 * np.pi * nodes), np.sin(4 * np.pi * nodes)], axis=-1)  # (n, 2, 2)
+    away = np.abs(offset - np.median(offset[good], axis=0))
+    used = good & (away <= 6.0 * 1.4826 * np.median(away[good], axis=0) + 1e-9).all(axis=1)
+    basis = np.linalg.qr(np.column_stack([np.ones(len(indices)), indices - indices[used].mean(axis=0)])[used])[0]
+    flat = waves[used].reshape(len(basis), 4)
+    columns = (flat - basis @ (basis.T @ flat)).reshape(-1, 2)
+    target = (offset[used] - basis @ (basis.T @ offset[used])).ravel()
+    separable = np.sqrt(np.square(columns).mean(axis=0) / 0.5) > 0.3
+    amplitude = np.zeros(2)
+    if separable.any():
+        amplitude[separable] = np.linalg.lstsq(columns[:, separable], target, rcond=None)[0]
+    return np.asarray(offset - waves @ amplitude)
+
+
+# --- which images are cut ---------------------------------------------------------------------------------------------
+
+_AROUND = 7
+"""Shapes are averaged over 7 x 7 lenses before they are judged."""
+_CUT = 0.003
+"""Least ellipticity called a cut, where there are clear cuts. A disc of radius r that is cut to an ellipticity e has
+its centroid moved by about r e/4 or a little more."""
+_CLEAR = 0.015
+"""A cut is clear above this; a field without one is taken whole, since slow changes of shape are then aberrations."""
+
+
+def _cut(indices: NDArray[np.int64], spread: Array, good: NDArray[np.bool_], radius: Array) -> NDArray[np.bool_]:
+    """Lenses whose neighbourhood is cut: its shape departs from that in the middle of the field.
+
+    A stop that cuts a disc makes it narrower along the field's radius: its second moments become elliptical before its
+    centroid moves by much. A shape common to all lenses (square lenses, astigmatism) is taken off first. `spread` are
+    the second moments xx, xy, yy (n, 3), `radius` the distance from the field's middle (n,).
+    """
+    xx, xy, yy = spread.T
+    total = np.where(xx + yy > 0, xx + yy, 1.0)
+    shape = np.column_stack([(xx - yy) / total, 2 * xy / total])
+    smooth = _neighbourhood_mean(indices, shape, good)
+    threshold = _CUT + 4 * _noise(indices, shape, good) / _AROUND
+    trusted = good & (radius <= max(float(np.quantile(radius[good], 0.15)), float(np.sort(radius[good])[:9][-1])))
+    ellipticity = np.zeros(len(shape))
+    for _ in range(8):
+        ellipticity = np.hypot(*(smooth - np.median(smooth[trusted], axis=0)).T)
+        grown = good & (ellipticity <= threshold)
+        if np.array_equal(grown, trusted) or grown.sum() < 9:
+            break
+        trusted = grown
+    clear = np.count_nonzero(ellipticity[good] > max(_CLEAR, threshold)) >= max(0.002 * good.sum(), 4)
+    return np.asarray(ellipticity > threshold if clear else np.zeros(len(shape), bool))
+
+
+def _neighbourhood_mean(indices: NDArray[np.int64], values: Array, good: NDArray[np.bool_]) -> Array:
+    """Mean of `values` over the good lenses within 3 indices of each lens; 0 where there are none."""
+    from scipy.ndimage import uniform_filter
+
+    low = indices.min(axis=0)
+    size, at = indices.max(axis=0) - low + 1, tuple((indices - low).T)
+
+    def box(value: Array) -> Array:
+        grid = np.zeros(size)
+        grid[at] = np.where(good, value, 0.0)
+        return np.asarray(uniform_filter(grid, _AROUND, mode="constant")[at])
+
+    held = box(np.ones(len(values)))
+    held = np.where(held > 0.5 / _AROUND**2, held, np.inf)
+    return np.column_stack([box(value) / held for value in values.T])
+
+
+def _noise(indices: NDArray[np.int64], values: Array, good: NDArray[np.bool_]) -> float:
+    """Robust standard deviation of one lens's shape, from differences between neighbours along an index row."""
+    order = np.lexsort((indices[:, 0], indices[:, 1]))
+    ordered, usable = indices[order], good[order]
+    pair = (np.diff(ordered[:, 0]) == 1) & (np.diff(ordered[:, 1]) == 0) & usable[1:] & usable[:-1]
+    steps = np.diff(values[order], axis=0)[pair]
+    return float(np.median(np.abs(steps))) * 1.4826 / np.sqrt(2) if len(steps) else 0.0

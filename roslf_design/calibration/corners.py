@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .board import Board, Observations
-from .checkerboard import checked_grid
-from .errors import CalibrationError, optional_module
-from .lattice import Array
-from .lightfield import LightField
-from .saddle import Saddles, fit_saddles
+from .._jit import kernel
+from .decoding import LightField
+from .frames import Array, CalibrationError
+from .model import Board, Observations
 
 _LARGE = 800
 """Views with a short side of fewer pixels are searched doubled as well, where small boards are found better."""
 _WORST = 0.35
 """Misfit, against the contrast, above which a corner is not believed."""
+_STRAY = 0.06
+"""Largest RMS distance of corners from a plane in perspective, in cells: distortion stays below, wrong grids above."""
+_MOST_VIEWS, _LEAST_LIGHT = 100, 0.85
+"""Views are left out where they, or a view one pixel beside them, have less light than this share of the brightest, in
+the middle of the array: those at the rim of the pupil."""
 
 
-class Found(NamedTuple):
+class FoundCorners(NamedTuple):
     """A board's corners in one picture."""
 
     corners: Array
@@ -30,7 +34,7 @@ class Found(NamedTuple):
     """Half the step from dark to bright cells there, signed by the corner's colours, shape (n,)."""
 
 
-def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = None) -> Found | None:
+def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = None) -> FoundCorners | None:
     """Inner corners of a checkerboard to a hundredth of a pixel or two.
 
     OpenCV's sector-based detector finds the board; what it found is checked against the board's plane and colours;
@@ -46,16 +50,12 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
 
     Returns
     -------
-    Found or None
+    FoundCorners or None
         In the order of `Board.points`; up to half a turn where the board's colours do not tell (an even sum of cells
         across and down), or a quarter (as many across as down). None where no board is seen.
-
-    Raises
-    ------
-    MissingExtraError
-        Without OpenCV.
     """
-    cv = optional_module("cv2", "finding checkerboard corners")
+    import cv2 as cv
+
     pixels, known = _pixels(picture, weight)
     grey = _eight_bit(pixels, known)
     fast, thorough = cv.CALIB_CB_ACCURACY, cv.CALIB_CB_ACCURACY | cv.CALIB_CB_EXHAUSTIVE | cv.CALIB_CB_NORMALIZE_IMAGE
@@ -72,13 +72,13 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
             continue
         saddles = _placed(pixels, known, checked, checked, board)
         typical = float(np.median(np.abs(saddles.contrast)))
-        kept = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
-        return Found(np.where(kept[:, None], saddles.corners, np.nan), saddles.contrast)
+        believed = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
+        return FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
     return None
 
 
 def observe(
-    fields: Mapping[str, LightField], board: Board, *, most_views: int = 100, least_weight: float = 0.85
+    fields: Mapping[str, LightField] | Iterable[tuple[str, LightField]], board: Board, most_views: int = _MOST_VIEWS
 ) -> Observations:
     """Corners of one board in the views of several light fields.
 
@@ -86,14 +86,11 @@ def observe(
 
     Parameters
     ----------
-    fields : mapping
-        Light fields by name, decoded with the same lattice.
+    fields : mapping or iterable of (name, LightField)
+        Light fields by name, decoded with the same lattice; an iterable need hold only one at a time.
     board : Board
     most_views : int
         Views used: the central one and those evenly spread around it.
-    least_weight : float
-        Views are left out where they, or a view one pixel beside them, have less light than this share of the
-        brightest, in the middle of the array: those at the rim of the pupil.
 
     Returns
     -------
@@ -105,108 +102,58 @@ def observe(
     CalibrationError
         No image shows the board, or the light fields differ in size.
     """
-    if not fields:
-        raise CalibrationError("no images of the board were given")
-    first = next(iter(fields.values()))
-    for name, field in fields.items():
-        if field.values.shape != first.values.shape:
+    chosen: list[tuple[int, int]] = []
+    names, missing, uv = [], [], []
+    shape, views = None, np.zeros((0, 2))
+    for name, field in fields.items() if isinstance(fields, Mapping) else fields:
+        if shape is None:
+            shape, chosen = field.values.shape, _chosen_views(field, most_views)
+            views = np.array([(field.s[i], field.t[j]) for i, j in chosen])
+        elif field.values.shape != shape:
             raise CalibrationError(
                 f"the light field of {name} differs in size from the others: decode all with one lattice"
             )
-    chosen = _chosen_views(first, most_views, least_weight)
-    names, missing, uv = [], [], []
-    for name, field in fields.items():
         central = find_corners(field.view(), board, field.view_weight())
         if central is None:
             missing.append(name)
             continue
         names.append(name)
-        places = _followed(field, board, central, chosen)
+        places = _followed(field, board, central, chosen, views)
         uv.append(np.stack(field.position(places[..., 0], places[..., 1]), axis=-1))
+    if shape is None:
+        raise CalibrationError("no images of the board were given")
     if not names:
         raise CalibrationError(
             f"no board of {board.columns} x {board.rows} cells ({board.inner[0]} x {board.inner[1]} inner corners) was"
-            f" found in any of the images: {', '.join(missing)}"
+            f" found in any of the images: {', '.join(missing)}; check --board, light and focus"
         )
-    views = np.array([(first.s[i], first.t[j]) for i, j in chosen])
     return Observations(board.points, views, np.array(uv), tuple(names), tuple(missing))
 
 
-def _followed(field: LightField, board: Board, central: Found, chosen: list[tuple[int, int]]) -> Array:
-    """Columns and rows of the corners in each chosen view, shape (v, n, 2); NaN where not placed."""
-    start = _completed(central.corners, board)
-    views = np.array([(field.s[i], field.t[j]) for i, j in chosen])
-    places = np.full((len(chosen), len(start), 2), np.nan)
-    lever = drift = 0.0
-    for k in np.argsort(np.hypot(*views.T), kind="stable"):
-        i, j = chosen[k]
-        expected = start + (drift / lever if lever > 0 else 0.0) * views[k]
-        pixels, known = _pixels(field.values[j, i], field.weight[j, i])
-        saddles = _placed(pixels, known, expected, start, board)
-        kept = _believed(saddles, expected, board, central.contrast)
-        if kept.sum() < 4:
-            continue
-        places[k] = np.where(kept[:, None], saddles.corners, np.nan)
-        moved = (saddles.corners - start)[kept].mean(axis=0)
-        lever, drift = lever + float(views[k] @ views[k]), drift + float(views[k] @ moved)
-    return places
-
-
-def _placed(pixels: Array, known: NDArray[np.bool_], start: Array, shape: Array, board: Board) -> Saddles:
-    """Saddles from `start`, with edges and window as the grid `shape` has them."""
-    across, down = board.inner
-    grid = shape.reshape(down, across, 2)
-    steps = [np.asarray(np.gradient(grid, axis=k)).reshape(-1, 2) for k in (1, 0)]
-    edges = np.column_stack([np.arctan2(step[:, 1], step[:, 0]) for step in steps])
-    return fit_saddles(pixels, known, start, edges, _window(shape, board))
-
-
-def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
-    """Mean directions [rad] of a board's edges across and down, and how far the windows of its corners reach [px].
+def observe_pictures(pictures: Mapping[str, ArrayLike] | Sequence[ArrayLike], board: Board) -> Observations:
+    """Corners of one board in ordinary pictures, or central views decoded elsewhere: one view, (s', t') = (0, 0).
 
     Parameters
     ----------
-    corners : ndarray
-        Columns and rows, shape (n, 2); NaN where not placed.
+    pictures : mapping or sequence
+        Grey pictures, by name or numbered; u and v are then columns and rows [px].
     board : Board
+
+    Raises
+    ------
+    CalibrationError
+        No picture shows the board.
     """
-    grid = _completed(corners, board).reshape(board.inner[1], board.inner[0], 2)
-    steps = [np.diff(grid, axis=k).reshape(-1, 2).mean(axis=0) for k in (1, 0)]
-    across, down = (float(np.arctan2(step[1], step[0])) for step in steps)
-    return (across, down), _window(grid.reshape(-1, 2), board)
+    named = pictures if isinstance(pictures, Mapping) else {f"picture {k + 1}": p for k, p in enumerate(pictures)}
+    looked = {name: find_corners(picture, board) for name, picture in named.items()}
+    seen = {name: at.corners for name, at in looked.items() if at is not None}
+    missing = tuple(name for name in looked if name not in seen)
+    if not seen:
+        raise CalibrationError(f"no board of {board.columns} x {board.rows} cells was found in: {', '.join(missing)}")
+    return Observations(board.points, np.zeros((1, 2)), np.stack(list(seen.values()))[:, None], tuple(seen), missing)
 
 
-def _window(corners: Array, board: Board) -> int:
-    return int(np.clip(round(0.45 * _cell(corners, board)), 3, 8))
-
-
-def _believed(saddles: Saddles, expected: Array, board: Board, contrast: Array) -> NDArray[np.bool_]:
-    """Corners that settled near where they were expected, with the contrast expected, and look like one."""
-    near = np.hypot(*(saddles.corners - expected).T) < max(1.0, 0.25 * _cell(expected, board))
-    alike = saddles.contrast * np.sign(contrast) > 0.3 * np.abs(contrast)
-    kept: NDArray[np.bool_] = saddles.settled & near & alike & (saddles.misfit < _WORST)
-    return kept
-
-
-def _cell(corners: Array, board: Board) -> float:
-    """Smaller side of a cell in the picture [px]."""
-    grid = corners.reshape(board.inner[1], board.inner[0], 2)
-    steps = [np.hypot(*np.moveaxis(np.diff(grid, axis=k), -1, 0)).min() for k in (0, 1)]
-    return float(min(steps))
-
-
-def _completed(corners: Array, board: Board) -> Array:
-    """Corners with the missing ones put where the board's plane has them."""
-    missing = np.isnan(corners[:, 0])
-    if not missing.any():
-        return corners
-    from .homography import homography, mapped
-
-    plane = board.points[:, :2]
-    return np.where(missing[:, None], mapped(homography(plane[~missing], corners[~missing]), plane), corners)
-
-
-def _chosen_views(field: LightField, most: int, least_weight: float) -> list[tuple[int, int]]:
+def _chosen_views(field: LightField, most: int) -> list[tuple[int, int]]:
     """Indices (i of s, j of t) of views inside the pupil's image: an even grid through the central view.
 
     At the rim a sample mixes lit pixels with dark ones or a neighbour's: it looks from further inside than its (s, t)
@@ -224,10 +171,101 @@ def _chosen_views(field: LightField, most: int, least_weight: float) -> list[tup
     for step in range(1, len(field.s) + 1):
         columns = [i for i in range(len(field.s)) if (i - ci) % step == 0]
         rows = [j for j in range(len(field.t)) if (j - cj) % step == 0]
-        chosen = [(i, j) for j in rows for i in columns if light[j, i] >= least_weight or (i, j) == (ci, cj)]
+        chosen = [(i, j) for j in rows for i in columns if light[j, i] >= _LEAST_LIGHT or (i, j) == (ci, cj)]
         if len(chosen) <= most:
             break
     return chosen
+
+
+def _followed(
+    field: LightField, board: Board, central: FoundCorners, chosen: list[tuple[int, int]], views: Array
+) -> Array:
+    """Columns and rows of the corners in each chosen view, shape (v, n, 2); NaN where not placed."""
+    start = _completed(central.corners, board)
+    places = np.full((len(chosen), len(start), 2), np.nan)
+    lever = drift = 0.0
+    for k in np.argsort(np.hypot(*views.T), kind="stable"):
+        i, j = chosen[k]
+        expected = start + (drift / lever if lever > 0 else 0.0) * views[k]
+        saddles = _placed(*_pixels(field.values[j, i], field.weight[j, i]), expected, start, board)
+        believed = _believed(saddles, expected, board, central.contrast)
+        if believed.sum() < 4:
+            continue
+        places[k] = np.where(believed[:, None], saddles.corners, np.nan)
+        moved = (saddles.corners - start)[believed].mean(axis=0)
+        lever, drift = lever + float(views[k] @ views[k]), drift + float(views[k] @ moved)
+    return places
+
+
+def _placed(pixels: Array, known: NDArray[np.bool_], start: Array, shape: Array, board: Board) -> Saddles:
+    """Saddles from `start`, with edges and window as the grid `shape` has them."""
+    grid = shape.reshape(*board.inner[::-1], 2)
+    steps = [np.asarray(np.gradient(grid, axis=k)).reshape(-1, 2) for k in (1, 0)]
+    edges = np.column_stack([np.arctan2(step[:, 1], step[:, 0]) for step in steps])
+    return fit_saddles(pixels, known, start, edges, _window(shape, board))
+
+
+def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
+    """Mean directions [rad] of a board's edges across and down, and how far the windows of its corners reach [px].
+
+    Parameters
+    ----------
+    corners : ndarray
+        Columns and rows, shape (n, 2); NaN where not placed.
+    board : Board
+    """
+    grid = _completed(corners, board).reshape(*board.inner[::-1], 2)
+    steps = [np.diff(grid, axis=k).reshape(-1, 2).mean(axis=0) for k in (1, 0)]
+    across, down = (float(np.arctan2(step[1], step[0])) for step in steps)
+    return (across, down), _window(grid.reshape(-1, 2), board)
+
+
+def _window(corners: Array, board: Board) -> int:
+    return int(np.clip(round(0.45 * _cell(corners, board)), 3, 8))
+
+
+def _cell(corners: Array, board: Board) -> float:
+    """Smaller side of a cell in the picture [px]."""
+    grid = corners.reshape(*board.inner[::-1], 2)
+    return float(min(np.hypot(*np.moveaxis(np.diff(grid, axis=k), -1, 0)).min() for k in (0, 1)))
+
+
+def _believed(saddles: Saddles, expected: Array, board: Board, contrast: Array) -> NDArray[np.bool_]:
+    """Corners that settled near where they were expected, with the contrast expected, and look like one."""
+    near = np.hypot(*(saddles.corners - expected).T) < max(1.0, 0.25 * _cell(expected, board))
+    alike = saddles.contrast * np.sign(contrast) > 0.3 * np.abs(contrast)
+    return np.asarray(saddles.settled & near & alike & (saddles.misfit < _WORST))
+
+
+def _completed(corners: Array, board: Board) -> Array:
+    """Corners with the missing ones put where the board's plane has them."""
+    missing = np.isnan(corners[:, 0])
+    if not missing.any():
+        return corners
+    plane = board.points[:, :2]
+    return np.where(missing[:, None], _mapped(homography(plane[~missing], corners[~missing]), plane), corners)
+
+
+def homography(plane: Array, image: Array) -> Array:
+    """Homography (3, 3) from points of a plane to an image, shapes (n, 2), n >= 4; to single precision.
+
+    Raises
+    ------
+    CalibrationError
+        All points in one line.
+    """
+    import cv2
+
+    matrix = cv2.findHomography(plane, image)[0]
+    if matrix is None:
+        raise CalibrationError("the corners seen of a board lie in one line: its plane cannot be told")
+    return np.asarray(matrix, float)
+
+
+def _mapped(matrix: Array, points: Array) -> Array:
+    import cv2
+
+    return np.asarray(cv2.perspectiveTransform(np.ascontiguousarray(points[None], float), matrix)[0])
 
 
 def _pixels(picture: ArrayLike, weight: ArrayLike | None) -> tuple[Array, NDArray[np.bool_]]:
@@ -246,24 +284,287 @@ def _eight_bit(pixels: Array, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return np.asarray(np.clip(np.round(20 + 215 * grey), 0, 255), np.uint8)
 
 
-def observe_pictures(pictures: Mapping[str, ArrayLike] | Sequence[ArrayLike], board: Board) -> Observations:
-    """Corners of one board in ordinary pictures, or central views decoded elsewhere: one view, (s', t') = (0, 0).
+# --- is it really the board? ------------------------------------------------------------------------------------------
+
+
+def checked_grid(corners: Array, board: Board, picture: Array) -> Array | None:
+    """Corners in the order of `Board.points`, or None where they fit no plane or the cells do not alternate.
 
     Parameters
     ----------
-    pictures : mapping or sequence
-        Grey pictures, by name or numbered; u and v are then columns and rows [px].
+    corners : ndarray
+        Columns and rows, shape (n, 2), as a detector orders them.
     board : Board
+    picture : ndarray
+        Grey picture, to look at the cells.
 
-    Raises
-    ------
-    CalibrationError
-        No picture shows the board.
+    Returns
+    -------
+    ndarray or None
+        Turned from across to down as the board's points are (some detectors mirror boards). Of the two orders half a
+        turn apart, the one whose first cell is dark, where the board's colours tell them apart: an odd sum of cells
+        across and down.
     """
-    named = pictures if isinstance(pictures, Mapping) else {f"picture {k + 1}": p for k, p in enumerate(pictures)}
-    found = {name: find_corners(picture, board) for name, picture in named.items()}
-    seen = {name: at.corners for name, at in found.items() if at is not None}
-    missing = tuple(name for name in found if name not in seen)
-    if not seen:
-        raise CalibrationError(f"no board of {board.columns} x {board.rows} cells was found in: {', '.join(missing)}")
-    return Observations(board.points, np.zeros((1, 2)), np.stack(list(seen.values()))[:, None], tuple(seen), missing)
+    across, down = board.inner
+    grid = corners.reshape(down, across, 2)
+    along, downward = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    if along[0] * downward[1] - along[1] * downward[0] < 0:
+        grid = grid[:, ::-1]
+    places = np.stack(np.meshgrid(np.arange(across), np.arange(down)), axis=-1).reshape(-1, 2).astype(float)
+    flat = np.ascontiguousarray(grid.reshape(-1, 2))
+    matrix = homography(places, flat)
+    size = float(np.sqrt(abs(along[0] * downward[1] - along[1] * downward[0]) / ((across - 1) * (down - 1))))
+    stray = _mapped(matrix, places) - flat
+    if not size > 2 or float(np.sqrt(np.square(stray).sum(axis=1).mean())) > _STRAY * size:
+        return None
+    contrast = _contrast(_cell_levels(matrix, board, picture))
+    if contrast is None:
+        return None
+    turned = (board.columns + board.rows) % 2 == 1 and contrast > 0
+    return flat[::-1] if turned else flat
+
+
+def _cell_levels(matrix: Array, board: Board, picture: Array) -> Array:
+    """Mean grey level of the inner quarter of each cell, shape (rows, columns); NaN outside the picture."""
+    offset = np.array([-0.2, 0.0, 0.2])
+    x = np.arange(board.columns)[:, None] - 0.5 + offset
+    y = np.arange(board.rows)[:, None] - 0.5 + offset
+    grid = np.stack(np.broadcast_arrays(x[None, :, None, :], y[:, None, :, None]), axis=-1).reshape(-1, 2)
+    place = np.round(_mapped(matrix, grid)).astype(int)
+    rows, columns = picture.shape
+    inside = (place[:, 0] >= 0) & (place[:, 0] < columns) & (place[:, 1] >= 0) & (place[:, 1] < rows)
+    level = np.where(inside, picture[np.clip(place[:, 1], 0, rows - 1), np.clip(place[:, 0], 0, columns - 1)], np.nan)
+    return np.asarray(level.reshape(board.rows, board.columns, 9).mean(axis=2))
+
+
+def _contrast(cells: Array) -> float | None:
+    """Mean level of cells like the first minus that of the others; None unless each stands out from its neighbours."""
+    parity = np.where((np.add.outer(np.arange(cells.shape[0]), np.arange(cells.shape[1])) % 2) == 0, 1.0, -1.0)
+    padded = np.pad(cells, 1, constant_values=np.nan)
+    around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
+    known = np.isfinite(around)
+    mean = np.where(known, around, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    step = (parity * (cells - mean))[np.isfinite(cells) & known.any(axis=0)]
+    if step.size < 0.8 * cells.size:
+        return None
+    middle = float(np.median(step))
+    return middle if (step * np.sign(middle) > 0.25 * abs(middle)).all() and middle != 0 else None
+
+
+# --- fitted saddles ---------------------------------------------------------------------------------------------------
+
+_ROUNDS = 30
+_BLUR = (0.15, 4.0)
+"""Least and most blur (standard deviation) of an edge, besides the sample's own width [px]."""
+_NODES = np.array([[-math.sqrt(0.6) / 2, 5 / 18], [0.0, 8 / 18], [math.sqrt(0.6) / 2, 5 / 18]])
+"""Gauss's three points across a sample, with weights."""
+
+
+class Saddles(NamedTuple):
+    """Fitted corners."""
+
+    corners: Array
+    """Columns and rows, shape (n, 2)."""
+    contrast: Array
+    """Half the difference between bright and dark cells, its sign the corner's colours, shape (n,)."""
+    misfit: Array
+    """RMS difference between picture and model over the window, against the contrast, shape (n,)."""
+    settled: NDArray[np.bool_]
+    """Corners whose fit came to rest inside its window, with most of the window known."""
+
+
+def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array, half: int) -> Saddles:
+    """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
+
+    Each sample is the mean of the model over its square, as a microlens averages what its aperture sees; a model
+    taken at the sample's middle is off by up to 0.1 px where edges are sharp and run along the rows. On drawn views of
+    a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by 0.092, its cornerSubPix by 0.045.
+
+    Parameters
+    ----------
+    picture : ndarray
+        Shape (rows, columns).
+    known : ndarray of bool
+        Pixels to fit.
+    corners : ndarray
+        Start, columns and rows, shape (n, 2), within about a pixel.
+    edges : ndarray
+        Directions of the two edges [rad], shape (n, 2).
+    half : int
+        Windows reach this many pixels to each side, weighted by a Gaussian of 0.6 of that.
+
+    Notes
+    -----
+    Levenberg-Marquardt in nine parameters.
+    """
+    out = np.zeros((len(corners), 5))
+    start, directions = np.ascontiguousarray(corners, float), np.ascontiguousarray(edges, float)
+    picture, known = np.ascontiguousarray(picture, float), np.ascontiguousarray(known)
+    _fit.compiled(picture, known, start, directions, half, _NODES, np.array(_BLUR), _ROUNDS, out)
+    return Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
+
+
+@kernel()
+def _fit(
+    picture: Array,
+    known: NDArray[np.bool_],
+    corners: Array,
+    edges: Array,
+    half: int,
+    nodes: Array,
+    blur: Array,
+    rounds: int,
+    out: Array,
+) -> None:
+    rows, columns = picture.shape
+    H, new_H, L = np.empty((9, 9)), np.empty((9, 9)), np.empty((9, 9))
+    g, new_g, step, p, trial = np.empty(9), np.empty(9), np.empty(9), np.empty(9), np.empty(9)
+    for n in range(corners.shape[0]):
+        cx, cy = math.floor(corners[n, 0] + 0.5), math.floor(corners[n, 1] + 0.5)
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4] = corners[n, 0], corners[n, 1], 0.0, 1.0, 0.0
+        if cx < half or cy < half or cx >= columns - half or cy >= rows - half:
+            continue
+        p[:] = 0.0
+        p[0], p[1], p[2], p[3], p[4] = corners[n, 0] - cx, corners[n, 1] - cy, edges[n, 0], edges[n, 1], 0.8
+        low, high, whole, covered = 1e300, -1e300, 0.0, 0.0
+        for y in range(-half, half + 1):
+            for x in range(-half, half + 1):
+                w = math.exp(-0.5 * (x * x + y * y) / (0.36 * half * half))
+                whole += w
+                if known[cy + y, cx + x]:
+                    covered += w
+                    low, high = min(low, picture[cy + y, cx + x]), max(high, picture[cy + y, cx + x])
+        if covered < 0.6 * whole or high <= low:
+            continue
+        p[5] = 0.5 * (low + high)
+        # The sign of the contrast: the model against the picture at the start.
+        p[8] = 0.5 * (high - low)
+        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, False)
+        p[8] = -p[8]
+        if _misfit(picture, known, cx, cy, half, nodes, p, H, g, False) > cost:
+            p[8] = -p[8]
+        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, True)
+        damping, moved, rest = 1e-2, 1e300, False
+        for _ in range(rounds):
+            if not _solve(H, g, damping, L, step):
+                damping *= 8.0
+                continue
+            for k in range(9):
+                trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
+            trial[4] = min(max(trial[4], blur[0]), blur[1])
+            moved = max(abs(step[0]), abs(step[1]))
+            cost_now = _misfit(picture, known, cx, cy, half, nodes, trial, new_H, new_g, True)
+            if cost_now < cost:
+                gain = cost - cost_now
+                p[:] = trial
+                damping = max(damping / 6.0, 1e-9)
+                cost = cost_now
+                H[:] = new_H
+                g[:] = new_g
+                if moved < 1e-3 and gain < 1e-4 * cost:
+                    rest = True
+                    break
+            else:
+                if moved < 1e-3:
+                    rest = True
+                    break
+                damping *= 8.0
+        out[n, 0], out[n, 1], out[n, 2] = cx + p[0], cy + p[1], p[8]
+        out[n, 3] = math.sqrt(cost / covered) / max(abs(p[8]), 1e-300)
+        if (rest or moved < 0.01) and max(abs(p[0]), abs(p[1])) < 0.6 * half:
+            out[n, 4] = 1.0
+
+
+@kernel()
+def _misfit(
+    picture: Array,
+    known: NDArray[np.bool_],
+    cx: int,
+    cy: int,
+    half: int,
+    nodes: Array,
+    p: Array,
+    H: Array,
+    g: Array,
+    derivatives: bool,
+) -> float:
+    """Weighted square misfit; with `derivatives` the normal matrix and right side as well."""
+    sin_a, cos_a, sin_b, cos_b = math.sin(p[2]), math.cos(p[2]), math.sin(p[3]), math.cos(p[3])
+    w = p[4]
+    scale, norm = 1.0 / (math.sqrt(2.0) * w), math.sqrt(2.0 / math.pi) / w
+    if derivatives:
+        H[:] = 0.0
+        g[:] = 0.0
+    d = np.empty(9)
+    total = 0.0
+    for y in range(-half, half + 1):
+        for x in range(-half, half + 1):
+            if not known[cy + y, cx + x]:
+                continue
+            weight = math.exp(-0.5 * (x * x + y * y) / (0.36 * half * half))
+            d[:] = 0.0
+            saddle = 0.0
+            a0, b0 = cos_a * (y - p[1]) - sin_a * (x - p[0]), cos_b * (y - p[1]) - sin_b * (x - p[0])
+            beyond_a, beyond_b = abs(a0) > 5.0 * w + 0.71, abs(b0) > 5.0 * w + 0.71
+            sign_a, sign_b = (1.0 if a0 > 0.0 else -1.0), (1.0 if b0 > 0.0 else -1.0)
+            if beyond_a and beyond_b:
+                saddle = sign_a * sign_b
+            for i in range(0 if beyond_a and beyond_b else nodes.shape[0]):
+                dy = y + nodes[i, 0] - p[1]
+                for j in range(nodes.shape[0]):
+                    dx = x + nodes[j, 0] - p[0]
+                    k = nodes[i, 1] * nodes[j, 1]
+                    a, b = cos_a * dy - sin_a * dx, cos_b * dy - sin_b * dx
+                    ea = sign_a if beyond_a else math.erf(a * scale)
+                    eb = sign_b if beyond_b else math.erf(b * scale)
+                    saddle += k * ea * eb
+                    if derivatives:
+                        first = 0.0 if beyond_a else k * norm * math.exp(-0.5 * (a / w) ** 2) * eb
+                        second = 0.0 if beyond_b else k * norm * math.exp(-0.5 * (b / w) ** 2) * ea
+                        d[0] += first * sin_a + second * sin_b
+                        d[1] -= first * cos_a + second * cos_b
+                        d[2] -= first * (cos_a * dx + sin_a * dy)
+                        d[3] -= second * (cos_b * dx + sin_b * dy)
+                        d[4] -= (first * a + second * b) / w
+            level = p[5] + p[6] * x / half + p[7] * y / half + p[8] * saddle
+            rest = picture[cy + y, cx + x] - level
+            total += weight * rest * rest
+            if derivatives:
+                for k5 in range(5):
+                    d[k5] *= p[8]
+                d[5], d[6], d[7], d[8] = 1.0, x / half, y / half, saddle
+                for r in range(9):
+                    g[r] += weight * d[r] * rest
+                    for c in range(r + 1):
+                        H[r, c] += weight * d[r] * d[c]
+    return total
+
+
+@kernel()
+def _solve(H: Array, g: Array, damping: float, L: Array, step: Array) -> bool:
+    """Damped normal equations by Cholesky's method; false where they are not positive definite."""
+    for j in range(9):
+        for i in range(j, 9):
+            total = H[i, j]
+            if i == j:
+                total += damping * H[j, j] + 1e-300
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                if total <= 0.0:
+                    return False
+                L[j, j] = math.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    for j in range(9):
+        total = g[j]
+        for k in range(j):
+            total -= L[j, k] * step[k]
+        step[j] = total / L[j, j]
+    for m in range(9):
+        j = 8 - m
+        total = step[j]
+        for k in range(j + 1, 9):
+            total -= L[k, j] * step[k]
+        step[j] = total / L[j, j]
+    return True

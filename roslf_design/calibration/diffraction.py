@@ -9,42 +9,54 @@ displacement of every corner follows (`apparent_shifts`), which is subtracted.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._jit import THREADS, kernel, prange
 from ..design import Design
 from ..effects.field import blur_width, image_diameter
-from .apparent_corners import apparent_shifts
-from .board import Board, Observations
+from ..imaging.transfer import MicrolensTransfer
 from .calibrate import Calibration, calibrate
-from .corners import fit_window
+from .corners import fit_saddles, fit_window
 from .datasheet import DataSheet
-from .errors import CalibrationError
-from .lattice import Array, CentreLattice
-from .lines import fit_lines
-from .model import Camera
-from .pupil_image import PupilImage, ViewWeights, view_weights
-from .view_agreement import camera_vector, view_disagreement
-from .white_cell import fit_cell, white_cell
+from .decoding import cubic_convolution, decode
+from .frames import Array, CalibrationError, grey_frame
+from .lattice import CentreLattice, Layout
+from .model import Board, Intrinsics, Observations
+from .steps import fit_lines
 
 Wish = Literal["auto", "on", "off"]
-SMALL = 0.1
+_SMALL = 0.1
 """Blur [px] below which diffraction is left alone: the budget of rendered images."""
-SHARE = 0.05
+_SHARE = 0.05
 """Standard deviation of the correction, relative to itself: what the incoherent model and the fit of one corner to a
 sum of many leave open. Against rendered boards it errs by 2 to 5 %."""
-UNLIKE = 0.05
+_UNLIKE = 0.05
 """RMS difference between a white image's cell and a blurred disc above which it is something else."""
-FAINT = 0.3
+_FAINT = 0.3
 """Share of the design's blur below which the white image's is not taken for diffraction."""
 _ROUNDS = 4
+_STEP = 0.25
+"""Grid on which the blur is tabulated [px]."""
+_RINGS = 3
+"""Neighbours whose light is counted, in pitches: what comes from farther is haze, alike on both sides of an edge."""
+_HALF = 24
+"""Microlenses to each side of the middle of the white image that are averaged."""
+_INNER = 0.75
+"""Views within this share of the outermost one's distance from the centre count as inner."""
+_FINE = 8
+"""Bins per pitch in which shifted corners are counted."""
+_PARTS = 5
+"""Places across a microlens's aperture, per axis."""
+_NAMES = ("A", "m", "inverse_d_2")
 
 
 @dataclass(frozen=True, eq=False)
-class Diffraction:
+class DiffractionCheck:
     """What was found out about microlens diffraction, and done."""
 
     corrected: bool
@@ -60,7 +72,7 @@ class Diffraction:
     """Longest displacement taken off a corner [pitches]."""
     baseline: float | None = None
     """Length of the views' baseline over what pixels say, by the d_2 fitted with and without; None as `before`."""
-    before: Camera | None = None
+    before: Intrinsics | None = None
     """The joint fit without the correction; None where there was none to make, or it fails."""
     rms_before: float = 0.0
     """Its reprojection RMS [pitches]."""
@@ -74,7 +86,7 @@ class Corrected(NamedTuple):
     """A calibration with diffraction taken off."""
 
     calibration: Calibration
-    diffraction: Diffraction
+    diffraction: DiffractionCheck
 
 
 def calibrate_corrected(
@@ -121,62 +133,50 @@ def calibrate_corrected(
     CalibrationError
         As `calibrate`.
     """
-    seen = _looked_at(design, white, dark, lattice, wish)
-    if not seen.corrected or seen.image is None:
+    check = _looked_at(design, white, dark, lattice, wish)
+    if not check.corrected or check.image is None:
         plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
-        return Corrected(_with_systematic(plain, view_disagreement(observations, plain, sheet, distortion)), seen)
-    straight = _straightened(observations, board, seen.image)
+        systematic = view_disagreement(observations, plain, sheet, distortion)
+        return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
+    straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
-    found = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    predicted = _predicted(design, found.joint.camera, seen.image)
+    result = calibrate(straight, sheet, distortion=distortion, guess=guess)
+    camera = result.fit.camera
     others = (
-        replace(straight, uv=straight.uv + SHARE * shifts),
-        _straightened(observations, board, predicted, start=straight),
+        replace(straight, uv=straight.uv + _SHARE * shifts),
+        _straightened(observations, board, _predicted(design, result.joint.camera, check.image), start=straight),
     )
-    moved = [calibrate(other, sheet, distortion=distortion, guess=found.fit.camera.A) for other in others]
-    own = np.stack([camera_vector(other) - camera_vector(found) for other in moved])
-    systematic = np.concatenate([own, view_disagreement(straight, found, sheet, distortion)])
-    said = replace(seen, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
+    moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
+    own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
+    systematic = np.concatenate([own, view_disagreement(straight, result, sheet, distortion)])
+    result = replace(result, fit=result.fit._replace(systematic=systematic))
+    check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
     try:
-        plain = calibrate(observations, sheet, distortion=distortion, guess=found.fit.camera.A)
+        plain = calibrate(observations, sheet, distortion=distortion, guess=camera.A)
     except CalibrationError:  # left in, diffraction can spoil a fit that without it stands
-        return Corrected(_with_systematic(found, systematic), said)
-    said = replace(
-        said,
-        baseline=plain.joint.camera.inverse_d_2 / found.joint.camera.inverse_d_2,
-        before=plain.joint.camera,
-        rms_before=plain.joint.rms,
-    )
-    return Corrected(_with_systematic(found, systematic), said)
-
-
-def _with_systematic(found: Calibration, systematic: Array) -> Calibration:
-    return replace(found, fit=found.fit._replace(systematic=systematic))
+        return Corrected(result, check)
+    baseline = plain.joint.camera.inverse_d_2 / result.joint.camera.inverse_d_2
+    return Corrected(result, replace(check, baseline=baseline, before=plain.joint.camera, rms_before=plain.joint.rms))
 
 
 def _looked_at(
     design: Design, white: ArrayLike, dark: ArrayLike | None, lattice: CentreLattice, wish: Wish
-) -> Diffraction:
+) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
     expected = blur_width(design, design.wavelength) / design.q
     if wish == "off":
-        return Diffraction(False, "Microlens diffraction was left alone, as asked", expected)
-    if wish == "auto" and expected < SMALL:
-        return Diffraction(
+        return DiffractionCheck(False, "Microlens diffraction was left alone, as asked", expected)
+    if wish == "auto" and expected < _SMALL:
+        return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    start = PupilImage(
-        image_diameter(design) / (2 * design.q),
-        max(expected, SMALL),
-        lattice.pitch,
-        lattice.layout,
-        design.microlens_array.lens_shape == "circular",
-    )
+    radius, round_lenses = image_diameter(design) / (2 * design.q), design.microlens_array.lens_shape == "circular"
+    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, round_lenses)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
-    blurred = waves.image.blur > max(SMALL, FAINT * expected) and waves.misfit < rays.misfit
+    blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""
-    if best.misfit > UNLIKE:
+    if best.misfit > _UNLIKE:
         warning = (
             f"the white image's microlens images differ by {100 * best.misfit:.0f} % RMS from evenly lit discs, blurred"
             " or not: what diffraction does to the corners cannot be told from it"
@@ -185,14 +185,14 @@ def _looked_at(
         why = f"The white image shows no microlens diffraction where the design has {expected:.2g} px of it"
         if warning:
             why = f"The design has {expected:.2g} px of microlens diffraction"
-        return Diffraction(False, f"{why}: none was taken off", expected, best.image, best.misfit, warning=warning)
+        return DiffractionCheck(False, f"{why}: none was taken off", expected, best.image, best.misfit, warning=warning)
     if not warning and abs(waves.image.blur / expected - 1) > 0.2:
         warning = (
             f"the white image is blurred by {waves.image.blur:.2f} px where the design's diffraction makes"
             f" {expected:.2f} px: are its wavelength, its d_2 and its pixel those of this camera?"
         )
     why = f"Microlens diffraction blurs by {waves.image.blur:.2f} px, as the white image shows, and was taken off"
-    return Diffraction(True, why, expected, waves.image, waves.misfit, warning=warning)
+    return DiffractionCheck(True, why, expected, waves.image, waves.misfit, warning=warning)
 
 
 def _straightened(
@@ -228,9 +228,334 @@ def _shift_of_board(weights: ViewWeights, slopes: Array, central: Array, board: 
     return np.asarray(centre + 0.5 * x * (after - before) + 0.5 * x * x * (before + after - 2 * centre))
 
 
-def _predicted(design: Design, camera: Camera, seen: PupilImage) -> PupilImage:
+def _predicted(design: Design, camera: Intrinsics, seen: PupilImage) -> PupilImage:
     """The pupil image that D_F, lambda and the calibrated d_2 and A make."""
     d_2 = 1 / camera.inverse_d_2
     radius = design.D_F / 2 * d_2 / (camera.A * design.q)
     blur = design.wavelength * d_2 / (design.d * design.q)
     return replace(seen, radius=radius, blur=blur)
+
+
+# --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
+
+
+@dataclass(frozen=True)
+class PupilImage:
+    """What one microlens makes of the evenly lit pupil: a disc, blurred by the microlens's own aperture."""
+
+    radius: float
+    """Of the disc [px]."""
+    blur: float
+    """lambda d_2/d, first zero of a square microlens's diffraction [px]; 0 leaves diffraction out."""
+    pitch: float
+    """Of the microlens images [px]."""
+    layout: Layout = "square"
+    circular: bool = False
+    """Shape of the microlenses."""
+
+    @property
+    def axes(self) -> Array:
+        """Steps of the lattice as columns [pitches]: u along the rows, v square to them."""
+        return np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if self.layout == "hexagonal" else np.eye(2)
+
+    def transfer(self, x: Array, y: Array) -> Array:
+        """Of everything between the pupil's geometric image and a decoded sample, at frequencies [1/px].
+
+        Diffraction, the pixel's square, and the cubic convolution that reads between pixels, averaged over where the
+        sample falls between them.
+        """
+        lens = MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.circular)
+        result: Array = lens(x, y) * _reading(x) * _reading(y)
+        return result
+
+    def neighbours(self) -> Array:
+        """Microlenses around one, itself first [pitches], shape (m, 2)."""
+        i, j = np.meshgrid(*2 * [np.arange(-2 * _RINGS, 2 * _RINGS + 1)])
+        places = np.stack([i.ravel(), j.ravel()], axis=-1) @ self.axes.T
+        distance = np.abs(places).max(axis=1)
+        near = distance < _RINGS + 0.5
+        return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
+
+    def cell(self, places: Array) -> Array:
+        """Light of an evenly lit scene at places relative to a microlens image's centre [px], shape (n, 2) -> (n,).
+
+        1 is full light without neighbours. A Fourier series over the lattice, as far as pixels can tell.
+        """
+        from scipy.special import j1
+
+        reciprocal = np.linalg.inv(self.pitch * self.axes).T
+        most = math.ceil(1.5 * self.pitch * 1.2)
+        i, j = np.meshgrid(np.arange(-most, most + 1), np.arange(-most, most + 1))
+        waves = np.stack([i.ravel(), j.ravel()], axis=-1) @ reciprocal.T
+        height = np.hypot(*waves.T)
+        waves, height = waves[height < 1.5], height[height < 1.5]
+        safe = np.where(height > 0, height, 1.0)
+        disc = self.radius * j1(2 * math.pi * self.radius * safe) / safe
+        disc = np.where(height > 0, disc, math.pi * self.radius**2) * abs(np.linalg.det(reciprocal))
+        strength = disc * self.transfer(waves[:, 0], waves[:, 1])
+        return np.asarray(np.cos(2 * math.pi * places @ waves.T) @ strength)
+
+
+class ViewWeights(NamedTuple):
+    """Shares of light in the samples of each view."""
+
+    views: Array
+    """(s', t') that the samples are read at [px], shape (v, 2)."""
+    shares: Array
+    """From each neighbour and place of the pupil, shape (v, m, n); they add up to 1 for each view."""
+    neighbours: Array
+    """[pitches], shape (m, 2)."""
+    places: Array
+    """(s', t') on the pupil's geometric image [px], shape (n, 2)."""
+
+
+def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeights:
+    """Where the light of each view's samples came from.
+
+    Parameters
+    ----------
+    image : PupilImage
+    views : ndarray
+        (s', t') [px], shape (v, 2).
+    points : int
+        Places on the pupil.
+    """
+    from scipy.ndimage import map_coordinates
+
+    reach = (_RINGS + 1.5) * image.pitch + image.radius
+    step = max(_STEP, image.blur / 12)
+    count = 2 ** math.ceil(math.log2(2 * reach / step))
+    frequency = np.asarray(np.fft.fftfreq(count, step), np.float64)
+    spread = np.fft.fftshift(np.fft.ifft2(image.transfer(frequency[None, :], frequency[:, None])).real)
+    turns = np.asarray(np.arange(points) + 0.5, np.float64)
+    angle = turns * math.pi * (3 - math.sqrt(5))
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    places: Array = image.radius * np.sqrt(turns / points)[:, None] * along
+    around = image.neighbours()
+    away = views[:, None, None] - image.pitch * around[None, :, None] - places[None, None]
+    shares = map_coordinates(spread, [away[..., 1] / step + count // 2, away[..., 0] / step + count // 2], order=1)
+    shares = shares / shares.sum(axis=(1, 2), keepdims=True)
+    return ViewWeights(np.asarray(views, float), np.ascontiguousarray(shares), around, places)
+
+
+def _reading(frequency: Array) -> Array:
+    """Transfer of a pixel's width and of cubic convolution (a = -1/2), along one axis [1/px]."""
+    x = (np.arange(2000) + 0.5) / 1000
+    axis, back = np.unique(np.abs(frequency), return_inverse=True)
+    cubic = 2 * np.cos(2 * math.pi * np.outer(axis, x)) @ cubic_convolution(x) / 1000
+    return np.asarray((np.sinc(axis) * cubic)[back].reshape(np.shape(frequency)))
+
+
+class WhiteCell(NamedTuple):
+    """Mean light over a microlens's cell."""
+
+    places: Array
+    """Relative to the microlens image's centre [px], shape (n, 2)."""
+    light: Array
+    """Relative to its mean, shape (n,)."""
+
+
+class CellFit(NamedTuple):
+    """A pupil image fitted to a cell."""
+
+    image: PupilImage
+    misfit: float
+    """RMS difference, relative to the mean."""
+
+
+def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> WhiteCell:
+    """Average the microlens images in the middle of the white image.
+
+    Raises
+    ------
+    CalibrationError
+        Less than three microlenses in the middle.
+    """
+    frame = grey_frame(white, dark, "white image")
+    rows, columns = frame.shape
+    reach = int(np.ceil((_HALF + 2) * lattice.pitch))
+    top, left = max(0, rows // 2 - reach), max(0, columns // 2 - reach)
+    piece = frame[top : rows // 2 + reach, left : columns // 2 + reach]
+    i, j = np.round(lattice.indices([left + piece.shape[1] / 2, top + piece.shape[0] / 2])).astype(int)
+    x, y = lattice.nodes(i, j)
+    field = decode(piece, replace(lattice, origin=(float(x) - left, float(y) - top)))
+    whole = (field.weight > 0).all(axis=(0, 1))
+    if whole.sum() < 3:
+        raise CalibrationError("the middle of the white image holds too few whole microlens images")
+    cell = field.values[:, :, whole].mean(axis=-1, dtype=float)
+    s, t = np.meshgrid(field.s, field.t)
+    return WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
+
+
+def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
+    """Fit the disc's radius, and with `blurred` the blur, to a cell.
+
+    `start` is what is expected; pitch, layout and the microlenses' shape are taken from it. Without `blurred` there is
+    no blur.
+    """
+    from scipy.optimize import least_squares
+
+    def image(x: Array) -> PupilImage:
+        return replace(start, radius=float(x[0]), blur=float(x[1]) if blurred else 0.0)
+
+    def off(x: Array) -> Array:
+        light = image(x).cell(cell.places)
+        return np.asarray(light / light.mean() - cell.light)
+
+    size = 2 if blurred else 1
+    low = np.array([0.1 * start.pitch, 0.01 * start.blur])[:size]
+    high = np.array([start.pitch, 0.7 * start.pitch])[:size]
+    tries = []
+    for radius in (start.radius, 0.45 * start.pitch):  # a design of another camera starts far off
+        first = np.clip(np.array([radius, start.blur])[:size], 1.01 * low, 0.99 * high)
+        tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
+    best = min(tries, key=lambda one: float(one.cost))
+    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - len(best.x)))))
+
+
+# --- where fitted corners come to lie ---------------------------------------------------------------------------------
+
+
+def apparent_shifts(
+    weights: ViewWeights, slopes: Array, edges: tuple[float, float], half: int, circular: bool = False
+) -> Array:
+    """Displacement of fitted corners against where their views should have them.
+
+    In the view (s', t') a corner of slope k stands at k (s', t'). The light of a neighbour n pitches away that passed
+    the pupil at (s'', t'') has it at k (s'', t'') - n instead: the view shows the sum of all, each microlens averaging
+    over its aperture, and `fit_saddles` fits that with one corner. What it finds is computed here by running it: the
+    mean of the displacements would be twice as large, as a far neighbour's light moves the mean but not the fit.
+
+    Parameters
+    ----------
+    weights : ViewWeights
+    slopes : ndarray
+        Du/Ds' of corners [pitches/px], shape (k,).
+    edges : (float, float)
+        Directions of the corner's two edges in the view [rad].
+    half : int
+        Of the window that the corner is fitted in [pitches].
+    circular : bool
+        Shape of the microlenses.
+
+    Returns
+    -------
+    ndarray
+        [pitches], shape (v, k, 2); NaN where no corner could be fitted.
+    """
+    views, count = len(weights.shares), len(slopes)
+    size = 2 * half + 3
+    normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
+    # Corners fall anywhere between samples: a different place for each patch.
+    turns = np.arange(views * count).reshape(views, count)
+    phases = np.stack([(turns * 0.7548776662466927) % 1 - 0.5, (turns * 0.5698402909980532) % 1 - 0.5], axis=-1)
+    middle = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
+    aperture = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
+    if circular:
+        turn = np.arange(_PARTS**2) + 0.5
+        angle = turn * math.pi * (3 - math.sqrt(5))
+        aperture = 0.5 * np.sqrt(turn / _PARTS**2)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    out = np.empty((size, views * count * size))
+    ideal = np.einsum("k,vi->vki", slopes, weights.views)
+    with THREADS:
+        _patches.compiled(
+            weights.shares, weights.neighbours, weights.places, np.asarray(slopes, float), ideal, normals, phases,
+            aperture, half, _FINE, out,
+        )  # fmt: skip
+    at = np.stack([np.arange(views * count) * size + half + 1.0, np.full(views * count, half + 1.0)], axis=-1)
+    start = at + phases.reshape(-1, 2)
+    saddles = fit_saddles(out, np.ones(out.shape, bool), start, np.tile(edges, (len(start), 1)), half)
+    shift = np.where(saddles.settled[:, None], saddles.corners - start, np.nan)
+    return np.asarray(shift.reshape(views, count, 2))
+
+
+@kernel(parallel=True)
+def _patches(
+    shares: Array,
+    neighbours: Array,
+    places: Array,
+    slopes: Array,
+    ideal: Array,
+    normals: Array,
+    phases: Array,
+    aperture: Array,
+    half: int,
+    fine: int,
+    out: Array,
+) -> None:
+    views, count = shares.shape[0], slopes.shape[0]
+    size = 2 * half + 3
+    reach = math.ceil(1.5 * (half + 3))
+    bins = 2 * reach * fine
+    for k in prange(views * count):
+        v, q = k // count, k % count
+        held = np.zeros((bins + 1, bins + 1))
+        for m in range(neighbours.shape[0]):
+            for n in range(places.shape[0]):
+                x = slopes[q] * places[n, 0] - neighbours[m, 0] - ideal[v, q, 0]
+                y = slopes[q] * places[n, 1] - neighbours[m, 1] - ideal[v, q, 1]
+                # Shared among the four nearest bins, so that the mean stays where it is.
+                a = min(max((normals[0, 0] * x + normals[0, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
+                b = min(max((normals[1, 0] * x + normals[1, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
+                column, row = math.floor(a), math.floor(b)
+                fa, fb = a - column, b - row
+                held[row + 1, column + 1] += shares[v, m, n] * (1 - fa) * (1 - fb)
+                held[row + 1, column + 2] += shares[v, m, n] * fa * (1 - fb)
+                held[row + 2, column + 1] += shares[v, m, n] * (1 - fa) * fb
+                held[row + 2, column + 2] += shares[v, m, n] * fa * fb
+        for row in range(1, bins + 1):
+            for column in range(1, bins + 1):
+                held[row, column] += held[row, column - 1]
+        for row in range(1, bins + 1):
+            for column in range(1, bins + 1):
+                held[row, column] += held[row - 1, column]
+        for row in range(size):
+            for column in range(size):
+                total = 0.0
+                for p in range(aperture.shape[0]):
+                    x = column - half - 1 + aperture[p, 0] - phases[v, q, 0]
+                    y = row - half - 1 + aperture[p, 1] - phases[v, q, 1]
+                    a = (normals[0, 0] * x + normals[0, 1] * y + reach) * fine
+                    b = (normals[1, 0] * x + normals[1, 1] * y + reach) * fine
+                    i, j = math.floor(a), math.floor(b)
+                    fa, fb = a - i, b - j
+                    # Light of corners on each side of both edges: sums of the cumulative table.
+                    below_a = held[bins, i] * (1 - fa) + held[bins, i + 1] * fa
+                    below_b = held[j, bins] * (1 - fb) + held[j + 1, bins] * fb
+                    both = (held[j, i] * (1 - fa) + held[j, i + 1] * fa) * (1 - fb)
+                    both += (held[j + 1, i] * (1 - fa) + held[j + 1, i + 1] * fa) * fb
+                    total += 4.0 * both - 2.0 * below_a - 2.0 * below_b + 1.0
+                out[row, k * size + column] = total / aperture.shape[0]
+
+
+# --- what views disagree on -------------------------------------------------------------------------------------------
+
+
+def view_disagreement(observations: Observations, result: Calibration, sheet: DataSheet, distortion: int = 0) -> Array:
+    """Difference of (A, m, 1/d_2) between inner views and all, beyond what noise explains.
+
+    Corners read between microlenses and pixels are off by up to a hundredth of a pitch in ways that repeat from board
+    to board and change from view to view. Their scatter is small, the slopes' common error is not: it shows when the
+    outer views are left out.
+
+    Returns
+    -------
+    ndarray
+        As one independent standard deviation, shape (1, 3); (0, 3) where there are too few inner views to tell.
+    """
+    away = np.hypot(*observations.views.T)
+    inner = np.flatnonzero(away <= _INNER * away.max() + 1e-9)
+    if len(inner) < 5 or len(inner) == len(away):
+        return np.zeros((0, 3))
+    try:
+        other = calibrate(
+            observations.of_views(inner.tolist()), sheet, distortion=distortion, guess=result.fit.camera.A
+        )
+    except CalibrationError:
+        return np.zeros((0, 3))
+    difference = other.fit.camera.vector(_NAMES) - result.fit.camera.vector(_NAMES)
+    # All views hold the inner ones: the difference of the estimates has the difference of their variances.
+    variance = [fit.covariance.part(_NAMES)[2, 2] for fit in (other.fit, result.fit)]
+    noise = max(float(variance[0] - variance[1]), 0.0)
+    beyond = max(1.0 - noise / max(float(difference[2]) ** 2, 1e-300), 0.0)
+    return np.asarray(np.sqrt(beyond) * difference[None])

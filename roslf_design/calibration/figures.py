@@ -20,7 +20,7 @@ from ..report.figures.style import (
     drawing,
     new_axes,
 )
-from .lattice import Array
+from .frames import Array
 from .result import UNITS, Outcome
 
 if TYPE_CHECKING:

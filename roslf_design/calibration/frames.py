@@ -1,32 +1,147 @@
-"""Raw frames: grey levels as float32, dark frame taken off, sizes and saturation checked."""
+"""Raw frames: a folder of captured images; grey levels as float32, dark frame off, sizes and saturation checked."""
 
 from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import CalibrationError
-
+Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
+Image = NDArray[Any]
+SUFFIXES = (".tif", ".tiff", ".png")
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
 
 
-def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:
-    """One grey frame from a grey or colour image, minus its dark frame.
+class CalibrationError(ValueError):
+    """The images, boards or priors given cannot determine what was asked; the message says why and what to change."""
 
-    Parameters
-    ----------
-    image : array_like
-        Shape (rows, columns) or (rows, columns, channels); channels are averaged.
-    dark : array_like, optional
-        Frame taken without light, same size.
-    name : str
-        What the image is, for the messages.
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """What a folder holds; the images of the board are read one at a time."""
+
+    white: Image
+    dark: Image | None
+    boards: tuple[Path, ...]
+    """By name."""
+
+    def board(self, path: Path) -> Image:
+        """One image of the board; refused where it is of another size than the white image."""
+        image = read_image(path)
+        same_size(path.name, image.shape, "white image", self.white.shape)
+        return image
+
+
+def read_capture(folder: Path) -> Capture:
+    """Find the images of a folder: ``white.*``, ``dark.*`` where there is one, and boards by any other name.
+
+    Previews that `roslf render` writes (``*-preview.png``) are left out.
 
     Raises
     ------
     CalibrationError
-        If the image is missing, not an image, not finite, or its dark frame has another size.
+        No such folder, no white image or two, no images of the board, files that cannot be read, a dark frame of
+        another size.
+    """
+    if not folder.is_dir():
+        raise CalibrationError("is a file; name the folder of images" if folder.exists() else "no such folder")
+    images = sorted(
+        (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
+        key=_in_order,
+    )
+    white, dark = _only(images, "white"), _only(images, "dark")
+    if white is None:
+        raise CalibrationError(
+            "no white image: capture a bright, even surface with the camera as it is and save it as white.tif or"
+            " white.png"
+        )
+    boards = tuple(p for p in images if p not in (white, dark) and not p.stem.endswith("-preview"))
+    if not boards:
+        raise CalibrationError("no images of the board (*.tif, *.tiff, *.png) beside the white image")
+    pixels = read_image(white)
+    black = None if dark is None else read_image(dark)
+    if black is not None:
+        same_size("white image", pixels.shape, "dark frame", black.shape)
+    return Capture(pixels, black, boards)
+
+
+def _only(images: list[Path], stem: str) -> Path | None:
+    named = [path for path in images if path.stem.lower() == stem]
+    if len(named) > 1:
+        raise CalibrationError(f"{' and '.join(p.name for p in named)} are both there; keep one {stem} image")
+    return named[0] if named else None
+
+
+def _in_order(path: Path) -> tuple[tuple[int, int | str], ...]:
+    """board2 before board10."""
+    parts = re.split(r"(\d+)", path.name)
+    return tuple((0, int(part)) if part.isdigit() else (1, part) for part in parts if part)
+
+
+def read_image(path: Path) -> Image:
+    """Pixels of a TIFF or PNG as they are stored, shape (rows, columns) or (rows, columns, channels).
+
+    Whole numbers that `roslf render` wrote come back as the intensities they stand for: its full scale is that of the
+    picture, and no sensor's saturation.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the file, where it is no image that can be read.
+    """
+    try:
+        pixels, note = _png(path) if path.suffix.lower() == ".png" else _tiff(path)
+    except (OSError, ValueError, RuntimeError, SyntaxError, LookupError) as error:
+        detail = " ".join(str(error).split()) or type(error).__name__
+        raise CalibrationError(f"{path.name} cannot be read as an image ({detail}); save it again") from None
+    if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
+        raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
+    scale = _full_scale(note)
+    if scale is not None and pixels.dtype.kind == "u":
+        return (pixels * np.float32(scale / 65535)).astype(np.float32)
+    return pixels
+
+
+def _tiff(path: Path) -> tuple[Image, str]:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        note = file.pages[0].tags.get("ImageDescription")  # type: ignore[union-attr]
+        return np.asarray(file.asarray()), "" if note is None else str(note.value)
+
+
+def _png(path: Path) -> tuple[Image, str]:
+    from PIL import Image as Pictures
+
+    with Pictures.open(path) as picture:
+        picture.load()
+        pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA") else picture)
+        return pixels, str(picture.info.get("Description", ""))
+
+
+def _full_scale(note: str) -> float | None:
+    if '"full_scale"' not in note:
+        return None
+    try:
+        value = json.loads(note)["full_scale"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:
+    """One grey frame from a grey or colour image (channels are averaged), minus its dark frame.
+
+    Raises
+    ------
+    CalibrationError
+        If the image is missing, not an image, not finite, or its dark frame has another size; `name` tells which.
     """
     if image is None:
         raise CalibrationError(f"the {name} is missing: give one frame of the same camera setting")
@@ -38,14 +153,19 @@ def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str
     return frame
 
 
-def same_size(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
-    """Demand two frames of one size.
+def _grey(image: NDArray[np.generic], name: str) -> Frame:
+    if image.ndim == 3:
+        image = image.mean(axis=2)
+    if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "buif":
+        raise CalibrationError(f"the {name} is no image: array of shape {image.shape} and type {image.dtype}")
+    frame = np.ascontiguousarray(image, np.float32)
+    if not np.isfinite(frame).all():
+        raise CalibrationError(f"the {name} has pixels that are not finite numbers")
+    return frame
 
-    Raises
-    ------
-    CalibrationError
-        Naming both frames and both sizes.
-    """
+
+def same_size(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
+    """Demand two frames of one size; the error names both and their sizes."""
     if shape[:2] != other_shape[:2]:
         sizes = f"{shape[1]} x {shape[0]} px and {other_shape[1]} x {other_shape[0]} px"
         raise CalibrationError(f"the {name} and the {other} differ in size ({sizes}): use frames of one camera setting")
@@ -65,26 +185,9 @@ def saturation_level(image: ArrayLike) -> float:
     return float(top) if piled else float(np.iinfo(raw.dtype).max)
 
 
-def refuse_saturated(image: ArrayLike, name: str, level: float | None = None) -> None:
-    """Demand that fewer than 5 % of an image's pixels are saturated.
-
-    Raises
-    ------
-    CalibrationError
-        Naming the image, the share and the level.
-    """
-    top = saturation_level(image) if level is None else level
+def refuse_saturated(image: ArrayLike, name: str) -> None:
+    """Demand that fewer than 5 % of an image's pixels are saturated; the error names the share and the level."""
+    top = saturation_level(image)
     share = float(np.mean(np.asarray(image) >= top))
     if share > 0.05:
         raise CalibrationError(f"the {name} is saturated: {100 * share:.0f} % of its pixels reach {top:g}; expose less")
-
-
-def _grey(image: NDArray[np.generic], name: str) -> Frame:
-    if image.ndim == 3:
-        image = image.mean(axis=2)
-    if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "buif":
-        raise CalibrationError(f"the {name} is no image: array of shape {image.shape} and type {image.dtype}")
-    frame = np.ascontiguousarray(image, np.float32)
-    if not np.isfinite(frame).all():
-        raise CalibrationError(f"the {name} has pixels that are not finite numbers")
-    return frame

@@ -1,18 +1,23 @@
-"""The lattice of microlens images on the sensor: an origin, two vectors, and the fit that finds them."""
+"""The lattice of microlens images on the sensor: found in the spectrum of a white image, fitted to measured centres."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import CalibrationError
+from .frames import Array, CalibrationError
 
-Array = NDArray[np.float64]
 Layout = Literal["square", "hexagonal"]
+_PERIODS = (4.5, 110.0)
+"""Shortest and longest lattice period searched [px]."""
+_CROP = 1024
+_SIGNIFICANT = 0.1
+"""Amplitude of a lattice peak against the strongest: touching images leave 0.77 of a hexagonal array's first order."""
+_BINS = 24
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,11 @@ class CentreLattice:
         """Positions of the nodes (i, j) [px], shape (..., 2); indices may be fractional."""
         i, j = np.broadcast_arrays(np.asarray(i, float), np.asarray(j, float))
         steps = i[..., None] * np.asarray(self.first) + j[..., None] * np.asarray(self.second)
-        result: Array = np.asarray(self.origin) + steps
-        return result
+        return np.asarray(np.asarray(self.origin) + steps)
 
     def indices(self, xy: ArrayLike) -> Array:
         """Fractional indices (i, j) of positions `xy` [px], shape (..., 2); the inverse of `nodes`."""
-        result: Array = (np.asarray(xy, float) - np.asarray(self.origin)) @ np.linalg.inv(self.basis).T
-        return result
+        return np.asarray((np.asarray(xy, float) - np.asarray(self.origin)) @ np.linalg.inv(self.basis).T)
 
     def cell(self) -> tuple[Array, Array]:
         """Normals (n, 2) to the sides of a node's Voronoi cell and the half widths (n,) along them [px].
@@ -74,23 +77,13 @@ class CentreLattice:
 
     def inside(self, shape: tuple[int, int], margin: float = 0.0) -> NDArray[np.int64]:
         """Indices (n, 2) of the nodes at least `margin` pixels inside an image of `shape` (rows, columns)."""
-        rows, columns = shape
-        corners = self.indices([[0, 0], [columns, 0], [0, rows], [columns, rows]])
+        size = np.array(shape[::-1])
+        corners = self.indices(size * np.array([[0, 0], [1, 0], [0, 1], [1, 1]]))
         low, high = np.floor(corners.min(axis=0)), np.ceil(corners.max(axis=0))
         i, j = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1), indexing="xy")
         xy = self.nodes(i, j)
-        kept = (
-            (xy[..., 0] >= margin - 0.5)
-            & (xy[..., 0] <= columns - 0.5 - margin)
-            & (xy[..., 1] >= margin - 0.5)
-            & (xy[..., 1] <= rows - 0.5 - margin)
-        )
+        kept = ((xy >= margin - 0.5) & (xy <= size - 0.5 - margin)).all(axis=-1)
         return np.stack([i[kept], j[kept]], axis=-1).astype(np.int64)
-
-    def recentred(self, i: int, j: int) -> CentreLattice:
-        """The same lattice with node (i, j) called (0, 0)."""
-        x, y = self.nodes(i, j)
-        return CentreLattice((float(x), float(y)), self.first, self.second, self.layout)
 
 
 class LatticeFit(NamedTuple):
@@ -122,7 +115,7 @@ def fit_lattice(
         Measured positions [px], shape (n, 2).
     layout : {"square", "hexagonal"}
     clip : float
-        Largest residual kept, in robust standard deviations per axis.
+        Largest residual used, in robust standard deviations per axis.
     rounds : int
         Most rounds of clipping.
 
@@ -144,18 +137,155 @@ def fit_lattice(
         residuals = xy - design @ solution
         distance = np.hypot(residuals[:, 0], residuals[:, 1])
         spread = float(np.median(distance[used])) / 1.1774  # the median length of a 2D normal vector is 1.1774 sigma
-        kept = distance <= max(clip * spread, 1e-9)
-        if np.array_equal(kept, used):
+        inliers = distance <= max(clip * spread, 1e-9)
+        if np.array_equal(inliers, used):
             break
-        used = kept
+        used = inliers
     shift = np.array([[1.0, -middle[0], -middle[1]], [0, 1, 0], [0, 0, 1]])
-    origin, first, second = shift @ solution
-    freedom = max(2 * int(used.sum()) - 6, 1)
-    variance = float(np.sum(residuals[used] ** 2)) / freedom
+    origin, first, second = ((float(x), float(y)) for x, y in shift @ solution)
+    variance = float(np.sum(residuals[used] ** 2)) / max(2 * int(used.sum()) - 6, 1)
     covariance = shift @ np.linalg.inv(design[used].T @ design[used]) @ shift.T * variance
-    lattice = CentreLattice(_pair(origin), _pair(first), _pair(second), layout)
-    return LatticeFit(lattice, residuals, used, covariance)
+    return LatticeFit(CentreLattice(origin, first, second, layout), residuals, used, covariance)
 
 
-def _pair(vector: Array) -> tuple[float, float]:
-    return float(vector[0]), float(vector[1])
+def estimate_lattice(image: NDArray[np.floating], layout: Layout | None = None) -> CentreLattice:
+    """Find pitch, rotation, layout and phase of the lattice in the middle of an image to a fraction of a pixel.
+
+    The shortest significant peaks of the power spectrum span the reciprocal lattice; its inverse, reduced to the
+    shortest vectors, is the lattice; folding the image into one cell finds where the bright images sit in it.
+
+    Parameters
+    ----------
+    image : ndarray
+        White image, shape (rows, columns).
+    layout : {"square", "hexagonal"}, optional
+        Expected layout; without it the angle between the two shortest vectors decides.
+
+    Returns
+    -------
+    CentreLattice
+        Good near the middle of the image; its (0, 0) is the node nearest to the middle.
+
+    Raises
+    ------
+    CalibrationError
+        If no lattice with a period from 4.5 to 110 px is seen, or not the one expected.
+    """
+    rows, columns = (min(n, _CROP) for n in image.shape)
+    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
+    crop = np.asarray(image[top : top + rows, left : left + columns], float)
+    basis = _direct_basis(_spectral_peaks(crop))
+    shown = _layout_of(basis)
+    if layout is not None and shown != layout:
+        raise CalibrationError(f"the white image shows a {shown} lattice, not a {layout} one")
+    (a, c), (b, d) = _oriented(basis, shown).tolist()
+    lattice = CentreLattice((0.0, 0.0), (a, b), (c, d), shown)
+    x, y = lattice.nodes(*_phase(crop, lattice)) + np.array([left, top])
+    lattice = replace(lattice, origin=(float(x), float(y)))
+    middle = lattice.indices([(image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2])
+    x, y = lattice.nodes(*np.round(middle))
+    return replace(lattice, origin=(float(x), float(y)))
+
+
+def _spectral_peaks(crop: Array) -> Array:
+    """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
+    rows, columns = crop.shape
+    y, x = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
+    # A quadratic surface off: vignetting would leak into the lowest frequencies.
+    along_x, along_y = (np.linalg.qr(np.polynomial.legendre.legvander(axis, 2))[0] for axis in (x, y))
+    flat = crop - along_y @ (along_y.T @ crop @ along_x) @ along_x.T
+    window = np.cos(x * (math.pi / 2)) ** 2 * np.cos(y * (math.pi / 2))[:, None] ** 2
+    amplitude = np.abs(np.fft.fft2(flat * window))
+    radius = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)[None, :])
+    amplitude = np.where((radius >= 1 / _PERIODS[1]) & (radius <= 1 / _PERIODS[0]), amplitude, 0.0)
+    strongest = float(amplitude.max())
+    noise = float(np.median(amplitude[amplitude > 0])) if strongest > 0 else 0.0
+    if strongest < 8 * noise or np.ptp(crop) <= 1e-6 * np.abs(crop).max():
+        raise CalibrationError("the white image shows no periodic lattice of microlenses with a pitch of 5 to 100 px")
+    peak = amplitude > max(_SIGNIFICANT * strongest, 4 * noise)
+    for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        peak &= amplitude >= np.roll(amplitude, step, axis)
+    at = np.argwhere(peak)
+    at = at[np.argsort(radius[at[:, 0], at[:, 1]], kind="stable")]
+    frequencies = np.array([_refined(amplitude, int(r), int(c)) for r, c in at]) / (columns, rows)
+    first = frequencies[0]
+    for second in frequencies[1:]:
+        cross = abs(first[0] * second[1] - first[1] * second[0])
+        if cross > 0.4 * np.hypot(*first) * np.hypot(*second):
+            return np.array([first, second])
+    raise CalibrationError("the white image is periodic along one direction only: no lattice of microlenses")
+
+
+def _refined(amplitude: Array, row: int, column: int) -> tuple[float, float]:
+    """Signed frequency in bins (x, y) of a peak, by a parabola through the logarithms along each axis."""
+    rows, columns = amplitude.shape
+
+    def vertex(before: float, at: float, after: float) -> float:
+        if min(before, after) <= 0:
+            return 0.0
+        a, b, c = math.log(before), math.log(at), math.log(after)
+        curvature = a - 2 * b + c
+        return 0.0 if curvature >= 0 else 0.5 * (a - c) / curvature
+
+    dy = vertex(*(float(amplitude[(row + k) % rows, column]) for k in (-1, 0, 1)))
+    dx = vertex(*(float(amplitude[row, (column + k) % columns]) for k in (-1, 0, 1)))
+    signed = (column if column <= columns // 2 else column - columns), (row if row <= rows // 2 else row - rows)
+    return signed[0] + dx, signed[1] + dy
+
+
+def _direct_basis(frequencies: Array) -> Array:
+    """Shortest lattice vectors (columns) dual to two reciprocal vectors (rows): Gauss's reduction."""
+    a, b = np.linalg.inv(frequencies).T
+    while True:
+        if np.hypot(*b) < np.hypot(*a):
+            a, b = b, a
+        shear = round(float(a @ b) / float(a @ a))
+        if shear == 0:
+            return np.array([a, b]).T
+        b = b - shear * a
+
+
+def _layout_of(basis: Array) -> Layout:
+    a, b = basis.T
+    lengths = np.hypot(*a), np.hypot(*b)
+    angle = math.degrees(math.acos(abs(float(a @ b)) / float(lengths[0] * lengths[1])))
+    if lengths[1] / lengths[0] < 1.2 and angle > 78:
+        return "square"
+    if lengths[1] / lengths[0] < 1.2 and angle < 72:
+        return "hexagonal"
+    raise CalibrationError(
+        f"the lattice in the white image is neither square nor hexagonal: vectors of {lengths[0]:.2f} and"
+        f" {lengths[1]:.2f} px at {angle:.1f} degrees"
+    )
+
+
+def _oriented(basis: Array, layout: Layout) -> Array:
+    """Equivalent basis with `first` nearest to +x and `second` 90 or 60 degrees further, towards +y."""
+    a, b = basis.T
+    star = [a, b] if layout == "square" else [a, b, a - b if a @ b > 0 else a + b]
+    star += [-v for v in star]
+    first = max(star, key=lambda v: v[0] / np.hypot(*v))
+    turn = math.pi / 2 if layout == "square" else math.pi / 3
+    ahead = math.atan2(first[1], first[0]) + turn
+    second = max(star, key=lambda v: float(v @ (math.cos(ahead), math.sin(ahead))) / float(np.hypot(*v)))
+    return np.array([first, second]).T
+
+
+def _phase(crop: Array, lattice: CentreLattice) -> Array:
+    """Indices (fractional) of the bright spot of the cell, from the crop's middle folded into one cell."""
+    rows, columns = crop.shape
+    half = int(min(max(12 * lattice.pitch, 48), rows / 2, columns / 2))
+    y0, x0 = rows // 2, columns // 2
+    y, x = np.mgrid[y0 - half : y0 + half, x0 - half : x0 + half]
+    local = lattice.indices(np.stack([x, y], axis=-1))
+    cell = np.floor((local % 1.0) * _BINS).astype(int) % _BINS
+    flat = cell[..., 1] * _BINS + cell[..., 0]
+    light = np.bincount(flat.ravel(), crop[y, x].ravel(), _BINS**2)
+    count = np.bincount(flat.ravel(), minlength=_BINS**2)
+    folded = np.where(count > 0, light / np.maximum(count, 1), light.sum() / count.sum()).reshape(_BINS, _BINS)
+    frequency = np.fft.fftfreq(_BINS, 1 / _BINS)
+    blur = np.exp(-(frequency[:, None] ** 2 + frequency[None, :] ** 2) * 2 * (math.pi * 0.2) ** 2)
+    smooth = np.fft.ifft2(np.fft.fft2(folded) * blur).real
+    j, i = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
+    nearest = np.round(lattice.indices([x0, y0]) - (i / _BINS, j / _BINS))
+    return np.asarray(nearest + np.array([(i + 0.5) / _BINS, (j + 0.5) / _BINS]))

@@ -1,4 +1,4 @@
-"""Where the model puts a board's corners, and its derivatives.
+"""A board, a camera's parameters, and where the camera sees the board's corners in each view, with derivatives.
 
 A view is a pinhole at S' on the flexible angular plane (Eqs. 2 and 10); the slope of the ray from it to a corner is
 distorted radially, then scaled to the array:
@@ -12,21 +12,108 @@ would move u_0 and the boards, nothing else.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .lattice import Array
+from .frames import Array, CalibrationError
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+_BOARD = re.compile(r"\s*(\d+)\s*[x×]\s*(\d+)\s+([0-9.]+)\s*(um|mm|cm|m)\s*")
+_UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 @dataclass(frozen=True)
-class Camera:
-    """What a calibration finds, in the paper's symbols."""
+class Board:
+    """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide."""
+
+    columns: int
+    rows: int
+    cell: float
+
+    def __post_init__(self) -> None:
+        if self.columns < 3 or self.rows < 3:
+            raise CalibrationError(
+                f"a board of {self.columns} x {self.rows} cells has too few inner corners: 3 x 3 cells or more"
+            )
+        if not 0 < self.cell < float("inf"):
+            raise CalibrationError(f"the board's cell must be a positive length, got {self.cell} mm")
+
+    @classmethod
+    def parse(cls, text: str) -> Board:
+        """Read a board from text such as "4x5 6 mm": cells across, cells down, size of a cell."""
+        match = _BOARD.fullmatch(text)
+        if match is None:
+            raise CalibrationError(f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"')
+        return cls(int(match[1]), int(match[2]), float(match[3]) * _UNITS[match[4]])
+
+    @property
+    def inner(self) -> tuple[int, int]:
+        """Inner corners across and down."""
+        return self.columns - 1, self.rows - 1
+
+    @property
+    def points(self) -> Array:
+        """Inner corners in the board's frame [mm], shape (n, 3), row by row; z = 0, the middle of the board at 0."""
+        across, down = self.inner
+        y, x = np.mgrid[0:down, 0:across].astype(float)
+        plane = np.stack([x - (across - 1) / 2, y - (down - 1) / 2, np.zeros_like(x)], axis=-1)
+        return np.asarray(plane.reshape(-1, 3) * self.cell)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Corners of several boards seen in several views of the light field."""
+
+    points: Array
+    """Corners in the board's frame [mm], shape (n, 3)."""
+    views: Array
+    """(s', t') of each view [px], shape (v, 2)."""
+    uv: Array
+    """Microlens coordinates of board b's corner n in view v [pitches], shape (b, v, n, 2); NaN where not seen."""
+    names: tuple[str, ...] = ()
+    """What each board's image is called."""
+    missing: tuple[str, ...] = ()
+    """Images in which no board was found."""
+
+    def __post_init__(self) -> None:
+        b, v, n = self.uv.shape[:3]
+        if self.uv.ndim != 4 or self.uv.shape[3] != 2 or len(self.points) != n or len(self.views) != v:
+            raise ValueError(
+                f"uv of shape {self.uv.shape} does not fit {len(self.views)} views of {len(self.points)} corners"
+            )
+        if not self.names:
+            object.__setattr__(self, "names", tuple(f"board {k + 1}" for k in range(b)))
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Corners that were seen, shape (b, v, n)."""
+        return observed(self.uv)
+
+    @property
+    def count(self) -> int:
+        """Coordinates measured."""
+        return 2 * int(self.seen.sum())
+
+    def of_views(self, views: Sequence[int]) -> Observations:
+        """The same boards in some of the views, by their numbers."""
+        at = list(views)
+        return replace(self, views=self.views[at], uv=self.uv[:, at])
+
+
+def observed(uv: Array) -> NDArray[np.bool_]:
+    """Which points (..., 2) have both coordinates."""
+    return np.asarray(np.isfinite(uv).all(axis=-1), bool)
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """What a calibration finds of a camera, in the paper's symbols."""
 
     A: float
     """d_1/H [mm]."""
@@ -50,8 +137,8 @@ class Camera:
         """The parameters named, in order."""
         return np.array([getattr(self, name) for name in names])
 
-    def with_values(self, names: tuple[str, ...], values: Array) -> Camera:
-        """A camera with the parameters named changed."""
+    def with_values(self, names: tuple[str, ...], values: Array) -> Intrinsics:
+        """The same with the parameters named changed."""
         return replace(self, **{name: float(value) for name, value in zip(names, values, strict=True)})
 
 
@@ -75,29 +162,26 @@ class Poses(NamedTuple):
         return cls(six[:, :3], six[:, 3:])
 
 
-class Projected(NamedTuple):
-    """Model coordinates and derivatives, for boards b, views v, corners n."""
+class ProjectedCorners(NamedTuple):
+    """Model values of boards b in views v at corners n, and their derivatives where asked for."""
 
-    uv: NDArray[Any]
-    """[pitches], shape (b, v, n, 2)."""
-    by_globals: NDArray[Any] | None
-    """Derivatives by `GLOBALS`, shape (b, v, n, 2, 9)."""
-    by_pose: NDArray[Any] | None
-    """Derivatives by the board's own pose, shape (b, v, n, 2, 6)."""
-
-
-def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
-    """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
-    one, two, _ = _rotation_series(vector)
-    cross = cross_matrix(vector)
-    result: NDArray[Any] = np.eye(3) + one[..., None, None] * cross + two[..., None, None] * (cross @ cross)
-    return result
+    values: NDArray[Any]
+    """u, v [pitches] and, with a share, the slope Du/Ds' [pitches/px], shape (b, v, n, 2 or 3)."""
+    by_globals: NDArray[Any]
+    """By `GLOBALS`, shape (b, v, n, 2 or 3, 9)."""
+    by_pose: NDArray[Any]
+    """By the board's own pose, shape (b, v, n, 2 or 3, 6)."""
 
 
 def project_boards(
-    camera: NDArray[Any], pose: NDArray[Any], points: Array, views: Array, derivatives: bool = False
-) -> Projected:
-    """Corners of boards in views, with analytic derivatives.
+    camera: NDArray[Any],
+    pose: NDArray[Any],
+    points: Array,
+    views: Array,
+    share: Array | None = None,
+    derivatives: bool = False,
+) -> ProjectedCorners:
+    """Corners of boards in views, and how fast they move from view to view.
 
     Parameters
     ----------
@@ -108,55 +192,78 @@ def project_boards(
     points : ndarray
         Corners in the board's frame [mm], shape (n, 3).
     views : ndarray
-        (s', t') [px], shape (v, 2).
+        (s', t') [px], shape (v, 2), or another for each board and corner, shape (b, v, n, 2).
+    share : ndarray, optional
+        Share of the squared baseline along s, shape (b, v, n): the slope Du/Ds' = Dv/Dt' that views of this baseline
+        show is modelled too (the derivative of the place by the view, weighted so).
     derivatives : bool
-        Ask for the Jacobian.
+        Ask for the Jacobian; without it those of the result are empty.
 
     Returns
     -------
-    Projected
+    ProjectedCorners
         For complex arguments complex, so that a complex step checks the derivatives.
     """
     A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = camera
+    at = views[None, :, None, :] if views.ndim == 2 else views
+    step = q * A * inverse_d_2
     turn = rotation_matrix(pose[:, :3])
-    scene = np.einsum("bij,nj->bni", turn, points) + pose[:, None, 3:]
-    depth = scene[:, None, :, 2]
-    pupil = -(q * A * inverse_d_2) * views[None, :, None, :]
-    slope = (scene[:, None, :, :2] - pupil) / depth[..., None]
-    radius2 = (slope * slope).sum(axis=-1)
-    gain = 1 + radius2 * (k_1 + k_2 * radius2)
+    scene = (np.einsum("bij,nj->bni", turn, points) + pose[:, None, 3:])[:, None]
+    z = scene[..., 2]
+    pupil = -step * at
+    slope = (scene[..., :2] - pupil) / z[..., None]
+    r2 = (slope * slope).sum(axis=-1)
+    gain, bend, curl = 1 + r2 * (k_1 + k_2 * r2), k_1 + 2 * k_2 * r2, 2 * k_2
     bent = gain[..., None] * slope
-    uv = np.array([x_0, y_0]) - (A * bent + m * pupil) / d
+    values = np.array([x_0, y_0]) - (A * bent + m * pupil) / d
+    if share is not None:
+        weights = np.stack([share, 1 - share], axis=-1)
+        tilted = (weights * slope * slope).sum(axis=-1)
+        stretch = gain + 2 * bend * tilted
+        values = np.concatenate([values, (step / d * (m - A * stretch / z))[..., None]], axis=-1)
     if not derivatives:
-        return Projected(uv, None, None)
-    stretch = gain[..., None, None] * np.eye(2)
-    stretch = stretch + (2 * (k_1 + 2 * k_2 * radius2))[..., None, None] * slope[..., :, None] * slope[..., None, :]
-    by_pupil = (A / d) * stretch / depth[..., None, None] - (m / d) * np.eye(2)
-    shear = np.einsum("bvnij,vj->bvni", by_pupil, views)
-    by_globals = np.zeros((*uv.shape, len(GLOBALS)), uv.dtype)
-    by_globals[..., 0] = -bent / d - q * inverse_d_2 * shear
-    by_globals[..., 1] = -np.broadcast_to(pupil, uv.shape) / d
-    by_globals[..., 2] = -q * A * shear
+        return ProjectedCorners(values, np.empty(0), np.empty(0))
+
+    tensor = gain[..., None, None] * np.eye(2) + (2 * bend)[..., None, None] * slope[..., :, None] * slope[..., None, :]
+    moved = np.einsum("bvnij,bvnj->bvni", (A / d) * tensor / z[..., None, None] - (m / d) * np.eye(2),
+                      np.broadcast_to(at, slope.shape))  # fmt: skip
+    by_globals = np.zeros((*values.shape, len(GLOBALS)), values.dtype)
+    # The pupil moves with A, 1/d_2 and q through `step`.
+    by_step = ((0, q * inverse_d_2), (2, q * A), (7, A * inverse_d_2))
+    for column, rate in by_step:
+        by_globals[..., :2, column] = -rate * moved
+    by_globals[..., :2, 0] -= bent / d
+    by_globals[..., :2, 1] = -pupil / d
     by_globals[..., 0, 3] = by_globals[..., 1, 4] = 1.0
-    by_globals[..., 5] = -(A / d) * radius2[..., None] * slope
-    by_globals[..., 6] = -(A / d) * (radius2 * radius2)[..., None] * slope
-    by_globals[..., 7] = -A * inverse_d_2 * shear
-    by_globals[..., 8] = (A * bent + m * pupil) / (d * d)
-    by_scene = np.concatenate([np.broadcast_to(np.eye(2), (*slope.shape, 2)), -slope[..., None]], axis=-1)
-    by_scene = -(A / d) * (stretch @ by_scene) / depth[..., None, None]
-    twist = -turn[:, None] @ cross_matrix(points) @ right_jacobian(pose[:, None, :3])
-    by_pose = np.concatenate([by_scene @ twist[:, None], by_scene], axis=-1)
-    return Projected(uv, by_globals, by_pose)
+    for column, power in ((5, r2), (6, r2 * r2)):
+        by_globals[..., :2, column] = -(A / d) * power[..., None] * slope
+    by_globals[..., :2, 8] = (A * bent + m * pupil) / (d * d)
+    slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), (*slope.shape, 2)), -slope[..., None]], axis=-1)
+    slope_by_scene = slope_by_scene / z[..., None, None]
+    by_scene = -(A / d) * (tensor @ slope_by_scene)
+    if share is not None:
+        stretch_by_slope = (2 * bend + 4 * curl * tilted)[..., None] * slope + 4 * bend[..., None] * weights * slope
+        # d(slope)/d(step) = at/z.
+        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1) / z
+        for column, rate in by_step:
+            by_globals[..., 2, column] = rate / d * grown
+        by_globals[..., 2, 0] -= step / d * stretch / z
+        by_globals[..., 2, 1] = step / d
+        by_globals[..., 2, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
+        by_globals[..., 2, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
+        by_globals[..., 2, 8] = -values[..., 2] / d
+        row = -(step * A / (d * z))[..., None] * np.einsum("bvni,bvnij->bvnj", stretch_by_slope, slope_by_scene)
+        row[..., 2] += step * A / d * stretch / (z * z)
+        by_scene = np.concatenate([by_scene, row[..., None, :]], axis=-2)
+    twist = (-turn[:, None] @ cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
+    return ProjectedCorners(values, by_globals, np.concatenate([by_scene @ twist, by_scene], axis=-1))
 
 
-def bordered(shared: Array, own: Array) -> Array:
-    """Jacobian with shared columns first, then six columns a board."""
-    boards, rows, count = shared.shape
-    full = np.zeros((boards, rows, count + 6 * boards))
-    full[..., :count] = shared
-    for b in range(boards):
-        full[b, :, count + 6 * b : count + 6 * b + 6] = own[b]
-    return full.reshape(boards * rows, -1)
+def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
+    """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
+    one, two, _ = _rotation_series(vector)
+    cross = cross_matrix(vector)
+    return np.asarray(np.eye(3) + one[..., None, None] * cross + two[..., None, None] * (cross @ cross))
 
 
 def cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
@@ -166,12 +273,11 @@ def cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
 
 
-def right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
+def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
     """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)`` to first order in dr."""
     _, two, three = _rotation_series(vector)
     cross = cross_matrix(vector)
-    result: NDArray[Any] = np.eye(3) - two[..., None, None] * cross + three[..., None, None] * (cross @ cross)
-    return result
+    return np.asarray(np.eye(3) - two[..., None, None] * cross + three[..., None, None] * (cross @ cross))
 
 
 def _rotation_series(vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -4,30 +4,149 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .board import Board
-from .consequences import variance_shares
-from .corner_statistics import corner_statistics
-from .datasheet import DataSheet
-from .errors import CalibrationError
-from .fisher import undetermined
-from .model import Camera
-from .refine import shared_names
-from .statistics_fit import StatisticsFit, fit_at
-from .synthetic import Captures, ideal_observations, random_poses
+from ..theory.aperture import effective_image_distance
+from .calibrate import corner_statistics, fit_at
+from .datasheet import DataSheet, variance_shares
+from .frames import Array, CalibrationError
+from .model import Board, Intrinsics, Observations, Poses, project_boards
+from .steps import shared_names, undetermined
 
 if TYPE_CHECKING:
-    from ..design.design import Design
+    from ..design import Design
 
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 
 
-class Expected(NamedTuple):
+@dataclass(frozen=True)
+class Captures:
+    """What one means to capture."""
+
+    board: Board = field(default_factory=lambda: Board(4, 5, 6.0))
+    boards: int = 12
+    """Images of the board."""
+    distance: float = 350.0
+    """Mean distance of the boards from the main lens [mm]."""
+    distance_range: float = 60.0
+    """Farthest minus nearest [mm]."""
+    tilt: float = math.radians(20.0)
+    """Largest tilt [rad]."""
+    offset: float = 8.0
+    """Largest sideways displacement of a board's middle from the axis, per axis [mm]."""
+    noise: float = 0.06
+    """Standard deviation of one corner coordinate in one view [pitches of the view's samples]."""
+    views: int = 5
+    """Views across the pupil, per axis."""
+    reach: float = 5.0
+    """Outermost view from the centre [px]."""
+
+    def __post_init__(self) -> None:
+        if self.views < 1 or self.views == 2:
+            raise CalibrationError(f"views across the pupil must be 1, or 3 or more, got {self.views}")
+        if self.boards < 1:
+            raise CalibrationError(f"at least one image of the board is needed, got {self.boards}")
+        for name in ("distance", "noise"):
+            if not getattr(self, name) > 0:
+                raise CalibrationError(f"{name} must be positive, got {getattr(self, name)}")
+        if not 0 <= self.tilt < math.pi / 2:
+            raise CalibrationError(f"boards cannot be tilted by {math.degrees(self.tilt):g} degrees; stay below 90")
+        if self.distance_range < 0:
+            raise CalibrationError(f"a range of distances is not negative, got {self.distance_range:g} mm")
+
+    @classmethod
+    def for_design(
+        cls,
+        design: Design,
+        *,
+        board: Board,
+        boards: int,
+        tilt: float,
+        distance: float | None = None,
+        distance_range: float | None = None,
+        noise: float = 0.06,
+    ) -> Captures:
+        """What one means to capture with a design.
+
+        Parameters
+        ----------
+        design : Design
+        board : Board
+        boards : int
+        tilt : float
+            [rad]
+        distance, distance_range : float, optional
+            [mm]; not given, distances lie about the focal plane, over a quarter of the way from the FAP to it.
+        noise : float
+            [pitches]
+
+        Raises
+        ------
+        CalibrationError
+            A number out of range.
+        """
+        middle = design.d_f if distance is None else distance
+        depth = middle - design.d_3
+        image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_f, design.d_3)))
+        return cls(
+            board=board,
+            boards=boards,
+            distance=middle,
+            distance_range=depth / 4 if distance_range is None else distance_range,
+            tilt=tilt,
+            offset=0.035 * max(depth, 0.0),
+            noise=noise,
+            # As far out as corners are followed: views at the pupil's rim are left out.
+            reach=0.385 * min(design.d, image) / design.q,
+        )
+
+    def view_grid(self) -> Array:
+        """(s', t') of the views inside the round pupil [px], shape (v, 2)."""
+        if self.views == 1:
+            return np.zeros((1, 2))
+        s, t = np.meshgrid(*2 * [np.linspace(-self.reach, self.reach, self.views)])
+        inside = np.hypot(s, t) <= (1.0 + 1e-9) * self.reach
+        return np.stack([s[inside], t[inside]], axis=-1)
+
+
+def camera_of(design: Design) -> Intrinsics:
+    """The calibration's parameters of a design, the axis at the middle of its array."""
+    m = design.d_1 / design.d_f
+    width, height = (size / design.d for size in design.sensor_size)
+    return Intrinsics(design.d_1 - m * design.d_3, m, 1 / design.d_2, width / 2, height / 2, q=design.q, d=design.d)
+
+
+def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
+    """Poses as a person would choose them: distances spread evenly, tilts in every direction, boards turned in hand.
+
+    `pupil_distance` is d_3 [mm], from lens to FAP: poses are in the FAP's frame.
+    """
+    n = captures.boards
+    spread = (np.arange(n) + 0.5) / n - 0.5 if n > 1 else np.zeros(1)
+    depth = captures.distance - pupil_distance + captures.distance_range * rng.permutation(spread)
+    size, towards = captures.tilt * np.sqrt(rng.uniform(0, 1, n)), rng.uniform(0, 2 * math.pi, n)
+    turn = rng.uniform(-math.pi / 8, math.pi / 8, n)
+    rotation = np.column_stack([size * np.cos(towards), size * np.sin(towards), turn])
+    aside = rng.uniform(-captures.offset, captures.offset, (n, 2))
+    return Poses(rotation, np.column_stack([aside, depth]))
+
+
+def synthetic_observations(
+    camera: Intrinsics, poses: Poses, captures: Captures, rng: np.random.Generator | None = None
+) -> Observations:
+    """Corners where the model puts them; with `rng` each coordinate in each view off by independent normal errors."""
+    views = captures.view_grid()
+    uv = project_boards(camera.vector(), poses.vector, captures.board.points, views).values
+    if rng is not None:
+        uv = uv + captures.noise * rng.normal(size=uv.shape)
+    return Observations(captures.board.points, views, uv)
+
+
+class ExpectedErrors(NamedTuple):
     """Standard deviations that a plan promises."""
 
     sigma: dict[str, float]
@@ -40,25 +159,25 @@ class Expected(NamedTuple):
     """Between A and 1/d_2, the ridge along which calibrations err."""
 
 
-class Change(NamedTuple):
+class PlanChange(NamedTuple):
     """One way to do better."""
 
     what: str
     captures: Captures
     sheet: DataSheet
-    expected: Expected
+    expected: ExpectedErrors
 
-    def gain(self, before: Expected, name: str = "d_3") -> float:
+    def gain(self, before: ExpectedErrors, name: str = "d_3") -> float:
         """Standard deviation before over after."""
         return before.sigma[name] / self.expected.sigma[name]
 
 
-class Plan(NamedTuple):
+class CapturePlan(NamedTuple):
     """What a set of captures promises, and the changes ranked."""
 
     captures: Captures
-    expected: Expected
-    changes: tuple[Change, ...]
+    expected: ExpectedErrors
+    changes: tuple[PlanChange, ...]
     """Best first, by d_3."""
 
     @property
@@ -72,28 +191,14 @@ class Plan(NamedTuple):
         )
 
 
-def camera_of(design: Design) -> Camera:
-    """The calibration's parameters of a design, the axis at the middle of its array."""
-    m = design.d_1 / design.d_f
-    width, height = (size / design.d for size in design.sensor_size)
-    return Camera(design.d_1 - m * design.d_3, m, 1 / design.d_2, width / 2, height / 2, q=design.q, d=design.d)
-
-
-def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3, cell_sigma: float = 1e-3) -> DataSheet:
-    """Data-sheet values of a design with relative standard deviations of f, d and the board's cell."""
-    return DataSheet(
-        design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma
-    )
-
-
 def expected_errors(
-    camera: Camera, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
-) -> Expected:
+    camera: Intrinsics, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
+) -> ExpectedErrors:
     """Standard deviations from the Fisher matrix, poses eliminated, data-sheet errors added.
 
     Parameters
     ----------
-    camera : Camera
+    camera : Intrinsics
         The design's.
     sheet : DataSheet
     captures : Captures
@@ -119,28 +224,27 @@ def expected_errors(
         )
     if captures.views == 1 or captures.boards == 1:
         raise CalibrationError(f"these captures do not determine A, m and d_2: {reason(captures)}")
-    found, fits = [], []
+    shares, fits = [], []
     for k in range(samples):
         rng = np.random.default_rng([seed, k])
         poses = random_poses(captures, d_3, rng)
-        statistics = corner_statistics(ideal_observations(camera, poses, captures), captures.noise)
+        statistics = corner_statistics(synthetic_observations(camera, poses, captures), captures.noise)
         fit = fit_at(statistics, camera, poses, names)
-        lost = undetermined(fit.covariance, {"A": camera.A, "m": camera.m, "inverse_d_2": camera.inverse_d_2})
+        lost = undetermined(fit.covariance, camera)
         if lost:
             raise CalibrationError(f"these captures do not determine {', '.join(lost)}: {reason(captures)}")
         fits.append(fit)
-        found.append(variance_shares(fit, sheet))
-    middle = {n: float(np.median([f[n]["sigma"] for f in found])) for n in found[0]}
-    order = int(np.argsort([f["d_3"]["sigma"] for f in found])[len(found) // 2])
-    shares = {n: {s: v for s, v in part.items() if s != "sigma"} for n, part in found[order].items()}
-    typical: StatisticsFit = fits[order]
-    correlation = float(typical.covariance.correlation[0, 2])
-    return Expected(middle, shares, typical.covariance.condition, correlation)
+        shares.append(variance_shares(fit, sheet))
+    middle = {name: float(np.median([one[name]["sigma"] for one in shares])) for name in shares[0]}
+    order = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
+    typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[order].items()}
+    covariance = fits[order].covariance
+    return ExpectedErrors(middle, typical, covariance.condition, float(covariance.correlation[0, 2]))
 
 
 def plan(
-    camera: Camera, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
-) -> Plan:
+    camera: Intrinsics, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
+) -> CapturePlan:
     """Expected errors of a set of captures, and of those that differ from it by one change, best first.
 
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
@@ -153,9 +257,9 @@ def plan(
             after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
         except CalibrationError:
             continue
-        changes.append(Change(what, other, known, after))
+        changes.append(PlanChange(what, other, known, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
-    return Plan(captures, before, tuple(changes))
+    return CapturePlan(captures, before, tuple(changes))
 
 
 def reason(captures: Captures) -> str:
@@ -177,17 +281,10 @@ def _alternatives(captures: Captures, sheet: DataSheet) -> Sequence[tuple[str, C
     tilt = min(max(1.5 * captures.tilt, math.radians(10.0)), _STEEPEST)
     finer = Board(2 * board.columns, 2 * board.rows, board.cell / 2)
     larger = Board(2 * board.columns - 1, 2 * board.rows - 1, board.cell)
+    n, spread = captures.boards, captures.distance_range
     options = [
-        (
-            f"show {2 * captures.boards} boards instead of {captures.boards}",
-            replace(captures, boards=2 * captures.boards),
-            sheet,
-        ),
-        (
-            f"spread the distances over {2 * captures.distance_range:g} mm",
-            replace(captures, distance_range=2 * captures.distance_range),
-            sheet,
-        ),
+        (f"show {2 * n} boards instead of {n}", replace(captures, boards=2 * n), sheet),
+        (f"spread the distances over {2 * spread:g} mm", replace(captures, distance_range=2 * spread), sheet),
         ("halve the corner noise", replace(captures, noise=captures.noise / 2), sheet),
         (
             f"use a board of {larger.columns} x {larger.rows} cells of the same size",

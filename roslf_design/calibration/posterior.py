@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .datasheet import QUANTITIES, DataSheet, derived
-from .diagnostics import bulk_ess, r_hat, tail_ess
-from .draws import Draws
-from .errors import CalibrationError, optional_module
-from .lattice import Array
-from .likelihood import ProfileLikelihood
+from .._jit import kernel
+from .calibrate import StatisticsFit
+from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
+from .frames import Array, CalibrationError
 from .model import GLOBALS
-from .precision import DEFAULT_ESS, DEFAULT_STEPS
-from .statistics_fit import StatisticsFit
 
+DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
+"""Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
+RHAT = 1.01
+"""R-hat between ensembles below which they count as converged."""
 _KEPT = 40_000
 """Most draws kept of a posterior."""
-RHAT, ESS = 1.01, DEFAULT_ESS
-"""What counts as converged."""
+_CAMERA = 7
+"""Parameters of `GLOBALS` that a likelihood takes: A, m, 1/d_2, x_0, y_0, k_1, k_2."""
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(Draws):
+class Posterior(CameraDraws):
     """Draws from the posterior, and whether they may be trusted."""
 
     r_hat: Mapping[str, float]
@@ -50,20 +52,19 @@ def sample_posterior(
     *,
     seed: int,
     ensembles: int = 4,
-    walkers: int | None = None,
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
-    ess: float = ESS,
-    vectorize: bool = True,
+    ess: float = DEFAULT_ESS,
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
-    Ensembles start apart, spread 1.5 times as wide as the Fisher matrix says, and walk in coordinates whitened by it.
-    They stop when R-hat between ensembles is below 1.01 and bulk and tail effective sample sizes are above `ess` for
-    every parameter and for d_1, d_f, H and d_3, or after `most_steps`. Priors are flat in A, m, 1/d_2 (all positive),
-    x_0, y_0 and distortion, and normal in f, q, d and the board's scale as the data sheet says; q, d, scale and the
-    fit's systematic errors, which no image informs, are drawn afterwards.
+    Ensembles (of four walkers for each parameter, 24 at least) start apart, spread 1.5 times as wide as the Fisher
+    matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and bulk
+    and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
+    `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
+    board's scale as the data sheet says; q, d, scale and the fit's systematic errors, which no image informs, are drawn
+    afterwards.
 
     Parameters
     ----------
@@ -73,45 +74,37 @@ def sample_posterior(
         Same seed, same draws.
     ensembles : int
         Separate ensembles, at least 4.
-    walkers : int, optional
-        In each ensemble, even; four for each parameter and at least 24 where not given.
     chunk : int
         Steps between checks.
     most_steps : int
         Of each ensemble.
     ess : float
-        Effective sample size wanted, bulk and tail; `precision.sample_size_for` an accuracy.
-    vectorize : bool
-        Ask the likelihood for many walkers at once.
+        Effective sample size wanted, bulk and tail.
     progress : callable, optional
         Called with (steps, R-hat, effective sample size) after each chunk.
 
     Raises
     ------
-    MissingExtraError
-        Without emcee.
     CalibrationError
         Fewer than four ensembles, or the likelihood is not finite near its peak.
     """
-    emcee = optional_module("emcee", "sampling the posterior")
+    import emcee
+
     if ensembles < 4:
         raise CalibrationError(f"convergence is judged between at least 4 ensembles, got {ensembles}")
     target = _Target(fit, sheet)
     dimension = len(target.names)
-    size = max(24, 4 * dimension) if walkers is None else walkers
+    size = max(24, 4 * dimension)
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
     seeds = np.random.SeedSequence(seed).spawn(ensembles + 1)
     samplers, states = [], []
     for spawned in seeds[:ensembles]:
         random = np.random.RandomState(np.random.MT19937(spawned))
         start = 1.5 * random.normal(size=(size, dimension))
-        worth = target.rows(start)
-        if not np.isfinite(worth).all():
-            start[~np.isfinite(worth)] *= 0.1
-        if not np.isfinite(target.rows(start)).all():
+        start[~np.isfinite(target(start))] *= 0.1
+        if not np.isfinite(target(start)).all():
             raise CalibrationError("the posterior is not finite near its peak: the boards hardly determine the camera")
-        function = target.rows if vectorize else target.one
-        samplers.append(emcee.EnsembleSampler(size, dimension, function, moves=moves, vectorize=vectorize))
+        samplers.append(emcee.EnsembleSampler(size, dimension, target, moves=moves, vectorize=True))
         states.append(emcee.State(start, random_state=random.get_state()))
     dropped = min(max(50, chunk // 2), 400)
     states = [sampler.run_mcmc(state, dropped) for sampler, state in zip(samplers, states, strict=True)]
@@ -124,8 +117,8 @@ def sample_posterior(
         states = [sampler.run_mcmc(state, many) for sampler, state in zip(samplers, states, strict=True)]
         steps += many
         chain = np.stack([sampler.get_chain() for sampler in samplers])  # (ensembles, steps, walkers, p)
-        checks = _checks(target, chain)
-        worst, least = max(checks[0].values()), min(min(c.values()) for c in checks[1:])
+        r_hat, bulk, tail = target.diagnostics(chain)
+        worst, least = max(r_hat.values()), min(*bulk.values(), *tail.values())
         converged = worst < RHAT and least > ess
         if progress is not None:
             progress(steps, worst, least)
@@ -135,30 +128,24 @@ def sample_posterior(
     flat = target.parameters(chain.swapaxes(0, 1).reshape(-1, dimension))
     flat = flat[:: max(1, len(flat) // _KEPT)]
     rng = np.random.default_rng(seeds[-1])
-    q, d, board = sheet.draws(len(flat), rng)[1:]
+    scales = sheet.draws(len(flat), rng)[1:]
     flat[:, :3] += rng.normal(size=(len(flat), len(fit.systematic))) @ fit.systematic
+    means, spread = chain.mean(axis=(1, 2)), chain.reshape(-1, dimension).std(axis=0)
     return Posterior(
         names=target.names,
         parameters=flat,
-        quantities=derived(flat, sheet, flat[:, -1], np.stack([q, d, board])),
-        r_hat=checks[0],
-        bulk_ess=checks[1],
-        tail_ess=checks[2],
+        quantities=derived(flat, sheet, flat[:, -1], scales),
+        r_hat=r_hat,
+        bulk_ess=bulk,
+        tail_ess=tail,
         converged=converged,
         message=("converged: " if converged else f"NOT converged after {steps} steps: ") + said,
         acceptance=float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers])),
         steps=steps,
         walkers=ensembles * size,
         ensembles=ensembles,
-        between=_between(chain),
+        between=float(np.sqrt(np.mean((means.std(axis=0, ddof=1) / spread) ** 2) / ensembles)),
     )
-
-
-def _between(chain: Array) -> float:
-    """Scatter of the ensembles' means over sqrt(ensembles), in standard deviations, rms over the coordinates."""
-    means = chain.mean(axis=(1, 2))
-    spread = chain.reshape(-1, chain.shape[-1]).std(axis=0)
-    return float(np.sqrt(np.mean((means.std(axis=0, ddof=1) / spread) ** 2) / len(means)))
 
 
 class _Target:
@@ -166,10 +153,10 @@ class _Target:
 
     def __init__(self, fit: StatisticsFit, sheet: DataSheet) -> None:
         self.likelihood = ProfileLikelihood(fit)
-        self.fitted = fit.covariance.names
-        self.names = (*self.fitted, "f")
-        self._columns = [GLOBALS.index(name) for name in self.fitted]
-        self._centre = fit.camera.vector(self.fitted)
+        fitted = fit.covariance.names
+        self.names = (*fitted, "f")
+        self._columns = [GLOBALS.index(name) for name in fitted]
+        self._centre = fit.camera.vector(fitted)
         self._root = np.linalg.cholesky(fit.covariance.matrix)
         self._sheet = sheet
 
@@ -178,32 +165,189 @@ class _Target:
         shared = self._centre + whitened[:, :-1] @ self._root.T
         return np.column_stack([shared, self._sheet.f + self._sheet.f_sigma * whitened[:, -1]])
 
-    def rows(self, whitened: Array) -> Array:
+    def __call__(self, whitened: Array) -> Array:
         """Log-posterior of many points, shape (n,)."""
         values = self.parameters(whitened)
         cameras = np.tile(self.likelihood.best, (len(values), 1))
         cameras[:, self._columns] = values[:, :-1]
-        worth = self.likelihood(cameras) - self.likelihood.peak - 0.5 * whitened[:, -1] ** 2
-        return np.where(values[:, -1] > 0, worth, -np.inf)
+        log = self.likelihood(cameras) - self.likelihood.peak - 0.5 * whitened[:, -1] ** 2
+        return np.where(values[:, -1] > 0, log, -np.inf)
 
-    def one(self, whitened: Array) -> float:
-        """Log-posterior of one point."""
-        return float(self.rows(whitened[None])[0])
+    def diagnostics(self, chain: Array) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+        """R-hat between ensembles, bulk and tail ESS over all walkers, for parameters and derived lengths."""
+        from arviz_stats.base import array_stats  # type: ignore[attr-defined]
+
+        stats: Any = array_stats
+        groups, steps, walkers, dimension = chain.shape
+        values = self.parameters(chain.reshape(-1, dimension))
+        series = {name: values[:, k] for k, name in enumerate(self.names)}
+        lengths = derived(values, self._sheet, values[:, -1])
+        series |= {name: lengths[name] for name in QUANTITIES if name not in series and name != "d_2"}
+        r_hat, bulk, tail = {}, {}, {}
+        for name, flat in series.items():
+            if np.ptp(flat) == 0:
+                continue
+            draws = flat.reshape(groups, steps, walkers)
+            r_hat[name] = float(stats.rhat(draws.reshape(groups, steps * walkers)))
+            by_walker = draws.swapaxes(1, 2).reshape(groups * walkers, steps)
+            bulk[name] = float(stats.ess(by_walker, method="bulk"))
+            tail[name] = float(stats.ess(by_walker, method="tail", prob=(0.05, 0.95)))
+        return r_hat, bulk, tail
 
 
-def _checks(target: _Target, chain: Array) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """R-hat between ensembles, bulk and tail ESS over all walkers, for parameters and derived lengths."""
-    groups, steps, walkers, dimension = chain.shape
-    values = target.parameters(chain.reshape(-1, dimension))
-    series = {name: values[:, k] for k, name in enumerate(target.names)}
-    lengths = derived(values, target._sheet, values[:, -1])
-    series |= {name: lengths[name] for name in QUANTITIES if name not in series and name != "d_2"}
-    hat, bulk, tail = {}, {}, {}
-    for name, flat in series.items():
-        if np.ptp(flat) == 0:
-            continue
-        draws = flat.reshape(groups, steps, walkers)
-        hat[name] = r_hat(draws.reshape(groups, steps * walkers))
-        by_walker = draws.swapaxes(1, 2).reshape(groups * walkers, steps)
-        bulk[name], tail[name] = bulk_ess(by_walker), tail_ess(by_walker)
-    return hat, bulk, tail
+# --- likelihood -------------------------------------------------------------------------------------------------------
+
+
+class ProfileLikelihood:
+    """Log-likelihood of (A, m, 1/d_2, x_0, y_0, k_1, k_2), each board's pose taken along.
+
+    For a camera off the best fit, each pose is moved as the linear fit says, one Gauss-Newton step's gain is taken off
+    its misfit in closed form (the Schur complement of the pose block), and what is left is summed over the boards.
+    With poses Gaussian about their best, and flat in units of their own standard deviation, this is the likelihood
+    with poses integrated out, up to a constant. Flat in millimetres instead would favour far boards, twelve times over,
+    and pull A by up to its own standard deviation.
+    """
+
+    def __init__(self, fit: StatisticsFit) -> None:
+        names = fit.covariance.names
+        columns = [GLOBALS.index(name) for name in names]
+        self.best = fit.camera.vector()[:_CAMERA]
+        self._follow = np.zeros((*fit.pose_by_shared.shape[:2], _CAMERA))
+        self._follow[..., columns] = fit.pose_by_shared
+        self._fixed = np.array([fit.camera.q, fit.camera.d])
+        self._pose = np.ascontiguousarray(fit.poses.vector)
+        data = fit.statistics
+        weight = 1 / data.sigma
+        self._data = tuple(map(np.ascontiguousarray, (data.points, data.values, data.at, data.share, weight)))
+        zero = self(self.best[None])
+        self.peak = float(zero[0])
+        """Log-likelihood at the best fit."""
+
+    def __call__(self, cameras: Array) -> Array:
+        """Log-likelihood, up to a constant, shape (w,), of cameras, shape (w, 7); -inf where a board is behind one."""
+        cameras = np.ascontiguousarray(cameras, float)
+        out = np.empty(len(cameras))
+        points, values, at, share, weight = self._data
+        shape = self.best, self._follow, self._pose, self._fixed
+        _eliminate.compiled(cameras, *shape, points, values, at, share, weight, out)
+        return out
+
+
+@kernel()
+def _eliminate(
+    cameras: Array,
+    best: Array,
+    follow: Array,
+    pose: Array,
+    fixed: Array,
+    points: Array,
+    values: Array,
+    at: Array,
+    share: Array,
+    weight: Array,
+    out: Array,
+) -> None:
+    boards, corners = share.shape
+    for w in range(cameras.shape[0]):
+        A, m, x_0, y_0 = cameras[w, 0], cameras[w, 1], cameras[w, 3], cameras[w, 4]
+        k_1, k_2, q, d = cameras[w, 5], cameras[w, 6], fixed[0], fixed[1]
+        step = q * A * cameras[w, 2]
+        R, p, J, H, g = np.empty((3, 3)), np.empty(6), np.empty((3, 6)), np.empty((6, 6)), np.empty(6)
+        r = np.empty(3)
+        total, behind = 0.0, A <= 0.0 or m <= 0.0 or step <= 0.0
+        for b in range(boards):
+            for i in range(6):
+                p[i] = pose[b, i]
+                for j in range(7):
+                    p[i] += follow[b, i, j] * (cameras[w, j] - best[j])
+            _turn(p, R)
+            H[:] = 0.0
+            g[:] = 0.0
+            misfit = 0.0
+            for n in range(corners):
+                if weight[b, n, 0] == 0.0:
+                    continue
+                px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[5]
+                if z <= 0.0:
+                    behind = True
+                    break
+                sx, sy = -step * at[b, n, 0], -step * at[b, n, 1]
+                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[3] - sx) / z
+                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[4] - sy) / z
+                r2 = fx * fx + fy * fy
+                gain, bend, curl = 1.0 + r2 * (k_1 + k_2 * r2), k_1 + 2.0 * k_2 * r2, 2.0 * k_2
+                wx, wy = share[b, n], 1.0 - share[b, n]
+                tilted = wx * fx * fx + wy * fy * fy
+                stretch = gain + 2.0 * bend * tilted
+                r[0] = weight[b, n, 0] * (x_0 - (A * gain * fx + m * sx) / d - values[b, n, 0])
+                r[1] = weight[b, n, 1] * (y_0 - (A * gain * fy + m * sy) / d - values[b, n, 1])
+                r[2] = weight[b, n, 2] * (step / d * (m - A * stretch / z) - values[b, n, 2])
+                # Derivatives by the ray's slope, then by the corner's place, then by the board's turn and shift.
+                a = -A / (d * z)
+                txx, txy, tyy = gain + 2.0 * bend * fx * fx, 2.0 * bend * fx * fy, gain + 2.0 * bend * fy * fy
+                lx = 2.0 * bend * fx + 4.0 * curl * tilted * fx + 4.0 * bend * wx * fx
+                ly = 2.0 * bend * fy + 4.0 * curl * tilted * fy + 4.0 * bend * wy * fy
+                J[0, 3], J[0, 4], J[0, 5] = a * txx, a * txy, -a * (txx * fx + txy * fy)
+                J[1, 3], J[1, 4], J[1, 5] = a * txy, a * tyy, -a * (txy * fx + tyy * fy)
+                s = a * step / z
+                J[2, 3], J[2, 4], J[2, 5] = s * lx, s * ly, -s * (lx * fx + ly * fy + stretch)
+                for i in range(3):
+                    k = weight[b, n, i]
+                    for j in range(3, 6):
+                        J[i, j] *= k
+                    for j in range(3):
+                        # dX = R (turn x P): column j of -R [P]_x.
+                        u, v = (j + 1) % 3, (j + 2) % 3
+                        J[i, j] = 0.0
+                        for c in range(3):
+                            J[i, j] += J[i, 3 + c] * (R[c, v] * points[n, u] - R[c, u] * points[n, v])
+                    misfit += r[i] * r[i]
+                    for j in range(6):
+                        g[j] += J[i, j] * r[i]
+                        for c in range(j + 1):
+                            H[j, c] += J[i, j] * J[i, c]
+            gained = _gain(H, g)
+            if behind or gained < 0.0:
+                behind = True
+                break
+            total += misfit - gained
+        out[w] = -math.inf if behind else -0.5 * total
+
+
+@kernel()
+def _turn(vector: Array, R: Array) -> None:
+    """Rotation matrix of the first three numbers of a pose."""
+    x, y, z = vector[0], vector[1], vector[2]
+    square = x * x + y * y + z * z
+    if square < 1e-8:
+        one, two = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        angle = math.sqrt(square)
+        half = math.sin(0.5 * angle) / angle
+        one, two = math.sin(angle) / angle, 2.0 * half * half
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - two * (y * y + z * z), two * x * y - one * z, two * x * z + one * y
+    R[1, 0], R[1, 1], R[1, 2] = two * x * y + one * z, 1.0 - two * (x * x + z * z), two * y * z - one * x
+    R[2, 0], R[2, 1], R[2, 2] = two * x * z - one * y, two * y * z + one * x, 1.0 - two * (x * x + y * y)
+
+
+@kernel()
+def _gain(H: Array, g: Array) -> float:
+    """``g' H^-1 g`` by Cholesky's method in place; -1 where H is not positive definite."""
+    gained = 0.0
+    for j in range(6):
+        for i in range(j, 6):
+            total = H[i, j]
+            for k in range(j):
+                total -= H[i, k] * H[j, k]
+            if i == j:
+                if total <= 0.0:
+                    return -1.0
+                H[j, j] = math.sqrt(total)
+            else:
+                H[i, j] = total / H[j, j]
+        for k in range(j):
+            g[j] -= H[j, k] * g[k]
+        g[j] /= H[j, j]
+        gained += g[j] * g[j]
+    return gained

@@ -2,37 +2,51 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..accuracy.statement import Accuracy
 from ..design import Design
-from .board import Board
+from ..effects.field import image_pitch
+from ..evaluation.rims import field_limit
 from .calibrate import Calibration
 from .centres import MicrolensCentres
-from .consequences import depth_errors, variance_shares
-from .datasheet import QUANTITIES, DataSheet, derived
-from .diffraction import Diffraction
-from .draws import Draws, laplace_draws
-from .lattice import Array
+from .datasheet import QUANTITIES, CameraDraws, DataSheet, depth_errors, derived, variance_shares
+from .diffraction import DiffractionCheck
+from .frames import Array
+from .model import Board
 from .posterior import Posterior
-from .precision import posterior_accuracy
 
 SCHEMA = "roslf.calibration/1"
 UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_3": "mm"}
 SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Quantities in the order in which they are told."""
 LAPLACE = "Fisher matrix (Laplace)"
-ONE_DEPTH = 0.02
+LAPLACE_DRAWS = 20_000
+_ONE_DEPTH = 0.02
 """Spread of the boards' depths, relative to their mean, below which they stand at one depth."""
-_DRAWS = 20_000
 _GAUSS = {"68": 0.994458, "95": 1.959964}
 
 
+class StatedAccuracy(Protocol):
+    """What the draws are worth, stated by whoever asked for them."""
+
+    @property
+    def kept(self) -> bool | None:
+        """Whether what was asked for is kept."""
+
+    def to_dict(self, times: bool = False) -> dict[str, Any]:
+        """JSON-ready."""
+
+    def sentence(self, times: bool = True) -> str:
+        """For a terminal or a page."""
+
+
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class QuantityEstimate:
     """One quantity."""
 
     value: float
@@ -58,24 +72,26 @@ class Outcome:
     sheet: DataSheet
     centres: MicrolensCentres
     calibration: Calibration
-    diffraction: Diffraction | None
+    diffraction: DiffractionCheck | None
     """None where nobody looked for it."""
     undistorted_radius: float | None
     """Of the design, Eq. 6 on the sensor [px]; None where it was not used."""
-    posterior: Posterior | None
-    """None where it was not asked for: intervals are then the Fisher matrix's."""
-    draws: Draws
+    draws: CameraDraws
     """The posterior's; without one, of Laplace's approximation."""
     depths: Mapping[str, Array]
     """`depth_errors` over the boards' range."""
     shares: Mapping[str, Mapping[str, float]]
     """`variance_shares`."""
-    estimates: Mapping[str, Estimate]
+    estimates: Mapping[str, QuantityEstimate]
     warnings: tuple[str, ...]
     seed: int
     distortion: int
-    accuracy: Accuracy
-    """What the draws are worth."""
+    accuracy: StatedAccuracy
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """None where it was not asked for: intervals are then the Fisher matrix's."""
+        return self.draws if isinstance(self.draws, Posterior) else None
 
     @property
     def converged(self) -> bool | None:
@@ -96,19 +112,19 @@ class Outcome:
         DesignError
             The values make no design.
         """
-        found = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
-        said = ", ".join(f"{n} = {e.value:.6g} ± {e.sigma:.2g} {UNITS[n]}".strip() for n, e in found.items())
+        values = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
+        said = ", ".join(f"{n} = {e.value:.6g} ± {e.sigma:.2g} {UNITS[n]}".strip() for n, e in values.items())
         images = len(self.calibration.observations.names)
         source = (
             f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm"
             f" from the data sheet: {said} (standard deviations); before: {self.design.name}"
         )
-        lengths = {name: found[name].value for name in ("d_3", "d_1", "d_2")}
+        lengths = {name: values[name].value for name in ("d_3", "d_1", "d_2")}
         return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
 
     def to_dict(self) -> dict[str, object]:
         """Everything as JSON's types."""
-        found, fit = self.calibration, self.calibration.fit
+        result, fit = self.calibration, self.calibration.fit
         names = list(fit.covariance.names)
         rows = {}
         for name in SHOWN:
@@ -125,7 +141,7 @@ class Outcome:
             }
         steps = {
             way: dict(zip(("d_1", "d_f", "H", "d_3"), (float(x) for x in lengths[:4]), strict=True))
-            for way, lengths in (("steps_one_and_two", found.stepwise), ("joint", found.refined))
+            for way, lengths in (("steps_one_and_two", result.stepwise), ("joint", result.refined))
         }
         camera, sigma = fit.camera, fit.covariance.sigma
         p = self.posterior
@@ -158,7 +174,7 @@ class Outcome:
             "condition_number": fit.covariance.condition,
             "correlations": {"names": names, "matrix": fit.covariance.correlation.tolist()},
             "other_ways": steps,
-            "diffraction": None if self.diffraction is None else _told(self.diffraction, self.sheet),
+            "diffraction": None if self.diffraction is None else _diffraction_dict(self.diffraction, self.sheet),
             "systematic_sigma": dict(zip(("A", "m", "inverse_d_2"), map(float, systematic), strict=True)),
             "data_sheet": {
                 "f_mm": self.sheet.f,
@@ -168,13 +184,13 @@ class Outcome:
                 "d_sigma_mm": self.sheet.d_sigma,
                 "cell_sigma_relative": self.sheet.cell_sigma,
             },
-            "reprojection_rms_pitches": found.joint.rms,
-            "step_one_rms_pitches": found.first.rms,
-            "noise_pitches": found.lines.sigma,
-            "images_used": list(found.observations.names),
-            "images_missing": list(found.missing),
-            "views": len(found.observations.views),
-            "coordinates": found.observations.count,
+            "reprojection_rms_pitches": result.joint.rms,
+            "step_one_rms_pitches": result.first.rms,
+            "noise_pitches": result.lines.sigma,
+            "images_used": list(result.observations.names),
+            "images_missing": list(result.missing),
+            "views": len(result.observations.views),
+            "coordinates": result.observations.count,
             "white_image": {
                 "pitch_px": lattice.pitch,
                 "rotation_rad": lattice.rotation,
@@ -197,29 +213,31 @@ def outcome_of(
     sheet: DataSheet,
     centres: MicrolensCentres,
     calibration: Calibration,
-    posterior: Posterior | None,
+    draws: CameraDraws,
+    accuracy: StatedAccuracy,
     *,
     seed: int,
-    distortion: int = 0,
+    distortion: int,
     warnings: tuple[str, ...] = (),
-    diffraction: Diffraction | None = None,
+    diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
-    accuracy: float | None = None,
 ) -> Outcome:
-    """Bring together what was found; `warnings` come before those that follow from it; `accuracy` was asked for."""
-    shares = variance_shares(calibration.fit, sheet)
-    best = derived(calibration.fit.camera.vector(), sheet, np.asarray(sheet.f))
-    values = {name: float(best[name]) for name in QUANTITIES}
-    estimates = {name: _estimate(name, values[name], shares[name]["sigma"], posterior) for name in QUANTITIES}
-    draws = posterior or laplace_draws(calibration.fit, sheet, _DRAWS, np.random.default_rng(seed))
-    depths = depth_errors(draws, calibration.fit, sheet, working_range(calibration, values["d_3"]))
+    """Put together what came out; `warnings` come before those that follow from it."""
+    fit = calibration.fit
+    posterior = draws if isinstance(draws, Posterior) else None
+    shares = variance_shares(fit, sheet)
+    best = derived(fit.camera.vector(), sheet, np.asarray(sheet.f))
+    estimates = {name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior) for name in QUANTITIES}
+    depth = fit.poses.translation[:, 2]
+    # As far as the boards reach, and a fifth more of their depth.
+    distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
+    depths = depth_errors(draws, fit, sheet, distances)
     notes = [*warnings]
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.missing:
         notes.append(f"no board found in {', '.join(calibration.missing)}: calibrated from the others")
-    depth = calibration.fit.poses.translation[:, 2]
-    if np.ptp(depth) < ONE_DEPTH * depth.mean():
+    if np.ptp(depth) < _ONE_DEPTH * depth.mean():
         notes.append(
             f"the boards stand at one depth, within {np.ptp(depth):.2g} mm of {depth.mean():.4g} mm from the FAP: d_2"
             " and m rest on their tilts alone; spread their distances"
@@ -227,44 +245,48 @@ def outcome_of(
     if posterior is not None and not posterior.converged:
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
-        design, board, sheet, centres, calibration, diffraction, undistorted_radius, posterior, draws, depths, shares,
-        estimates, tuple(notes), seed, distortion, posterior_accuracy(posterior, draws, accuracy),
+        design, board, sheet, centres, calibration, diffraction, undistorted_radius, draws, depths, shares, estimates,
+        tuple(notes), seed, distortion, accuracy,
     )  # fmt: skip
 
 
-def _told(found: Diffraction, sheet: DataSheet) -> dict[str, object]:
+def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None) -> QuantityEstimate:
+    if posterior is None:
+        near, far = _GAUSS["68"] * sigma, _GAUSS["95"] * sigma
+        return QuantityEstimate(value, sigma, value - near, value + near, value - far, value + far, None, None)
+    draws = posterior.quantities[name]
+    low, lower, high, higher = (float(x) for x in np.quantile(draws, [0.16, 0.025, 0.84, 0.975]))
+    key = "inverse_d_2" if name == "d_2" else name
+    ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
+    return QuantityEstimate(value, float(draws.std(ddof=1)), low, high, lower, higher, posterior.r_hat[key], ess)
+
+
+def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, object]:
     """The correction as JSON's types, with what would have come out without it."""
     without = None
-    if found.before is not None:
-        best = derived(found.before.vector(), sheet, np.asarray(sheet.f))
+    if check.before is not None:
+        best = derived(check.before.vector(), sheet, np.asarray(sheet.f))
         without = {name: float(best[name]) for name in SHOWN}
     return {
-        "corrected": found.corrected,
-        "reason": found.reason,
-        "expected_blur_px": found.expected_blur,
-        "seen_blur_px": None if found.image is None else found.image.blur,
-        "seen_radius_px": None if found.image is None else found.image.radius,
-        "white_image_misfit": found.misfit,
-        "largest_shift_pitches": found.largest,
-        "baseline": found.baseline,
+        "corrected": check.corrected,
+        "reason": check.reason,
+        "expected_blur_px": check.expected_blur,
+        "seen_blur_px": None if check.image is None else check.image.blur,
+        "seen_radius_px": None if check.image is None else check.image.radius,
+        "white_image_misfit": check.misfit,
+        "largest_shift_pitches": check.largest,
+        "baseline": check.baseline,
         "without": without,
     }
 
 
-def working_range(calibration: Calibration, d_3: float, count: int = 61) -> Array:
-    """Distances from the lens [mm], as far as the boards reach and a fifth more of their depth, shape (count,)."""
-    depth = calibration.fit.poses.translation[:, 2]
-    result: Array = d_3 + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), count)
-    return result
+def undistorted_radius(design: Design) -> float:
+    """Radius on the sensor inside which no rim cuts into a microlens image [px].
 
-
-def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None) -> Estimate:
-    if posterior is None:
-        near, far = _GAUSS["68"] * sigma, _GAUSS["95"] * sigma
-        return Estimate(value, sigma, value - near, value + near, value - far, value + far, None, None)
-    row = posterior.summary()[name]
-    key = "inverse_d_2" if name == "d_2" else name
-    ends = (row["low_68"], row["high_68"], row["low_95"], row["high_95"])
-    return Estimate(
-        value, row["sigma"], *ends, posterior.r_hat[key], min(posterior.bulk_ess[key], posterior.tail_ess[key])
-    )
+    Inf where none ever does, 0 where some rim cuts even on the axis. Eq. 6 for the main lens and every stop, carried
+    from the focal plane to the sensor.
+    """
+    bound = field_limit(design, 0.0).radius
+    if not math.isfinite(bound):
+        return math.inf
+    return bound * design.d_1 / design.d_f * abs(image_pitch(design)) / design.d / design.q

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .centres import Reason
 from .datasheet import derived
-from .planning import Plan
+from .planning import CapturePlan as Plan
 from .result import LAPLACE, SHOWN, UNITS, Outcome
-from .trust import Reason
 
 PLAN_SCHEMA = "roslf.calibration-plan/1"
 _SOURCES = {

@@ -1,27 +1,57 @@
-"""`roslf calibrate`."""
+"""`roslf calibrate`, and its plan."""
 
 from __future__ import annotations
 
 import json as json_text
+import math
 import shlex
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
-from .calibrate_shared import print_blocks, read_board, read_sheet, refusal
+from .. import __version__, calibration
+from ..accuracy.statement import Accuracy, check_accuracy
+from ..calibration import (
+    Board,
+    CalibrationError,
+    CameraDraws,
+    Captures,
+    DataSheet,
+    LightField,
+    MicrolensCentres,
+    Outcome,
+    Posterior,
+    figures,
+    section,
+)
+from ..calibration.frames import Capture
+from ..calibration.planning import reason
+from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
+from ..calibration.result import LAPLACE_DRAWS
+from ..design import Design, DesignError, dumps, load
+from ..design.units import parse_quantity
+from ..design.write import write_atomically
+from ..effects.field import image_pitch
+from ..errors import InputError, Problem
+from ..report.blocks import Block, Bullets, Table
+from ..report.figures.style import standalone, to_png, to_svg
+from ..report.html import render_html
 from .progress import StatusLine
+from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..calibration import Board, LightField, MicrolensCentres, Observations
-    from ..calibration.folder import Capture
-    from ..calibration.result import Outcome
-    from ..design import Design
+SIGMAS = 2.0
+"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
+FINEST = 0.02
+"""A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
+MOST_STEPS = 60_000
 
 
 def calibrate(
@@ -90,17 +120,18 @@ def calibrate(
     noise
         With --plan: standard deviation of a corner's coordinate in one view, in microlens pitches (0.06).
     """
-    from ..calibration import CalibrationError, MissingExtraError
-
     planned = {"--boards": boards, "--tilt": tilt, "--distance": distance, "--range": range, "--noise": noise}
     _check_options(folder, plan, design, board, output, seed, [k for k, v in planned.items() if v is not None])
     if accuracy is not None:
-        _check_accuracy(accuracy, plan, no_posterior)
+        if plan is not None or no_posterior:
+            beside = "--plan" if plan is not None else "--no-posterior"
+            raise InputError(
+                (Problem("--accuracy", f"is the posterior's, and has no place beside {beside}; drop one"),)
+            )
+        sample_size_for(accuracy)
     began = time.perf_counter()
     try:
         if plan is not None:
-            from .calibrate_plan import print_plan
-
             print_plan(plan, board, boards, tilt, distance, range, noise, f_sigma, distortion, seed, json)
             return
         assert folder is not None
@@ -109,32 +140,22 @@ def calibrate(
         assert output is not None
         result = calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy)
     except CalibrationError as error:
-        raise refusal("" if plan is None else "--plan", str(error), "" if folder is None else str(folder)) from None
-    except MissingExtraError as error:
-        raise refusal("", str(error)) from None
-    command = _command(folder, design, board, output, seed, f_sigma, distortion, no_posterior, diffraction)
-    if accuracy is not None:
-        command += f" --accuracy {accuracy:g}"
-    worth = replace(result.accuracy, seconds=time.perf_counter() - began)
+        raise _refusal("" if plan is None else "--plan", str(error), "" if folder is None else str(folder)) from None
+    words = ["roslf", "calibrate", str(folder), "--design", design, "--board", board, "-o", str(output)]
+    words += ["--f-sigma", f_sigma, "--distortion", str(distortion), "--seed", str(seed), "--diffraction", diffraction]
+    words += ["--no-posterior"] if no_posterior else []
+    words += ["--accuracy", f"{accuracy:g}"] if accuracy is not None else []
+    command = shlex.join(words)
+    seconds = time.perf_counter() - began
     written = _write(result, output, command)
     if json:
-        values = result.to_dict() | {"accuracy": worth.to_dict(times=True)}
+        values = result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}
         print(json_text.dumps(values, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
 
     print_result(result, written, Console())
-    print(f"{worth.seconds:.1f} s")
-
-
-def _check_accuracy(accuracy: float, plan: str | None, no_posterior: bool) -> None:
-    from ..calibration.precision import sample_size_for
-    from ..errors import InputError, Problem
-
-    if plan is not None or no_posterior:
-        beside = "--plan" if plan is not None else "--no-posterior"
-        raise InputError((Problem("--accuracy", f"is the posterior's, and has no place beside {beside}; drop one"),))
-    sample_size_for(accuracy)
+    print(f"{seconds:.1f} s")
 
 
 def _check_options(
@@ -146,8 +167,6 @@ def _check_options(
     seed: int,
     planned: list[str],
 ) -> None:
-    from ..errors import InputError, Problem
-
     wrong = []
     if seed < 0:
         wrong.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
@@ -184,38 +203,31 @@ def calibrated(
 
     Raises
     ------
-    InputError, CalibrationError, MissingExtraError
-        What cannot be read, what the images do not determine, what is not installed.
+    InputError, CalibrationError
+        What cannot be read, what the images do not determine.
     """
-    from ..calibration import calibrate_corrected, camera_of, find_centres, sample_posterior, undistorted_radius
-    from ..calibration.errors import optional_module
-    from ..calibration.folder import read_capture
-    from ..calibration.precision import most_steps_for, sample_size_for
-    from ..calibration.result import outcome_of
-    from ..design import load
-
     checkerboard = read_board(board)
     loaded = load(design)
     sheet = read_sheet(loaded, f_sigma)
-    optional_module("cv2", "finding checkerboard corners")
-    if not no_posterior:
-        optional_module("emcee", "sampling the posterior")
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
-        capture = read_capture(folder)
+        capture = calibration.read_capture(folder)
         status.tell("finding microlens centres")
-        radius = undistorted_radius(loaded) or None
-        centres = find_centres(
+        radius = calibration.undistorted_radius(loaded) or None
+        centres = calibration.find_centres(
             capture.white, capture.dark, layout=loaded.microlens_array.layout, undistorted_radius=radius
         )
-        observations = _observed(capture, centres, checkerboard, status)
+        observations = calibration.observe(_decoded(capture, centres, status), checkerboard)
         status.tell("fitting")
-        found, waves = calibrate_corrected(
+        fitted, waves = calibration.calibrate_corrected(
             observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
-            dark=capture.dark, distortion=distortion, guess=camera_of(loaded).A, wish=diffraction,
+            dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
         )  # fmt: skip
-        posterior = None
-        if not no_posterior:
+        if no_posterior:
+            draws: CameraDraws = calibration.laplace_draws(
+                fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed)
+            )
+        else:
             status.tell("sampling the posterior")
 
             def progress(steps: int, worst: float, least: float) -> None:
@@ -224,67 +236,42 @@ def calibrated(
                 )
 
             size = sample_size_for(accuracy)
-            posterior = sample_posterior(
-                found.fit, sheet, seed=seed, ess=size, most_steps=most_steps_for(size), progress=progress
+            most = most_steps_for(size)
+            draws = calibration.sample_posterior(
+                fitted.fit, sheet, seed=seed, ess=size, most_steps=most, progress=progress
             )
-    notes = _mismatch(loaded, centres)
-    return outcome_of(
-        loaded, checkerboard, sheet, centres, found, posterior, seed=seed, distortion=distortion, warnings=notes,
-        diffraction=waves, undistorted_radius=radius, accuracy=accuracy,
+    return calibration.outcome_of(
+        loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
+        seed=seed, distortion=distortion, warnings=_mismatch(loaded, centres), diffraction=waves,
+        undistorted_radius=radius,
     )  # fmt: skip
 
 
-def _observed(capture: Capture, centres: MicrolensCentres, board: Board, status: StatusLine) -> Observations:
-    """Corners of every image, decoded one at a time: a dozen light fields at once would fill the memory."""
-    import numpy as np
-
-    from ..calibration import CalibrationError, Observations, decode, find_corners, observe
-
-    seen: list[Observations] = []
-    missing: list[str] = []
+def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) -> Iterator[tuple[str, LightField]]:
+    """Light fields one at a time: a dozen at once would fill the memory."""
     for number, path in enumerate(capture.boards, 1):
         status.tell(f"finding the board in {path.name} ({number} of {len(capture.boards)})")
         image = capture.board(path)
         try:
-            field: LightField = decode(image, centres.lattice, white=capture.white, dark=capture.dark)
+            field = calibration.decode(image, centres.lattice, white=capture.white, dark=capture.dark)
         except CalibrationError as error:
             raise CalibrationError(f"{path.name}: {error}") from None
-        if find_corners(field.view(), board, field.view_weight()) is None:
-            missing.append(path.name)
-        else:
-            seen.append(observe({path.name: field}, board))
-    if not seen:
-        raise CalibrationError(
-            f"no board of {board.columns} x {board.rows} cells ({board.inner[0]} x {board.inner[1]} inner corners) was"
-            f" found in any of the images: {', '.join(missing)}; check --board, light and focus"
-        )
-    uv = np.concatenate([o.uv for o in seen])
-    return Observations(seen[0].points, seen[0].views, uv, tuple(o.names[0] for o in seen), tuple(missing))
+        yield path.name, field
 
 
 def _mismatch(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
     """A warning where the white image's pitch is not the design's."""
-    from ..effects.field import image_pitch
-
-    expected, found = abs(image_pitch(design)) / design.q, centres.lattice.pitch
-    if abs(found / expected - 1) < 0.02:
+    expected, shown = abs(image_pitch(design)) / design.q, centres.lattice.pitch
+    if abs(shown / expected - 1) < 0.02:
         return ()
     return (
-        f"the microlens images are {found:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
+        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
         " and its microlens pitch those of this camera?",
     )
 
 
 def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
     """Everything into the folder, drawn before the first file is written."""
-    from .. import __version__
-    from ..calibration.figures import drawn
-    from ..calibration.section import calibration_report
-    from ..design import DesignError, dumps
-    from ..design.write import write_atomically
-    from ..report.figures.style import standalone, to_png, to_svg
-    from ..report.html import render_html
-
     text = json_text.dumps(result.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
     files = {"calibration.json": (text + "\n").encode()}
     try:
@@ -292,45 +279,201 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
-    for name, figure in drawn(result).items():
+    for name, figure in figures.drawn(result).items():
         drawings[name] = to_svg(figure, f"calibration-{name}")
         files[f"{name}.svg"] = standalone(drawings[name])
         files[f"{name}.png"] = to_png(figure)
-    files["index.html"] = render_html(calibration_report(result, drawings, command, __version__)).encode()
+    files["index.html"] = render_html(section.calibration_report(result, drawings, command, __version__)).encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         write_atomically(folder / name, content)
     return [folder / name for name in files]
 
 
-def _command(
-    folder: Path,
-    design: str,
-    board: str,
-    output: Path,
-    seed: int,
-    f_sigma: str,
-    distortion: int,
-    no_posterior: bool,
-    diffraction: str,
-) -> str:
-    words = ["roslf", "calibrate", str(folder), "--design", design, "--board", board, "-o", str(output)]
-    words += ["--f-sigma", f_sigma, "--distortion", str(distortion), "--seed", str(seed), "--diffraction", diffraction]
-    return shlex.join([*words, "--no-posterior"] if no_posterior else words)
-
-
 def print_result(result: Outcome, written: list[Path], console: Console) -> None:
     """Sentences and tables for a terminal."""
     from rich.text import Text
 
-    from ..calibration.section import quantities_table, shares_table, statements, ways_table
-
     marks = {"good": ("✓", "green"), "bad": ("✗", "red"), "caution": ("!", "yellow"), "plain": ("·", "dim")}
     console.print(Text(f"Calibration of {result.design.name}", style="bold"))
-    for statement in statements(result):
+    for statement in section.statements(result):
         mark, colour = marks[statement.tone]
         said = f"{statement.text} {statement.remedy}".strip()
         console.print(Text(f"{mark} ", style=colour) + Text(said), soft_wrap=True)
-    print_blocks((quantities_table(result), ways_table(result), shares_table(result.shares)), console)
+    _print_blocks(
+        (section.quantities_table(result), section.ways_table(result), section.shares_table(result.shares)), console
+    )
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
+
+
+# --- what the draws are worth -----------------------------------------------------------------------------------------
+
+
+def sample_size_for(accuracy: float | None) -> float:
+    """Effective sample size, bulk and tail, that an accuracy of the means takes [standard deviations of the posterior].
+
+    Raises
+    ------
+    InputError
+        Out of range.
+    """
+    if accuracy is None:
+        return DEFAULT_ESS
+    check_accuracy(accuracy, FINEST, "in standard deviations; a finer posterior takes too many draws")
+    return max(50.0, (SIGMAS / accuracy) ** 2)
+
+
+def most_steps_for(size: float) -> int:
+    """Steps after which sampling gives up."""
+    return int(min(MOST_STEPS, max(DEFAULT_STEPS, DEFAULT_STEPS * size / DEFAULT_ESS)))
+
+
+def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accuracy:
+    """Method, expected and measured error of the intervals' ends and means, for having finitely many draws.
+
+    Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
+    Draws that are no posterior's are taken for Laplace's approximation.
+    """
+    of = "means and intervals, in standard deviations of the posterior"
+    count = len(draws.parameters)
+    if not isinstance(draws, Posterior):
+        model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
+        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
+    p = draws
+    least = min(*p.bulk_ess.values(), *p.tail_ess.values())
+    thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
+    return Accuracy(
+        of,
+        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
+        SIGMAS * math.sqrt(1 / least + thinned),
+        SIGMAS * p.between,
+        "scatter between ensembles",
+        asked,
+        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
+    )
+
+
+# --- the plan ---------------------------------------------------------------------------------------------------------
+
+
+def print_plan(
+    design: str,
+    board: str | None,
+    boards: int | None,
+    tilt: str | None,
+    distance: str | None,
+    distance_range: str | None,
+    noise: float | None,
+    f_sigma: str,
+    distortion: int,
+    seed: int,
+    json: bool,
+) -> None:
+    """Expected errors of a calibration that is planned, on stdout.
+
+    Raises
+    ------
+    CalibrationError, InputError
+        The captures do not determine the camera, or an option cannot be read.
+    """
+    loaded = load(design)
+    captures = Captures.for_design(
+        loaded,
+        board=read_board("4x5 6 mm" if board is None else board),
+        boards=12 if boards is None else boards,
+        tilt=_quantity("--tilt", tilt or "20 deg", "angle"),
+        distance=None if distance is None else _quantity("--distance", distance, "length"),
+        distance_range=None if distance_range is None else _quantity("--range", distance_range, "length"),
+        noise=0.06 if noise is None else noise,
+    )
+    with StatusLine("calibrate") as status:
+        status.tell("planning")
+        try:
+            plan = calibration.plan(
+                calibration.camera_of(loaded), read_sheet(loaded, f_sigma), captures, distortion=distortion, seed=seed
+            )
+        except CalibrationError as error:
+            why = reason(captures)
+            if why in str(error) or "into the bore" in str(error):
+                raise
+            raise CalibrationError(f"{error}: {why}") from None
+    notes = too_large(loaded, captures)
+    if json:
+        data = {**section.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
+        print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
+        return
+    from rich.console import Console
+
+    console = Console()
+    b = captures.board
+    console.print(f"[bold]Plan of a calibration of {loaded.name}[/bold]", highlight=False)
+    console.print(
+        f"{captures.boards} images of a {b.columns} x {b.rows} board of {b.cell:g} mm cells, tilted by up to"
+        f" {math.degrees(captures.tilt):g} degrees, {captures.distance:.4g} ± {captures.distance_range / 2:.3g} mm"
+        f" from the lens; corners to {captures.noise:g} pitches in {len(captures.view_grid())} views; f to {f_sigma}.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    _print_blocks(section.plan_blocks(plan), console)
+    for note in notes:
+        console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
+
+
+def too_large(design: Design, captures: Captures) -> tuple[str, ...]:
+    """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
+    board = captures.board
+    nearest = captures.distance - captures.distance_range / 2 - design.d_3
+    field = sorted(size * nearest / calibration.camera_of(design).A for size in design.sensor_size)
+    sides = sorted((board.columns * board.cell, board.rows * board.cell))
+    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
+        return ()
+    return (
+        f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
+        f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen: choose a smaller --board",
+    )
+
+
+# --- options ----------------------------------------------------------------------------------------------------------
+
+
+def _refusal(key: str, message: str, origin: str = "") -> InputError:
+    return InputError((Problem(key, " ".join(message.split())),), origin)
+
+
+def read_board(text: str) -> Board:
+    """A board from its option."""
+    try:
+        return Board.parse(text)
+    except CalibrationError as error:
+        raise _refusal("--board", str(error)) from None
+
+
+def read_sheet(design: Design, f_sigma: str) -> DataSheet:
+    """The data sheet of a design, f as well known as --f-sigma says."""
+    text = f_sigma.strip()
+    if not text.endswith("%"):
+        return calibration.sheet_of(design, _quantity("--f-sigma", f_sigma, "length") / design.f)
+    try:
+        relative = float(text[:-1]) / 100
+    except ValueError:
+        raise _refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
+    return calibration.sheet_of(design, relative)
+
+
+def _quantity(option: str, text: str, dimension: str) -> float:
+    """Millimetres or radians of an option with a unit."""
+    try:
+        return parse_quantity(text, dimension)
+    except ValueError as error:
+        raise _refusal(option, str(error)) from None
+
+
+def _print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
+    for block in blocks:
+        if isinstance(block, Table):
+            print_table(block, console)
+        elif isinstance(block, Bullets):
+            console.print()
+            for item in block.items:
+                console.print(item, highlight=False, soft_wrap=True)

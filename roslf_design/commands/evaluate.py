@@ -34,11 +34,11 @@ def evaluate(
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
-    from ..evaluation.precision import evaluation_accuracy
     from ..accuracy.statement import check_accuracy
     from ..design import load
     from ..design.errors import InputError, Problem
     from ..evaluation import evaluate as compute
+    from ..evaluation.precision import evaluation_accuracy
 
     if accuracy is not None:
         check_accuracy(accuracy)

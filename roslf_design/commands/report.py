@@ -121,10 +121,10 @@ def maker(
     InputError
         A file that is not there, is none of the kinds, or has faults; a seed below 0; an accuracy that is none.
     """
-    from ..evaluation.precision import check_evaluation_accuracy
     from ..design import load, preset_names
     from ..design.kinds import CALLED
     from ..errors import InputError, Problem
+    from ..evaluation.precision import check_evaluation_accuracy
 
     if seed is not None and seed < 0:
         raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))

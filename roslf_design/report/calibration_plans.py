@@ -15,7 +15,7 @@ from .blocks import Block, Code, Paragraph, Section, Statement, Statements
 from .parts_list import length
 
 if TYPE_CHECKING:
-    from ..calibration.planning import Plan
+    from ..calibration.planning import CapturePlan as Plan
     from ..design import Design
     from .story_file import CalibrationPart
 

@@ -10,7 +10,7 @@ from .blocks import Section, Statement
 from .calibrated import Calibrated, calibrated_section, calibrated_statement
 
 if TYPE_CHECKING:
-    from ..calibration.planning import Plan
+    from ..calibration.planning import CapturePlan as Plan
     from ..design import Design
     from ..optimize.run import Result
     from ..tolerance.result import StudyResult

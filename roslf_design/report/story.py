@@ -20,7 +20,7 @@ from .story_file import CalibrationPart, Story, read_story
 from .studies import run_optimisation, run_tolerances
 
 if TYPE_CHECKING:
-    from ..calibration.planning import Plan
+    from ..calibration.planning import CapturePlan as Plan
     from ..design import Design
     from ..optimize.run import Result
 

@@ -10,11 +10,8 @@ import mpmath as mp
 import numpy as np
 
 from roslf_design import theory
-from roslf_design.calibration.board import Observations
-from roslf_design.calibration.lines import EpiLines, fit_lines
-from roslf_design.calibration.model import Camera, Poses
-from roslf_design.calibration.step_one import StepOne
-from roslf_design.calibration.step_two import step_two
+from roslf_design.calibration.model import Intrinsics, Observations, Poses
+from roslf_design.calibration.steps import EpiLines, StepOne, fit_lines, step_two
 from roslf_design.design import Design
 from roslf_design.effects import SceneBrief, Subject
 from roslf_design.effects.geometry import cos4
@@ -637,7 +634,7 @@ def _two(depth: tuple[float, ...], slope: tuple[float, ...], A: float, q: float,
     pose[:, 5] = depth
     one = np.ones((b, 1))
     lines = EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, one, 0.0)
-    first = StepOne(Camera(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0, None)  # type: ignore[arg-type]
+    first = StepOne(Intrinsics(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0)
     observations = Observations(np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((b, 1, 1, 2)))
     camera = step_two(observations, lines, first).camera
     return camera.m, camera.inverse_d_2

@@ -10,7 +10,7 @@ from captures import FULL_SCALE
 from matplotlib.figure import Figure
 
 from roslf_design.calibration import decode
-from roslf_design.calibration.folder import read_image
+from roslf_design.calibration.frames import read_image
 from roslf_design.calibration.result import SHOWN, Outcome
 from roslf_design.report.figures.style import BLUE, GREY, INK, ORANGE, VERMILLION
 

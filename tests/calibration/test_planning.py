@@ -6,103 +6,102 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import roslf_design as roslf
-from roslf_design.calibration.board import Board
-from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.errors import CalibrationError
-from roslf_design.calibration.planning import camera_of, expected_errors, plan, sheet_of
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
+from roslf_design.calibration import (
+    Board,
+    CalibrationError,
+    Captures,
+    calibrate,
+    camera_of,
+    expected_errors,
+    plan,
+    random_poses,
+    sheet_of,
+    synthetic_observations,
+)
+from roslf_design.design import load
+
+PAPER = load("paper")
+CAMERA = camera_of(PAPER)
+EXACT = replace(sheet_of(PAPER), f_sigma=0.0, d_sigma=0.0, cell_sigma=0.0)
+"""A data sheet without errors: what images alone say."""
 
 
-@pytest.fixture(scope="module")
-def design(root):
-    return roslf.load(root / "designs" / "paper.toml")
+def test_design_gives_the_calibration_s_parameters():
+    assert pytest.approx(92.0) == CAMERA.A
+    assert CAMERA.m == pytest.approx(0.4)
+    assert 1 / CAMERA.inverse_d_2 == pytest.approx(2.0)
+    assert CAMERA.x_0 == pytest.approx(4600 * CAMERA.q / CAMERA.d / 2, rel=1e-3)
+    assert sheet_of(PAPER).f_sigma == pytest.approx(1.0)
 
 
-@pytest.fixture(scope="module")
-def exact(design):
-    """A data sheet without errors: what images alone say."""
-    return replace(sheet_of(design), f_sigma=0.0, d_sigma=0.0, cell_sigma=0.0)
-
-
-def test_design_gives_the_calibration_s_parameters(design):
-    camera = camera_of(design)
-    assert pytest.approx(92.0) == camera.A
-    assert camera.m == pytest.approx(0.4)
-    assert 1 / camera.inverse_d_2 == pytest.approx(2.0)
-    assert camera.x_0 == pytest.approx(4600 * camera.q / camera.d / 2, rel=1e-3)
-    assert sheet_of(design).f_sigma == pytest.approx(1.0)
-
-
-def test_promised_errors_are_those_of_repeated_calibrations(design, exact):
-    camera, captures = camera_of(design), Captures(boards=6, views=3)
-    promised = expected_errors(camera, exact, captures, samples=16)
+def test_promised_errors_are_those_of_repeated_calibrations():
+    captures = Captures(boards=6, views=3)
+    promised = expected_errors(CAMERA, EXACT, captures, samples=16)
     found = []
     for k in range(40):
         rng = np.random.default_rng([5, k])
-        observations = observe_synthetic(camera, random_poses(captures, 120.0, rng), captures, rng)
-        fit = calibrate(observations, exact).fit
+        observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
+        fit = calibrate(observations, EXACT).fit
         found.append((fit.camera.A, 100 + (100 - fit.camera.A) / fit.camera.m, 1 / fit.camera.inverse_d_2))
     for name, values in zip(("A", "d_3", "d_2"), np.transpose(found), strict=True):
         assert values.std() == pytest.approx(promised.sigma[name], rel=0.35)  # 40 trials: 11 %; poses: 20 %
 
 
-def test_tilt_is_what_d_3_needs(design, exact):
+def test_tilt_is_what_d_3_needs():
     """12 boards of 4 x 5 cells of 6 mm, 0.06 px: d_3 to a few mm with tilts to 8 degrees, 2.5 times better with 20."""
-    camera = camera_of(design)
     shallow, steep = (
-        expected_errors(camera, exact, Captures(tilt=math.radians(t), views=3)).sigma["d_3"] for t in (8.0, 20.0)
+        expected_errors(CAMERA, EXACT, Captures(tilt=math.radians(t), views=3)).sigma["d_3"] for t in (8.0, 20.0)
     )
     assert 3.5 < shallow < 7.5  # an independent Monte Carlo: 6.4
     assert 1.4 < steep < 3.2  # 2.6
     assert 2.0 < shallow / steep < 3.2  # 2.5
-    loose = expected_errors(camera, replace(exact, f_sigma=1.0), Captures(tilt=math.radians(20.0), views=3))
+    loose = expected_errors(CAMERA, replace(EXACT, f_sigma=1.0), Captures(tilt=math.radians(20.0), views=3))
     assert math.sqrt(loose.sigma["d_3"] ** 2 - steep**2) == pytest.approx(3.5, rel=0.02)  # 1 + 1/m, m = 0.4
 
 
-def test_laws_of_errors(design, exact):
-    camera, captures = camera_of(design), Captures(boards=6, views=3)
-    before = expected_errors(camera, exact, captures)
-    halved = expected_errors(camera, exact, replace(captures, noise=captures.noise / 2))
+def test_laws_of_errors():
+    captures = Captures(boards=6, views=3)
+    before = expected_errors(CAMERA, EXACT, captures)
+    halved = expected_errors(CAMERA, EXACT, replace(captures, noise=captures.noise / 2))
     assert halved.sigma["d_3"] == pytest.approx(before.sigma["d_3"] / 2, rel=1e-6)
-    four = expected_errors(camera, exact, replace(captures, boards=24), samples=16)
+    four = expected_errors(CAMERA, EXACT, replace(captures, boards=24), samples=16)
     assert four.sigma["d_3"] == pytest.approx(before.sigma["d_3"] / 2, rel=0.25)
-    larger = expected_errors(camera, exact, replace(captures, board=Board(7, 9, 6.0)))
+    larger = expected_errors(CAMERA, EXACT, replace(captures, board=Board(7, 9, 6.0)))
     assert larger.sigma["d_3"] < 0.5 * before.sigma["d_3"]
-    distorted = expected_errors(camera, exact, captures, distortion=2)
+    distorted = expected_errors(CAMERA, EXACT, captures, distortion=2)
     assert distorted.sigma["d_3"] >= before.sigma["d_3"]
     for shares in before.shares.values():
         assert sum(shares.values()) == pytest.approx(1.0)
 
 
-def test_plan_ranks_the_changes(design):
-    camera, sheet = camera_of(design), sheet_of(design)
-    found = plan(camera, sheet, Captures(tilt=math.radians(20.0), views=3))
+def test_plan_ranks_the_changes():
+    sheet = sheet_of(PAPER)
+    found = plan(CAMERA, sheet, Captures(tilt=math.radians(20.0), views=3))
     gains = [change.gain(found.expected) for change in found.changes]
     assert gains == sorted(gains, reverse=True)
     assert found.changes[0].what == "know f twice as well"
     assert found.advice.startswith("know f twice as well: d_3 to ±2.")
-    sure = plan(camera, replace(sheet, f_sigma=0.01), Captures(tilt=math.radians(8.0), views=3))
+    sure = plan(CAMERA, replace(sheet, f_sigma=0.01), Captures(tilt=math.radians(8.0), views=3))
     assert "board" in sure.changes[0].what or "cells" in sure.changes[0].what
     assert any("tilt the boards by up to 12 degrees" in change.what for change in sure.changes)
-    again = plan(camera, sheet, Captures(tilt=math.radians(20.0), views=3))
+    again = plan(CAMERA, sheet, Captures(tilt=math.radians(20.0), views=3))
     assert again.expected.sigma == found.expected.sigma
 
 
-def test_captures_that_cannot_work_say_why(design, exact):
-    camera = camera_of(design)
-    with pytest.raises(
-        CalibrationError,
-        match=r"do not determine A.*: the boards are all parallel \(tilts up to 1\.0 degrees\); tilt them by",
-    ):
-        expected_errors(camera, exact, Captures(tilt=math.radians(1.0), views=3))
-    with pytest.raises(CalibrationError, match="there is one view only"):
-        expected_errors(camera, exact, Captures(views=1))
-    with pytest.raises(CalibrationError, match="one image of the board"):
-        expected_errors(camera, exact, Captures(boards=1))
-    with pytest.raises(CalibrationError, match=r"reach into the bore: the FAP is at 120\.0 mm"):
-        expected_errors(camera, exact, Captures(distance=130.0))
-    with pytest.raises(CalibrationError, match="views across the pupil must be 1, or 3 or more"):
-        Captures(views=2)
-    with pytest.raises(CalibrationError, match="noise must be positive"):
-        Captures(noise=0.0)
+@pytest.mark.parametrize(
+    ("captures", "said"),
+    [
+        ({"tilt": math.radians(1.0), "views": 3},
+         r"do not determine A.*: the boards are all parallel \(tilts up to 1\.0 degrees\); tilt them by"),
+        ({"views": 1}, "there is one view only"),
+        ({"boards": 1}, "one image of the board"),
+        ({"distance": 130.0}, r"reach into the bore: the FAP is at 120\.0 mm"),
+        ({"views": 2}, "views across the pupil must be 1, or 3 or more"),
+        ({"noise": 0.0}, "noise must be positive"),
+        ({"tilt": math.radians(95.0)}, "cannot be tilted by 95 degrees; stay below 90"),
+        ({"distance_range": -1.0}, "a range of distances is not negative, got -1 mm"),
+    ],
+)  # fmt: skip
+def test_captures_that_cannot_work_say_why(captures, said):
+    with pytest.raises(CalibrationError, match=said):
+        expected_errors(CAMERA, EXACT, Captures(**captures))

@@ -4,22 +4,21 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration.calibrate import calibrate
-from roslf_design.calibration.datasheet import DataSheet
-from roslf_design.calibration.draws import laplace_draws
-from roslf_design.calibration.model import Camera
+from roslf_design.calibration.datasheet import DataSheet, laplace_draws
+from roslf_design.calibration.model import Intrinsics
+from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
 from roslf_design.calibration.posterior import sample_posterior
-from roslf_design.calibration.precision import most_steps_for, posterior_accuracy, sample_size_for
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 from roslf_design.cli import main
+from roslf_design.commands.calibrate import most_steps_for, posterior_accuracy, sample_size_for
 
-CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
+CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
 
 
 @pytest.fixture(scope="module")
 def fit():
     captures, rng = Captures(boards=5, views=3), np.random.default_rng(0)
-    observations = observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
+    observations = synthetic_observations(CAMERA, random_poses(captures, 120.0, rng), captures, rng)
     return calibrate(observations, SHEET).fit
 
 
@@ -33,7 +32,7 @@ def test_means_of_repeated_runs_scatter_as_told(runs):
     """Four runs, six parameters: their scatter is known to a sixth or so, one run's measured error to a fourth."""
     means = np.array([run.parameters.mean(0) for run in runs]) / runs[0].parameters.std(0)
     scatter = float(np.sqrt(np.mean(means.var(axis=0, ddof=1))))
-    told = [posterior_accuracy(run, run, 0.2) for run in runs]
+    told = [posterior_accuracy(run, 0.2) for run in runs]
     assert all(one.expected_error <= 0.2 for one in told)
     assert 2 * scatter <= 1.5 * max(one.expected_error for one in told)
     assert 0.3 < np.median([one.measured_error for one in told]) / (2 * scatter) < 3
@@ -43,7 +42,7 @@ def test_more_accuracy_takes_more_steps(fit, runs):
     finer = sample_posterior(fit, SHEET, seed=0, chunk=300, ess=sample_size_for(0.1))
     assert finer.converged
     assert finer.steps > runs[0].steps
-    told = posterior_accuracy(finer, finer, 0.1)
+    told = posterior_accuracy(finer, 0.1)
     assert told.expected_error <= 0.1 * 1.01  # of 40000 draws kept, a hundredth more
     assert sample_size_for(None) == 400
     assert most_steps_for(sample_size_for(0.02)) == 60_000
@@ -51,7 +50,7 @@ def test_more_accuracy_takes_more_steps(fit, runs):
 
 def test_laplace_says_what_it_is(fit):
     draws = laplace_draws(fit, SHEET, 10_000, np.random.default_rng(0))
-    told = posterior_accuracy(None, draws)
+    told = posterior_accuracy(draws)
     assert told.expected_error == pytest.approx(0.02)
     assert "normal" in told.model
     assert told.kept is None

@@ -2,17 +2,16 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 import tifffile
 from PIL import Image
 
-from roslf_design.calibration import Board, CalibrationError
-from roslf_design.calibration.folder import read_capture, read_image
+from roslf_design.calibration import Board, CalibrationError, Captures
+from roslf_design.calibration.frames import read_capture, read_image
 from roslf_design.cli import main
-from roslf_design.commands.calibrate_plan import captures_for, too_large
+from roslf_design.commands.calibrate import too_large
 from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.files import write_image
@@ -286,16 +285,6 @@ def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tm
     assert "spread their distances" in said
 
 
-def test_without_opencv_it_says_what_to_install(capsys, captured, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    code, _, err = run(
-        capsys, "calibrate", captured / "images", "--design", "paper", "--board", BOARD, "-o", tmp_path / "out"
-    )
-    assert code == 2
-    assert "pip install" in err
-    assert len(err.splitlines()) == 1
-
-
 def test_the_plan_of_the_paper(capsys):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json")
     assert code == 0
@@ -316,8 +305,8 @@ def test_the_plan_of_the_paper(capsys):
 def test_a_board_that_the_sensor_cannot_see_whole_is_noted():
     paper = load("paper")
     wanted = {"boards": 12, "tilt": 0.3, "distance": None, "distance_range": None, "noise": 0.06}
-    assert too_large(paper, captures_for(paper, board=Board(4, 5, 6.0), **wanted)) == ()
-    (note,) = too_large(paper, captures_for(paper, board=Board(9, 10, 6.0), **wanted))
+    assert too_large(paper, Captures.for_design(paper, board=Board(4, 5, 6.0), **wanted)) == ()
+    (note,) = too_large(paper, Captures.for_design(paper, board=Board(9, 10, 6.0), **wanted))
     assert "54 x 60 mm" in note
 
 

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from roslf_design.calibration.folder import read_image
+from roslf_design.calibration.frames import read_image
 from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.effects import Budget

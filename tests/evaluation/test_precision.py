@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from roslf_design.microlens.rims import tilted_microlens_images
 
 import roslf_design as roslf
 from roslf_design.cli import main
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
-from roslf_design.microlens.rims import tilted_microlens_images
 
 PAPER = roslf.load("paper")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from roslf_design.design import PATHS
-from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.report.words import WORDS, in_words
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerance.metrics import METRICS
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from roslf_design.rays.forward import trace_pupil
+from roslf_design.rays.system import System
 
 from roslf_design.design import Design, load
 from roslf_design.evaluation import evaluate
-from roslf_design.rays.forward import trace_pupil
-from roslf_design.rays.system import System
 from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
 from roslf_design.tolerance.places import load_grades, nominal_values, perturbable
 from tests.oracles.tolerance import evaluate_one

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from roslf_design.rays.sampling import sunflower
 
 from roslf_design.design import load
 from roslf_design.lenses.aim import spot_radii
@@ -11,7 +12,6 @@ from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.images import FULL, real_images
 from roslf_design.lenses.of_design import camera_of, microlenses, real_field
 from roslf_design.lenses.trace import Rays, trace
-from roslf_design.rays.sampling import sunflower
 from roslf_design.tolerance.metrics import METRICS, Question, builds_of, evaluate_builds
 from roslf_design.tolerance.places import LENS, load_grades, nominal_values, perturbable
 from roslf_design.tolerance.result import trace_check

@@ -1,0 +1,207 @@
+"""From a raw image to the light field L(s, t, u, v): sampled at every lattice centre, freed of vignetting, squared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._jit import THREADS, kernel, prange
+from .frames import Array, Frame, grey_frame, refuse_saturated, same_size
+from .lattice import CentreLattice
+
+Samples = NDArray[np.float32]
+_DARKEST = 0.05
+"""Light of the white image, against its brightest, under which a sample says nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Radiance by view and microlens.
+
+    s, t count pixels from each microlens image's centre, along the array's rows and square to them, as its shadow lies
+    on the sensor (t down the image); u, v count microlens pitches along the same directions. So Eq. 12 holds along
+    (s, u) and along (t, v), whatever the array's rotation against the sensor.
+    """
+
+    values: Samples
+    """Shape (t, s, v, u): the order of storage puts each view's picture last, rows first."""
+    weight: Samples
+    """Light that the white image has there, 1 at its brightest; 0 where nothing was measured. Shape (t, s, v, u)."""
+    s: Array
+    """[px]"""
+    t: Array
+    """[px]"""
+    u: Array
+    """[microlens pitches]; equal steps, of 1 for square arrays and sqrt(3)/2 for hexagonal ones made square."""
+    v: Array
+    """[microlens pitches]"""
+    pitch: float
+    """Microlens-image pitch on the sensor [px]."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.t), len(self.s), len(self.v), len(self.u))
+        if self.values.shape != shape or self.weight.shape != shape:
+            raise ValueError(
+                f"light field of shape {self.values.shape} and {self.weight.shape}, coordinates of {shape}"
+            )
+
+    def __repr__(self) -> str:
+        views, size = f"{len(self.s)} x {len(self.t)}", f"{len(self.u)} x {len(self.v)}"
+        return f"LightField({views} views of {size} microlenses, pitch {self.pitch:.3f} px)"
+
+    def view(self, s: float = 0.0, t: float = 0.0) -> Samples:
+        """The sub-aperture view nearest to (s, t) [px], shape (v, u)."""
+        return np.asarray(self.values[np.abs(self.t - t).argmin(), np.abs(self.s - s).argmin()])
+
+    def view_weight(self, s: float = 0.0, t: float = 0.0) -> Samples:
+        """Weight of `view`, shape (v, u)."""
+        return np.asarray(self.weight[np.abs(self.t - t).argmin(), np.abs(self.s - s).argmin()])
+
+    def position(self, column: Any, row: Any) -> tuple[Array, Array]:
+        """Microlens coordinates (u, v) [pitches] of fractional columns and rows of a view."""
+        du, dv = self.u[1] - self.u[0], self.v[1] - self.v[0]
+        return self.u[0] + np.asarray(column, float) * du, self.v[0] + np.asarray(row, float) * dv
+
+
+def decode(
+    raw: ArrayLike, lattice: CentreLattice, *, white: ArrayLike | None = None, dark: ArrayLike | None = None
+) -> LightField:
+    """Decode a raw image with the lattice of its microlens images.
+
+    Each sample is interpolated (cubic convolution) at a whole number of pixels from a microlens image's fitted centre,
+    out to half the pitch. With a white image, samples are divided by its light and dropped where it has too little.
+    Hexagonal arrays are interpolated along their rows to a square grid of sqrt(3)/2 pitches.
+
+    Parameters
+    ----------
+    raw : array_like
+        Raw image, shape (rows, columns), or with channels, which are averaged.
+    lattice : CentreLattice
+        Of the microlens images, from `find_centres`.
+    white, dark : array_like, optional
+        White image and frame without light, same size.
+
+    Raises
+    ------
+    CalibrationError
+        Images missing, of different sizes, not finite, or a raw image with over 5 % of its pixels saturated.
+    """
+    frame = grey_frame(raw, dark, "raw image")
+    refuse_saturated(raw, "raw image")
+    reach = math.floor(lattice.pitch / 2)
+    offsets = np.arange(-reach, reach + 1, dtype=np.float64)
+    inside = lattice.inside((frame.shape[0], frame.shape[1]))
+    square = lattice.layout == "square"
+    rows = np.arange(inside[:, 1].min(), inside[:, 1].max() + 1)
+    # Hexagonal rows shift by half a pitch each: start them where the row enters the image, a whole number of lenses
+    # apart.
+    along = inside[:, 0] + (0.0 if square else 0.5) * inside[:, 1]
+    left = math.floor(along.min())
+    starts = np.full(len(rows), left) if square else left - np.floor_divide(rows, 2)
+    columns = math.ceil(along.max()) - left + 1
+    values, weight = _sampled(frame, lattice, offsets, rows, starts, columns)
+    if white is not None:
+        bright = grey_frame(white, dark, "white image")
+        same_size("raw image", frame.shape, "white image", bright.shape)
+        level, lit = _sampled(bright, lattice, offsets, rows, starts, columns)
+        level /= max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30)
+        weight = np.where((level > _DARKEST) & (lit > 0), np.clip(level, 0, 1), 0).astype(np.float32)
+        values = np.where(weight > 0, values / np.where(weight > 0, level, 1), 0).astype(np.float32)
+    if square:
+        return LightField(
+            values, weight, offsets, offsets.copy(), left + np.arange(columns, dtype=float), rows.astype(float),
+            lattice.pitch,
+        )  # fmt: skip
+    step = math.sqrt(3) / 2
+    u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
+    values, weight = _squared(values, weight, u, starts + 0.5 * rows)
+    return LightField(values, weight, offsets, offsets.copy(), u, step * rows, lattice.pitch)
+
+
+@kernel(parallel=True)
+def _gather(
+    image: Frame, nodes_x: Array, nodes_y: Array, along: Array, offsets: Array, values: Samples, inside: Samples
+) -> None:
+    rows, columns = image.shape
+    count = offsets.shape[0]
+    for k in prange(count * count):
+        t, s = k // count, k % count
+        dx = offsets[s] * along[0] - offsets[t] * along[1]
+        dy = offsets[s] * along[1] + offsets[t] * along[0]
+        for v in range(nodes_x.shape[0]):
+            for u in range(nodes_x.shape[1]):
+                x, y = nodes_x[v, u] + dx, nodes_y[v, u] + dy
+                column, row = math.floor(x), math.floor(y)
+                if column < 1 or row < 1 or column > columns - 3 or row > rows - 3:
+                    continue
+                fx, fy = x - column, y - row
+                total = 0.0
+                for b in range(4):
+                    line = 0.0
+                    for a in range(4):
+                        line += _cubic(a - 1 - fx) * image[row - 1 + b, column - 1 + a]
+                    total += _cubic(b - 1 - fy) * line
+                values[t, s, v, u] = total
+                inside[t, s, v, u] = 1.0
+
+
+@kernel()
+def _cubic(x: float) -> float:
+    """Cubic convolution (a = -1/2): exact for quadratics, third order in the pixel."""
+    x = abs(x)
+    if x < 1.0:
+        return (1.5 * x - 2.5) * x * x + 1.0
+    if x < 2.0:
+        return ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
+    return 0.0
+
+
+def cubic_convolution(x: Array) -> Array:
+    """Weight of a sample x steps away, for 0 <= x < 2: the kernel that `decode` reads between pixels with."""
+    return np.where(x < 1, (1.5 * x - 2.5) * x * x + 1, ((-0.5 * x + 2.5) * x - 4) * x + 2)
+
+
+def _sampled(
+    frame: Frame,
+    lattice: CentreLattice,
+    offsets: Array,
+    rows: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    columns: int,
+) -> tuple[Samples, Samples]:
+    """Samples and whether they were inside the image, shape (t, s, v, u)."""
+    i = starts[:, None] + np.arange(columns)[None, :]
+    nodes = lattice.nodes(i, np.broadcast_to(rows[:, None], i.shape))
+    along = np.asarray(lattice.first) / lattice.pitches[0]
+    shape = (len(offsets), len(offsets), len(rows), columns)
+    values, inside = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    x, y = np.ascontiguousarray(nodes[..., 0]), np.ascontiguousarray(nodes[..., 1])
+    with THREADS:
+        _gather.compiled(frame, x, y, along, offsets, values, inside)
+    return values, inside
+
+
+def _squared(values: Samples, weight: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
+    """Hexagonal rows interpolated at u (all in pitches); row v's samples stand at ``starts[v] + 0, 1, 2, ...``."""
+    columns = values.shape[-1]
+    out, held = (np.zeros((*values.shape[:-1], len(u)), np.float32) for _ in range(2))
+    for v, start in enumerate(starts):
+        base = np.floor(u - start).astype(int)
+        part = u - start - base
+        taps = np.stack([base - 1, base, base + 1, base + 2])
+        usable = (taps >= 0) & (taps < columns)
+        taps = np.clip(taps, 0, columns - 1)
+        light = weight[..., v, :][..., taps] * usable
+        a, b, c, d = np.moveaxis(values[..., v, :][..., taps], -2, 0)
+        before, at, after, beyond = np.moveaxis(light > 0, -2, 0)
+        # A missing outer tap is put on the parabola through the other three.
+        a, d = np.where(before, a, 3 * b - 3 * c + d), np.where(beyond, d, 3 * c - 3 * b + a)
+        kernels = [cubic_convolution(x) for x in (part + 1, part, 1 - part, 2 - part)]
+        whole = at & after & (before | beyond)
+        out[..., v, :] = np.where(whole, kernels[0] * a + kernels[1] * b + kernels[2] * c + kernels[3] * d, 0)
+        held[..., v, :] = np.where(whole, np.where(part < 0.5, light[..., 1, :], light[..., 2, :]), 0)
+    return out, held
