@@ -10,12 +10,11 @@ from typing import NamedTuple
 from .. import theory
 from ..design import Design, DesignError
 from ..effects.field import exit_pupil_vergence, half_sizes, ray_blur
-from ..evaluation.rims import field_limit
+from ..evaluation.rims import FieldLimit, field_limit
 from ..report.figures.depth_precision import focal_plane_sigma
-from ..theory.matched import Matched
 from .pictures.svg import short
 
-WORTH_TELLING = 0.005
+NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
@@ -43,7 +42,6 @@ class Facts(NamedTuple):
     """What a change is judged by; of the thin lens."""
 
     fill_factor: float
-    mismatch_px: float
     undistorted_mm: float
     """Largest undistorted object radius at d_f; may be inf."""
     room_mm: float
@@ -52,6 +50,16 @@ class Facts(NamedTuple):
     """Depth precision at the focal plane."""
     views: float
     """Pixels across a microlens image."""
+
+
+class Proposal(NamedTuple):
+    """A label, and the value [mm] of one symbol that does what it says, or why there is none."""
+
+    key: str
+    label: str
+    symbol: str
+    value: float | None
+    why_not: str = ""
 
 
 def proposals(design: Design) -> tuple[Fix, ...]:
@@ -69,145 +77,140 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    return tuple(_checked(design, *proposal) for proposal in _proposals(design))
+    now = facts(design)
+    every = (*_matching(design, now), _undistorting(design), _widest(design), _telecentric(design))
+    return tuple(_with_consequences(design, now, proposal) for proposal in every)
 
 
 def facts(design: Design) -> Facts:
     """What of a design the proposals change."""
-    seen = design.thin_twin
-    optics = (seen.f, seen.d_f, seen.d_3)
-    corner = math.hypot(*half_sizes(seen)) * seen.d_f / seen.d_1
-    limit = field_limit(seen, corner)
+    thin = design.thin_twin
+    optics = (thin.f, thin.d_f, thin.d_3)
+    limit = field_limit(thin, _corner(thin))
     return Facts(
-        fill_factor=float(theory.fill_factor(seen.D_F, seen.d, seen.d_2, *optics)),
-        mismatch_px=float(theory.matching_mismatch(seen.D_F, seen.d, seen.q, seen.d_2, *optics)),
+        fill_factor=float(theory.fill_factor(thin.D_F, thin.d, thin.d_2, *optics)),
         undistorted_mm=limit.radius,
         room_mm=limit.room,
-        sigma_mm=focal_plane_sigma(seen),
-        views=float(theory.geometric_views(seen.D_F, seen.q, seen.d_2, *optics)),
+        sigma_mm=focal_plane_sigma(thin),
+        views=float(theory.geometric_views(thin.D_F, thin.q, thin.d_2, *optics)),
     )
 
 
-Proposal = tuple[str, str, str, float | None, str]
-"""Key, label, symbol, value [mm] or None, why not."""
+def _corner(design: Design) -> float:
+    """Object radius that the sensor's corner sees on the focal plane [mm]."""
+    return math.hypot(*half_sizes(design)) * design.d_f / design.d_1
 
 
-def _proposals(design: Design) -> Iterator[Proposal]:
-    yield from _matching(design)
-    yield _undistorting(design)
-    yield _widest(design)
-    yield _telecentric(design)
-
-
-def _matching(design: Design) -> Iterator[Proposal]:
-    f, d_f, d_3 = design.f, design.d_f, design.d_3
-    matched = abs(facts(design).fill_factor - 1) < 1e-9
+def _matching(design: Design, now: Facts) -> Iterator[Proposal]:
+    f, d_f, d_3, D_F, d, d_2 = design.f, design.d_f, design.d_3, design.D_F, design.d, design.d_2
     small = "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is"
     no_size = "no FAP diameter matches: the exit pupil lies between microlens array and sensor"
-    ways: tuple[tuple[str, Callable[[], Matched], str], ...] = (
-        ("d_2", lambda: theory.matched_sensor_distance(design.D_F, design.d, f, d_f, d_3), small),
-        ("D_F", lambda: theory.matched_pupil_diameter(design.d, design.d_2, f, d_f, d_3), no_size),
-        ("d_3", lambda: theory.matched_pupil_distance(design.D_F, design.d, design.d_2, f, d_f), _no_distance(design)),
-    )
-    for symbol, solve, why_not in ways:
-        found = solve()
-        reason = "the f-number is matched already" if matched else "" if bool(found.exists) else why_not
-        yield f"match-{symbol}", f"Match f-number by {symbol}", symbol, None if reason else float(found.value), reason
-
-
-def _no_distance(design: Design) -> str:
-    at_lens = float(theory.fill_factor(design.D_F, design.d, design.d_2, design.f, design.d_f, 0.0))
+    no_distance = "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
+    at_lens = float(theory.fill_factor(D_F, d, d_2, f, d_f, 0.0))
     if at_lens > 1:
-        return (
+        no_distance = (
             f"no FAP distance matches: even at the lens, where images are smallest, D_F fills {short(at_lens, 3)} of a "
             "pitch; use a smaller FAP or a shorter d_2"
         )
-    return "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
+    ways = (
+        ("d_2", theory.matched_sensor_distance(D_F, d, f, d_f, d_3), small),
+        ("D_F", theory.matched_pupil_diameter(d, d_2, f, d_f, d_3), no_size),
+        ("d_3", theory.matched_pupil_distance(D_F, d, d_2, f, d_f), no_distance),
+    )
+    matched = abs(now.fill_factor - 1) < 1e-9
+    for symbol, answer, why_not in ways:
+        reason = "the f-number is matched already" if matched else "" if bool(answer.exists) else why_not
+        value = None if reason else float(answer.value)
+        yield Proposal(f"match-{symbol}", f"Match f-number by {symbol}", symbol, value, reason)
 
 
 def _undistorting(design: Design) -> Proposal:
     """The FAP moved no farther than the corner's pencil needs to clear every rim."""
-    key, label = "undistort-d_3", "Free the whole sensor by d_3"
-    corner = math.hypot(*half_sizes(design)) * design.d_f / design.d_1
+    offer = Proposal("undistort-d_3", "Free the whole sensor by d_3", "d_3", None)
+    corner = _corner(design)
 
     def room(d_3: float) -> float:
-        return field_limit(_moved(design, d_3), corner).room
+        return _limit_at(design, d_3, corner).room
 
     if room(design.d_3) >= 0:
-        return key, label, "d_3", None, "the whole sensor is undistorted already"
+        return offer._replace(why_not="the whole sensor is undistorted already")
     # Room times the gap is concave in d_3, so the distances with room are one interval.
-    best = _highest(room, 0.0, design.d_f * (1 - 1e-9), [0.0, *(stop.distance for stop in design.stops)])
+    best = _highest(room, design.d_f * (1 - 1e-9), _rims(design))
     if room(best) < 0:
-        rim = field_limit(_moved(design, best), corner).rim
-        return key, label, "d_3", None, f"no FAP distance frees it: the {rim} is too small for this FAP and sensor"
+        rim = _limit_at(design, best, corner).rim
+        return offer._replace(why_not=f"no FAP distance frees it: the {rim} is too small for this FAP and sensor")
     inside, outside = best, design.d_3
     for _ in range(STEPS):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if room(middle) >= 0 else (inside, middle)
-    return key, label, "d_3", inside, ""
+    return offer._replace(value=inside)
 
 
 def _widest(design: Design) -> Proposal:
-    key, label = "widest-field-d_3", "Largest undistorted field by d_3"
+    offer = Proposal("widest-field-d_3", "Largest undistorted field by d_3", "d_3", None)
 
     def radius(d_3: float) -> float:
-        return field_limit(_moved(design, d_3), 0.0).radius
+        return _limit_at(design, d_3, 0.0).radius
 
-    rims = [0.0, *(stop.distance for stop in design.stops)]
-    best, now = _highest(radius, 0.0, max(max(rims), design.d_3), rims), radius(design.d_3)
+    rims = _rims(design)
+    best, now = _highest(radius, max(*rims, design.d_3), rims), radius(design.d_3)
     if radius(best) == 0:
-        return key, label, "d_3", None, "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
+        return offer._replace(why_not="no FAP distance leaves any field undistorted: the FAP is wider than a rim")
     if radius(best) <= now * (1 + 1e-9):
-        return key, label, "d_3", None, "no other FAP distance gives a larger undistorted field"
-    return key, label, "d_3", best, ""
+        return offer._replace(why_not="no other FAP distance gives a larger undistorted field")
+    return offer._replace(value=best)
 
 
 def _telecentric(design: Design) -> Proposal:
-    key, label = "telecentric", "Go telecentric (d_3 = f)"
+    offer = Proposal("telecentric", "Go telecentric (d_3 = f)", "d_3", design.f)
     if theory.is_telecentric(design.f, design.d_3):
-        return key, label, "d_3", None, "it is image-space telecentric already"
-    return key, label, "d_3", design.f, ""
+        return offer._replace(value=None, why_not="it is image-space telecentric already")
+    return offer
 
 
-def _moved(design: Design, d_3: float) -> Design:
-    """The same thin camera with its FAP elsewhere, without the checks of `replace`: for searches."""
-    seen = design.thin_twin
-    return seen.model_copy(update={"aperture": seen.aperture.model_copy(update={"distance": d_3})})
+def _rims(design: Design) -> list[float]:
+    """Distances of the rims that the FAP's pencils pass: the lens's, and those of further stops."""
+    return [0.0, *(stop.distance for stop in design.stops)]
 
 
-def _highest(value: Callable[[float], float], low: float, high: float, corners: list[float]) -> float:
-    """Where a function is largest that rises up to the last of `corners` at most, and then falls.
+def _limit_at(design: Design, d_3: float, object_radius: float) -> FieldLimit:
+    """What limits the field of the same thin camera with its FAP elsewhere; without the checks of `replace`."""
+    thin = design.thin_twin
+    moved = thin.model_copy(update={"aperture": thin.aperture.model_copy(update={"distance": d_3})})
+    return field_limit(moved, object_radius)
 
-    A corner is tried as it is, and where there is but one, nothing else is.
+
+def _highest(value: Callable[[float], float], high: float, corners: list[float]) -> float:
+    """Where a function from 0 to `high` is largest that rises up to the last of `corners` at most, and then falls.
+
+    A corner is tried as it is, and where there is but the one at 0, nothing else is.
     """
-    candidates = [place for place in corners if low <= place <= high]
-    if corners == [low]:
-        return low
-    high = min(high, max(corners))
-    a, b = low, high
+    if corners == [0.0]:
+        return 0.0
+    a, b = 0.0, min(high, max(corners))
     for _ in range(STEPS):
         left, right = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
         if value(left) >= value(right):
             b = right
         else:
             a = left
-    return max([*candidates, 0.5 * (a + b)], key=value)
+    return max([*(place for place in corners if 0.0 <= place <= high), 0.5 * (a + b)], key=value)
 
 
-def _checked(design: Design, key: str, label: str, symbol: str, value: float | None, why_not: str) -> Fix:
-    """The proposal with its consequences, told from the changed design itself."""
-    if value is None:
-        return Fix(key, label, why_not=why_not)
-    changes = {symbol: value}
+def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
+    """The proposal with what follows from it, told from the changed design itself."""
+    if offer.value is None:
+        return Fix(offer.key, offer.label, why_not=offer.why_not)
+    changes = {offer.symbol: offer.value}
     try:
         changed = design.replace(**changes)
-        follows = _in_focus(design, changed)
-        if follows is not None:
-            changes["f_ml"] = follows
+        focal_length = _in_focus(design, changed)
+        if focal_length is not None:
+            changes["f_ml"] = focal_length
             changed = design.replace(**changes)
     except DesignError as error:
-        return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _told(changes, facts(design), facts(changed)))
+        return Fix(offer.key, offer.label, why_not=error.problems[0].message)
+    return Fix(offer.key, offer.label, changes, _outcome(changes, now, facts(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:
@@ -218,37 +221,21 @@ def _in_focus(design: Design, changed: Design) -> float | None:
     return 1 / power if power > 0 else None
 
 
-def _told(changes: Mapping[str, float], before: Facts, after: Facts) -> str:
+def _outcome(changes: Mapping[str, float], before: Facts, after: Facts) -> str:
     brings: list[str] = []
     costs: list[str] = []
-    moves = (
-        (
-            "fill factor",
-            "",
-            before.fill_factor,
-            after.fill_factor,
-            abs(after.fill_factor - 1) <= abs(before.fill_factor - 1),
-        ),
-        (
-            "undistorted to",
-            " mm",
-            before.undistorted_mm,
-            after.undistorted_mm,
-            after.undistorted_mm >= before.undistorted_mm,
-        ),
-        ("depth precision", " mm", before.sigma_mm, after.sigma_mm, after.sigma_mm <= before.sigma_mm),
-        ("views across", "", before.views, after.views, after.views >= before.views),
-    )
-    for name, unit, old, new, better in moves:
-        if not math.isfinite(new) or abs(new - old) <= WORTH_TELLING * max(abs(old), abs(new)):
-            continue
-        (brings if better else costs).append(f"{name} {short(old, 3)} → {short(new, 3)}{unit}")
+    b, a = before, after
+    for name, unit, old, new, better in (
+        ("fill factor", "", b.fill_factor, a.fill_factor, abs(a.fill_factor - 1) <= abs(b.fill_factor - 1)),
+        ("undistorted to", " mm", b.undistorted_mm, a.undistorted_mm, a.undistorted_mm >= b.undistorted_mm),
+        ("depth precision", " mm", b.sigma_mm, a.sigma_mm, a.sigma_mm <= b.sigma_mm),
+        ("views across", "", b.views, a.views, a.views >= b.views),
+    ):
+        if math.isfinite(new) and abs(new - old) > NOTEWORTHY * max(abs(old), abs(new)):
+            (brings if better else costs).append(f"{name} {short(old, 3)} → {short(new, 3)}{unit}")
     if before.undistorted_mm < after.undistorted_mm == math.inf:
         brings.append("no field is too large")
     if after.room_mm < 0 <= before.room_mm:
         costs.append(f"the sensor's corner gets distorted ({short(-after.room_mm, 2)} mm of room missing)")
     sets = ", ".join(f"{symbol} = {short(value, 5)} mm" for symbol, value in changes.items())
-    parts = [sets, *brings[:3]]
-    if costs:
-        parts.append(f"costs: {', '.join(costs)}")
-    return "; ".join(parts)
+    return "; ".join([sets, *brings[:3], *([f"costs: {', '.join(costs)}"] if costs else [])])
