@@ -7,20 +7,26 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from .. import theory
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
 from ..design import Design, DesignError
-from ..effects.field import exit_pupil_vergence, half_sizes, ray_blur
-from ..evaluation.rims import FieldLimit, field_limit
-from ..report.figures.depth_precision import focal_plane_sigma
+from ..theory.disparity import depth_sigma
+from ..theory.exit_pupil import is_telecentric
+from ..theory.f_number import fill_factor, matched
+from ..theory.light import geometric_views, half_diagonal, microlens_defocus_blur
+from ..theory.vignetting import field_limit, room_at, undistorted_radii
 from .pictures.svg import short
+
+Floats = NDArray[np.float64]
 
 NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
-GOLDEN = (math.sqrt(5) - 1) / 2
-STEPS = 48
-"""Of a search by golden section (1e-10 of the range is left) or by halving (4e-15)."""
+PLACES, ROUNDS = 65, 8
+"""A search looks at so many places at once and goes on between two of them: 2e-12 of the range is left."""
 
 
 @dataclass(frozen=True)
@@ -77,124 +83,109 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    now = facts(design)
-    every = (*_matching(design, now), _undistorting(design), _widest(design), _telecentric(design))
+    camera, now = Camera.of(design.thin_twin), facts(design)
+    every = (*_matching(camera, now), _undistorting(camera), _widest(camera), _telecentric(camera))
     return tuple(_with_consequences(design, now, proposal) for proposal in every)
 
 
 def facts(design: Design) -> Facts:
     """What of a design the proposals change."""
-    thin = design.thin_twin
-    optics = (thin.f, thin.d_f, thin.d_3)
-    limit = field_limit(thin, _corner(thin))
+    camera = Camera.of(design.thin_twin)
+    limit = field_limit(camera)
     return Facts(
-        fill_factor=float(theory.fill_factor(thin.D_F, thin.d, thin.d_2, *optics)),
+        fill_factor=float(fill_factor(camera)),
         undistorted_mm=limit.radius,
         room_mm=limit.room,
-        sigma_mm=focal_plane_sigma(thin),
-        views=float(theory.geometric_views(thin.D_F, thin.q, thin.d_2, *optics)),
+        sigma_mm=float(depth_sigma(camera, camera.gap)),
+        views=float(geometric_views(camera)),
     )
 
 
-def _corner(design: Design) -> float:
-    """Object radius that the sensor's corner sees on the focal plane [mm]."""
-    return math.hypot(*half_sizes(design)) * design.d_f / design.d_1
-
-
-def _matching(design: Design, now: Facts) -> Iterator[Proposal]:
-    f, d_f, d_3, D_F, d, d_2 = design.f, design.d_f, design.d_3, design.D_F, design.d, design.d_2
-    small = "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is"
-    no_size = "no FAP diameter matches: the exit pupil lies between microlens array and sensor"
-    no_distance = "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
-    at_lens = float(theory.fill_factor(D_F, d, d_2, f, d_f, 0.0))
+def _matching(camera: Camera, now: Facts) -> Iterator[Proposal]:
+    why_not = {
+        "d_2": "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is",
+        "D_F": "no FAP diameter matches: the exit pupil lies between microlens array and sensor",
+        "d_3": "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2",
+    }
+    at_lens = float(fill_factor(camera.replace({"d_3": 0.0})))
     if at_lens > 1:
-        no_distance = (
+        why_not["d_3"] = (
             f"no FAP distance matches: even at the lens, where images are smallest, D_F fills {short(at_lens, 3)} of a "
             "pitch; use a smaller FAP or a shorter d_2"
         )
-    ways = (
-        ("d_2", theory.matched_sensor_distance(D_F, d, f, d_f, d_3), small),
-        ("D_F", theory.matched_pupil_diameter(d, d_2, f, d_f, d_3), no_size),
-        ("d_3", theory.matched_pupil_distance(D_F, d, d_2, f, d_f), no_distance),
-    )
-    matched = abs(now.fill_factor - 1) < 1e-9
-    for symbol, answer, why_not in ways:
-        reason = "the f-number is matched already" if matched else "" if bool(answer.exists) else why_not
+    right = abs(now.fill_factor - 1) < 1e-9
+    for symbol in ("d_2", "D_F", "d_3"):
+        answer = matched(camera, symbol)
+        reason = "the f-number is matched already" if right else "" if bool(answer.exists) else why_not[symbol]
         value = None if reason else float(answer.value)
         yield Proposal(f"match-{symbol}", f"Match f-number by {symbol}", symbol, value, reason)
 
 
-def _undistorting(design: Design) -> Proposal:
+def _undistorting(camera: Camera) -> Proposal:
     """The FAP moved no farther than the corner's pencil needs to clear every rim."""
     offer = Proposal("undistort-d_3", "Free the whole sensor by d_3", "d_3", None)
-    corner = _corner(design)
+    corner = half_diagonal(camera) * camera.inverse_m
 
-    def room(d_3: float) -> float:
-        return _limit_at(design, d_3, corner).room
+    def rooms(d_3: Floats | float) -> Floats:
+        return room_at(camera.replace({"d_3": d_3}), corner)
 
-    if room(design.d_3) >= 0:
+    if rooms(camera.d_3).min() >= 0:
         return offer._replace(why_not="the whole sensor is undistorted already")
     # Room times the gap is concave in d_3, so the distances with room are one interval.
-    best = _highest(room, design.d_f * (1 - 1e-9), _rims(design))
-    if room(best) < 0:
-        rim = _limit_at(design, best, corner).rim
-        return offer._replace(why_not=f"no FAP distance frees it: the {rim} is too small for this FAP and sensor")
-    inside, outside = best, design.d_3
-    for _ in range(STEPS):
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if room(middle) >= 0 else (inside, middle)
+    best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera.d_f) * (1 - 1e-9))
+    at_best = rooms(best)
+    if at_best.min() < 0:
+        limit = field_limit(camera.replace({"d_3": best}))
+        return offer._replace(why_not=f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor")
+    inside, outside = best, float(camera.d_3)
+    for _ in range(ROUNDS):
+        places = np.linspace(inside, outside, PLACES)
+        last = int(np.argmax(rooms(places).min(axis=0) < 0)) - 1
+        inside, outside = float(places[last]), float(places[last + 1])
     return offer._replace(value=inside)
 
 
-def _widest(design: Design) -> Proposal:
+def _widest(camera: Camera) -> Proposal:
     offer = Proposal("widest-field-d_3", "Largest undistorted field by d_3", "d_3", None)
 
-    def radius(d_3: float) -> float:
-        return _limit_at(design, d_3, 0.0).radius
+    def radius(d_3: Floats | float) -> Floats:
+        least = undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0)
+        return np.asarray(np.maximum(least, 0.0))
 
-    rims = _rims(design)
-    best, now = _highest(radius, max(*rims, design.d_3), rims), radius(design.d_3)
+    now = float(camera.d_3)
+    best = _highest(radius, camera, max(now, *_rims(camera)))
     if radius(best) == 0:
         return offer._replace(why_not="no FAP distance leaves any field undistorted: the FAP is wider than a rim")
-    if radius(best) <= now * (1 + 1e-9):
+    if radius(best) <= radius(now) * (1 + 1e-9):
         return offer._replace(why_not="no other FAP distance gives a larger undistorted field")
     return offer._replace(value=best)
 
 
-def _telecentric(design: Design) -> Proposal:
-    offer = Proposal("telecentric", "Go telecentric (d_3 = f)", "d_3", design.f)
-    if theory.is_telecentric(design.f, design.d_3):
+def _telecentric(camera: Camera) -> Proposal:
+    offer = Proposal("telecentric", "Go telecentric (d_3 = f)", "d_3", float(camera.f))
+    if is_telecentric(camera):
         return offer._replace(value=None, why_not="it is image-space telecentric already")
     return offer
 
 
-def _rims(design: Design) -> list[float]:
-    """Distances of the rims that the FAP's pencils pass: the lens's, and those of further stops."""
-    return [0.0, *(stop.distance for stop in design.stops)]
+def _rims(camera: Camera) -> list[float]:
+    """Distances of the rims that the FAP's pencils pass: the lens's, which is 0, and those of further stops."""
+    return [float(rim.distance) for rim in camera.rims]
 
 
-def _limit_at(design: Design, d_3: float, object_radius: float) -> FieldLimit:
-    """What limits the field of the same thin camera with its FAP elsewhere; without the checks of `replace`."""
-    thin = design.thin_twin
-    moved = thin.model_copy(update={"aperture": thin.aperture.model_copy(update={"distance": d_3})})
-    return field_limit(moved, object_radius)
+def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> float:
+    """The d_3 from 0 to `high` at which a function is largest that rises up to the last rim at most, and then falls.
 
-
-def _highest(value: Callable[[float], float], high: float, corners: list[float]) -> float:
-    """Where a function from 0 to `high` is largest that rises up to the last of `corners` at most, and then falls.
-
-    A corner is tried as it is, and where there is but the one at 0, nothing else is.
+    A rim's own place is tried as it is, and where there is but the lens, nothing else is.
     """
-    if corners == [0.0]:
-        return 0.0
-    a, b = 0.0, min(high, max(corners))
-    for _ in range(STEPS):
-        left, right = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-        if value(left) >= value(right):
-            b = right
-        else:
-            a = left
-    return max([*(place for place in corners if 0.0 <= place <= high), 0.5 * (a + b)], key=value)
+    corners = [place for place in _rims(camera) if place <= high]
+    low, top = 0.0, max(corners)
+    for _ in range(ROUNDS):
+        places = np.linspace(low, top, PLACES)
+        best = int(np.argmax(value(places)))
+        low, top = float(places[max(best - 1, 0)]), float(places[min(best + 1, PLACES - 1)])
+    tried = np.array([*corners, 0.5 * (low + top)])
+    return float(tried[int(np.argmax(value(tried)))])
 
 
 def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
@@ -215,9 +206,10 @@ def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
 
 def _in_focus(design: Design, changed: Design) -> float | None:
     """The f_ml that the changed design needs to keep its microlenses in focus; None where its own will do."""
-    if ray_blur(changed) <= max(ray_blur(design), BLUR_PX * design.q):
+    before, after = Camera.of(design.thin_twin), Camera.of(changed.thin_twin)
+    if microlens_defocus_blur(after) <= max(float(microlens_defocus_blur(before)), BLUR_PX * design.q):
         return None
-    power = 1 / changed.d_2 + exit_pupil_vergence(changed)
+    power = float(1 / after.d_2 + after.vergence)
     return 1 / power if power > 0 else None
 
 

@@ -12,11 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..camera import Camera
 from ..design import Design
 from ..design.units import format_quantity
 from ..errors import InputError, Problem
-from ..optimize.cameras import TIP, Cameras, places_of
-from ..optimize.quantities import quantity_named
 from ..optimize.run import Result
 from ..optimize.section import statements
 from ..optimize.solve import Answer
@@ -25,6 +24,7 @@ from ..report.quick_tolerances import CENTRE, DEPTH, FILL, KEPT, quick_study
 from ..report.studies import run_optimisation, tolerance_plan
 from ..report.symbols import to_html
 from ..report.words import in_words
+from ..theory.quantities import quantity_named
 from ..tolerance.chunk import tally_chunk
 from ..tolerance.places import perturbable
 from ..tolerance.plan import Plan, make_plan
@@ -608,9 +608,7 @@ def bounds_of(design: Design, symbol: str) -> tuple[float, float]:
 
 
 def _number(design: Design, quantity: str) -> float:
-    """A quantity of the optimiser, of one design."""
-    cameras = Cameras({**places_of(design.thin_twin), TIP: 0.0}, {})
-    return float(np.ravel(quantity_named(quantity).of(cameras, None))[0])
+    return float(quantity_named(quantity)(Camera.of(design.thin_twin)))
 
 
 def _part_done(text: str) -> float | None:
