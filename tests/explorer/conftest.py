@@ -77,7 +77,7 @@ class Window:
         self.complaints: list[str] = []
         self.hosts: set[str] = set()
         self.context = chromium.new_context(color_scheme=theme, accept_downloads=True)
-        self.context.set_default_timeout(10_000)
+        self.context.set_default_timeout(30_000)
         self.page = self.context.new_page()
         self.page.on("console", lambda m: m.type in ("error", "warning") and self._complained(m.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))

@@ -8,15 +8,11 @@ import urllib.request
 from pathlib import Path
 
 import aiohttp
-import msgpack
 import pytest
-from wslink.chunking import generate_chunks
 
 from roslf_design.cli import main
 from roslf_design.commands import explore as command
-from roslf_design.design import load
-from roslf_design.explorer.server import FIRST_PORT, TABS, application, is_local, serve
-from roslf_design.explorer.session import Session
+from roslf_design.explorer.server import FIRST_PORT, is_local
 from tests.explorer.conftest import Explorer
 
 
@@ -113,45 +109,6 @@ def test_the_page_may_load_nothing_from_elsewhere(explorer):
         policy = answer.headers["Content-Security-Policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy.replace(explorer.address.strip("/").replace("http", "ws"), "")
-
-
-def test_every_connection_has_a_tab_that_ends_with_it():
-    sessions = []
-
-    def new():
-        sessions.append(Session(load("paper")))
-        return sessions[-1]
-
-    app = application(new)
-
-    async def call(client, method, *arguments):
-        """A message as trame's own client sends it, without a browser."""
-        kind = "system" if method.startswith("wslink.") else "rpc"
-        rpc = {"wslink": "1.0", "id": f"{kind}:1", "method": method, "args": list(arguments)}
-        for chunk in generate_chunks(msgpack.packb(rpc), 1 << 20):
-            await client.send_bytes(chunk)
-
-    async def play():
-        address = asyncio.get_running_loop().create_future()
-        stop = asyncio.Event()
-        serving = asyncio.create_task(serve(app, "127.0.0.1", 0, address.set_result, stop))
-        place = await address
-        async with aiohttp.ClientSession() as client:
-            async with client.ws_connect(f"{place}ws") as one, client.ws_connect(f"{place}ws") as two:
-                for each in (one, two):
-                    await call(each, "wslink.hello", {"secret": "wslink-secret"})
-                await call(one, "trame.trigger", "write", ["D_F", "3 mm"], {})
-                await call(two, "trame.trigger", "write", ["D_F", "4 mm"], {})
-                while not all(session.design.D_F != 2.9 for session in sessions):
-                    await asyncio.sleep(0.01)
-                assert len(app[TABS]) == 2
-            while app[TABS]:
-                await asyncio.sleep(0.01)
-        stop.set()
-        await serving
-
-    asyncio.run(asyncio.wait_for(play(), 20))
-    assert [session.design.D_F for session in sessions] == [3, 4]
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ requests = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.lists(requests, max_size=8))
 def test_no_order_of_requests_breaks_the_page(asked):
     session = Session(PAPER)
