@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
+import webbrowser
 from importlib.util import find_spec
+from threading import Thread
 from typing import Annotated
 
 from cyclopts import Parameter
+
+from ..design import load
+from ..errors import InputError, Problem
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""
@@ -33,37 +39,24 @@ def explore(
     browser
         Whether to open the page in the browser.
     """
-    import asyncio
-    from threading import Thread
-
-    from ..design import load
-
     check_packages()
     loaded = load(design)
-    from ..explorer.front import application, is_local, serve
+    # Only now: the packages that these import may be missing.
     from ..explorer.patch import warm_up
+    from ..explorer.server import application, is_local, serve
     from ..explorer.session import Session
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)
-        # While the browser starts; nothing is computed there, so no two threads meet in a kernel.
-        asyncio.get_running_loop().run_in_executor(None, warm_up)
         if not is_local(host):
             print(f"roslf: with --host {host} everyone who reaches this machine can use it", file=sys.stderr)
         if browser:
-            import webbrowser
-
             webbrowser.open(address)
 
-    # Beside the page's first pictures, which would else wait for compiled kernels one after the other.
-    Thread(target=_warm_up, daemon=True).start()
+    # Beside the page's first pictures, which would else wait for compiled kernels one after the other; nothing is
+    # computed there, so no two threads meet in a kernel.
+    Thread(target=warm_up, daemon=True).start()
     asyncio.run(serve(application(lambda: Session(loaded), host), host, port, ready))
-
-
-def _warm_up() -> None:
-    from ..explorer.patch import warm_up
-
-    warm_up()
 
 
 def check_packages() -> None:
@@ -74,11 +67,8 @@ def check_packages() -> None:
     InputError
         Names them, and the command.
     """
-    from ..errors import InputError, Problem
-
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         names = " ".join(name.replace("_", "-") for name in missing)
-        raise InputError(
-            (Problem("explore", f"needs packages that are not installed; install them: pip install {names}"),)
-        )
+        message = f"needs packages that are not installed; install them: pip install {names}"
+        raise InputError((Problem("explore", message),))

@@ -7,21 +7,26 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from .. import theory
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
 from ..design import Design, DesignError
-from ..effects.field import exit_pupil_vergence, half_sizes, ray_blur
-from ..evaluation.rims import field_limit
-from ..report.figures.depth_precision import focal_plane_sigma
-from ..theory.matched import Matched
+from ..theory.disparity import depth_sigma
+from ..theory.exit_pupil import is_telecentric
+from ..theory.f_number import fill_factor, matched
+from ..theory.light import geometric_views, half_diagonal, microlens_defocus_blur
+from ..theory.vignetting import field_limit, room_at, undistorted_radii
 from .pictures.svg import short
 
-WORTH_TELLING = 0.005
+Floats = NDArray[np.float64]
+
+NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
-GOLDEN = (math.sqrt(5) - 1) / 2
-STEPS = 48
-"""Of a search by golden section (1e-10 of the range is left) or by halving (4e-15)."""
+PLACES, ROUNDS = 65, 8
+"""A search looks at so many places at once and goes on between two of them: 2e-12 of the range is left."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,6 @@ class Facts(NamedTuple):
     """What a change is judged by; of the thin lens."""
 
     fill_factor: float
-    mismatch_px: float
     undistorted_mm: float
     """Largest undistorted object radius at d_f; may be inf."""
     room_mm: float
@@ -52,6 +56,16 @@ class Facts(NamedTuple):
     """Depth precision at the focal plane."""
     views: float
     """Pixels across a microlens image."""
+
+
+class Proposal(NamedTuple):
+    """A label, and the value [mm] of one symbol that does what it says, or why there is none."""
+
+    key: str
+    label: str
+    symbol: str
+    value: float | None
+    why_not: str = ""
 
 
 def proposals(design: Design) -> tuple[Fix, ...]:
@@ -69,186 +83,151 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    return tuple(_checked(design, *proposal) for proposal in _proposals(design))
+    camera, now = Camera.of(design.thin_twin), facts(design)
+    every = (*_matching(camera, now), _undistorting(camera), _widest(camera), _telecentric(camera))
+    return tuple(_with_consequences(design, now, proposal) for proposal in every)
 
 
 def facts(design: Design) -> Facts:
     """What of a design the proposals change."""
-    seen = design.thin_twin
-    optics = (seen.f, seen.d_f, seen.d_3)
-    corner = math.hypot(*half_sizes(seen)) * seen.d_f / seen.d_1
-    limit = field_limit(seen, corner)
+    camera = Camera.of(design.thin_twin)
+    limit = field_limit(camera)
     return Facts(
-        fill_factor=float(theory.fill_factor(seen.D_F, seen.d, seen.d_2, *optics)),
-        mismatch_px=float(theory.matching_mismatch(seen.D_F, seen.d, seen.q, seen.d_2, *optics)),
+        fill_factor=float(fill_factor(camera)),
         undistorted_mm=limit.radius,
         room_mm=limit.room,
-        sigma_mm=focal_plane_sigma(seen),
-        views=float(theory.geometric_views(seen.D_F, seen.q, seen.d_2, *optics)),
+        sigma_mm=float(depth_sigma(camera, camera.gap)),
+        views=float(geometric_views(camera)),
     )
 
 
-Proposal = tuple[str, str, str, float | None, str]
-"""Key, label, symbol, value [mm] or None, why not."""
-
-
-def _proposals(design: Design) -> Iterator[Proposal]:
-    yield from _matching(design)
-    yield _undistorting(design)
-    yield _widest(design)
-    yield _telecentric(design)
-
-
-def _matching(design: Design) -> Iterator[Proposal]:
-    f, d_f, d_3 = design.f, design.d_f, design.d_3
-    matched = abs(facts(design).fill_factor - 1) < 1e-9
-    small = "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is"
-    no_size = "no FAP diameter matches: the exit pupil lies between microlens array and sensor"
-    ways: tuple[tuple[str, Callable[[], Matched], str], ...] = (
-        ("d_2", lambda: theory.matched_sensor_distance(design.D_F, design.d, f, d_f, d_3), small),
-        ("D_F", lambda: theory.matched_pupil_diameter(design.d, design.d_2, f, d_f, d_3), no_size),
-        ("d_3", lambda: theory.matched_pupil_distance(design.D_F, design.d, design.d_2, f, d_f), _no_distance(design)),
-    )
-    for symbol, solve, why_not in ways:
-        found = solve()
-        reason = "the f-number is matched already" if matched else "" if bool(found.exists) else why_not
-        yield f"match-{symbol}", f"Match f-number by {symbol}", symbol, None if reason else float(found.value), reason
-
-
-def _no_distance(design: Design) -> str:
-    at_lens = float(theory.fill_factor(design.D_F, design.d, design.d_2, design.f, design.d_f, 0.0))
+def _matching(camera: Camera, now: Facts) -> Iterator[Proposal]:
+    why_not = {
+        "d_2": "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is",
+        "D_F": "no FAP diameter matches: the exit pupil lies between microlens array and sensor",
+        "d_3": "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2",
+    }
+    at_lens = float(fill_factor(camera.replace({"d_3": 0.0})))
     if at_lens > 1:
-        return (
+        why_not["d_3"] = (
             f"no FAP distance matches: even at the lens, where images are smallest, D_F fills {short(at_lens, 3)} of a "
             "pitch; use a smaller FAP or a shorter d_2"
         )
-    return "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
+    right = abs(now.fill_factor - 1) < 1e-9
+    for symbol in ("d_2", "D_F", "d_3"):
+        answer = matched(camera, symbol)
+        reason = "the f-number is matched already" if right else "" if bool(answer.exists) else why_not[symbol]
+        value = None if reason else float(answer.value)
+        yield Proposal(f"match-{symbol}", f"Match f-number by {symbol}", symbol, value, reason)
 
 
-def _undistorting(design: Design) -> Proposal:
+def _undistorting(camera: Camera) -> Proposal:
     """The FAP moved no farther than the corner's pencil needs to clear every rim."""
-    key, label = "undistort-d_3", "Free the whole sensor by d_3"
-    corner = math.hypot(*half_sizes(design)) * design.d_f / design.d_1
+    offer = Proposal("undistort-d_3", "Free the whole sensor by d_3", "d_3", None)
+    corner = half_diagonal(camera) * camera.inverse_m
 
-    def room(d_3: float) -> float:
-        return field_limit(_moved(design, d_3), corner).room
+    def rooms(d_3: Floats | float) -> Floats:
+        return room_at(camera.replace({"d_3": d_3}), corner)
 
-    if room(design.d_3) >= 0:
-        return key, label, "d_3", None, "the whole sensor is undistorted already"
+    if rooms(camera.d_3).min() >= 0:
+        return offer._replace(why_not="the whole sensor is undistorted already")
     # Room times the gap is concave in d_3, so the distances with room are one interval.
-    best = _highest(room, 0.0, design.d_f * (1 - 1e-9), [0.0, *(stop.distance for stop in design.stops)])
-    if room(best) < 0:
-        rim = field_limit(_moved(design, best), corner).rim
-        return key, label, "d_3", None, f"no FAP distance frees it: the {rim} is too small for this FAP and sensor"
-    inside, outside = best, design.d_3
-    for _ in range(STEPS):
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if room(middle) >= 0 else (inside, middle)
-    return key, label, "d_3", inside, ""
+    best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera.d_f) * (1 - 1e-9))
+    at_best = rooms(best)
+    if at_best.min() < 0:
+        limit = field_limit(camera.replace({"d_3": best}))
+        return offer._replace(why_not=f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor")
+    inside, outside = best, float(camera.d_3)
+    for _ in range(ROUNDS):
+        places = np.linspace(inside, outside, PLACES)
+        last = int(np.argmax(rooms(places).min(axis=0) < 0)) - 1
+        inside, outside = float(places[last]), float(places[last + 1])
+    return offer._replace(value=inside)
 
 
-def _widest(design: Design) -> Proposal:
-    key, label = "widest-field-d_3", "Largest undistorted field by d_3"
+def _widest(camera: Camera) -> Proposal:
+    offer = Proposal("widest-field-d_3", "Largest undistorted field by d_3", "d_3", None)
 
-    def radius(d_3: float) -> float:
-        return field_limit(_moved(design, d_3), 0.0).radius
+    def radius(d_3: Floats | float) -> Floats:
+        least = undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0)
+        return np.asarray(np.maximum(least, 0.0))
 
-    rims = [0.0, *(stop.distance for stop in design.stops)]
-    best, now = _highest(radius, 0.0, max(max(rims), design.d_3), rims), radius(design.d_3)
+    now = float(camera.d_3)
+    best = _highest(radius, camera, max(now, *_rims(camera)))
     if radius(best) == 0:
-        return key, label, "d_3", None, "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
-    if radius(best) <= now * (1 + 1e-9):
-        return key, label, "d_3", None, "no other FAP distance gives a larger undistorted field"
-    return key, label, "d_3", best, ""
+        return offer._replace(why_not="no FAP distance leaves any field undistorted: the FAP is wider than a rim")
+    if radius(best) <= radius(now) * (1 + 1e-9):
+        return offer._replace(why_not="no other FAP distance gives a larger undistorted field")
+    return offer._replace(value=best)
 
 
-def _telecentric(design: Design) -> Proposal:
-    key, label = "telecentric", "Go telecentric (d_3 = f)"
-    if theory.is_telecentric(design.f, design.d_3):
-        return key, label, "d_3", None, "it is image-space telecentric already"
-    return key, label, "d_3", design.f, ""
+def _telecentric(camera: Camera) -> Proposal:
+    offer = Proposal("telecentric", "Go telecentric (d_3 = f)", "d_3", float(camera.f))
+    if is_telecentric(camera):
+        return offer._replace(value=None, why_not="it is image-space telecentric already")
+    return offer
 
 
-def _moved(design: Design, d_3: float) -> Design:
-    """The same thin camera with its FAP elsewhere, without the checks of `replace`: for searches."""
-    seen = design.thin_twin
-    return seen.model_copy(update={"aperture": seen.aperture.model_copy(update={"distance": d_3})})
+def _rims(camera: Camera) -> list[float]:
+    """Distances of the rims that the FAP's pencils pass: the lens's, which is 0, and those of further stops."""
+    return [float(rim.distance) for rim in camera.rims]
 
 
-def _highest(value: Callable[[float], float], low: float, high: float, corners: list[float]) -> float:
-    """Where a function is largest that rises up to the last of `corners` at most, and then falls.
+def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> float:
+    """The d_3 from 0 to `high` at which a function is largest that rises up to the last rim at most, and then falls.
 
-    A corner is tried as it is, and where there is but one, nothing else is.
+    A rim's own place is tried as it is, and where there is but the lens, nothing else is.
     """
-    candidates = [place for place in corners if low <= place <= high]
-    if corners == [low]:
-        return low
-    high = min(high, max(corners))
-    a, b = low, high
-    for _ in range(STEPS):
-        left, right = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-        if value(left) >= value(right):
-            b = right
-        else:
-            a = left
-    return max([*candidates, 0.5 * (a + b)], key=value)
+    corners = [place for place in _rims(camera) if place <= high]
+    low, top = 0.0, max(corners)
+    for _ in range(ROUNDS):
+        places = np.linspace(low, top, PLACES)
+        best = int(np.argmax(value(places)))
+        low, top = float(places[max(best - 1, 0)]), float(places[min(best + 1, PLACES - 1)])
+    tried = np.array([*corners, 0.5 * (low + top)])
+    return float(tried[int(np.argmax(value(tried)))])
 
 
-def _checked(design: Design, key: str, label: str, symbol: str, value: float | None, why_not: str) -> Fix:
-    """The proposal with its consequences, told from the changed design itself."""
-    if value is None:
-        return Fix(key, label, why_not=why_not)
-    changes = {symbol: value}
+def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
+    """The proposal with what follows from it, told from the changed design itself."""
+    if offer.value is None:
+        return Fix(offer.key, offer.label, why_not=offer.why_not)
+    changes = {offer.symbol: offer.value}
     try:
         changed = design.replace(**changes)
-        follows = _in_focus(design, changed)
-        if follows is not None:
-            changes["f_ml"] = follows
+        focal_length = _in_focus(design, changed)
+        if focal_length is not None:
+            changes["f_ml"] = focal_length
             changed = design.replace(**changes)
     except DesignError as error:
-        return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _told(changes, facts(design), facts(changed)))
+        return Fix(offer.key, offer.label, why_not=error.problems[0].message)
+    return Fix(offer.key, offer.label, changes, _outcome(changes, now, facts(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:
     """The f_ml that the changed design needs to keep its microlenses in focus; None where its own will do."""
-    if ray_blur(changed) <= max(ray_blur(design), BLUR_PX * design.q):
+    before, after = Camera.of(design.thin_twin), Camera.of(changed.thin_twin)
+    if microlens_defocus_blur(after) <= max(float(microlens_defocus_blur(before)), BLUR_PX * design.q):
         return None
-    power = 1 / changed.d_2 + exit_pupil_vergence(changed)
+    power = float(1 / after.d_2 + after.vergence)
     return 1 / power if power > 0 else None
 
 
-def _told(changes: Mapping[str, float], before: Facts, after: Facts) -> str:
+def _outcome(changes: Mapping[str, float], before: Facts, after: Facts) -> str:
     brings: list[str] = []
     costs: list[str] = []
-    moves = (
-        (
-            "fill factor",
-            "",
-            before.fill_factor,
-            after.fill_factor,
-            abs(after.fill_factor - 1) <= abs(before.fill_factor - 1),
-        ),
-        (
-            "undistorted to",
-            " mm",
-            before.undistorted_mm,
-            after.undistorted_mm,
-            after.undistorted_mm >= before.undistorted_mm,
-        ),
-        ("depth precision", " mm", before.sigma_mm, after.sigma_mm, after.sigma_mm <= before.sigma_mm),
-        ("views across", "", before.views, after.views, after.views >= before.views),
-    )
-    for name, unit, old, new, better in moves:
-        if not math.isfinite(new) or abs(new - old) <= WORTH_TELLING * max(abs(old), abs(new)):
-            continue
-        (brings if better else costs).append(f"{name} {short(old, 3)} → {short(new, 3)}{unit}")
+    b, a = before, after
+    for name, unit, old, new, better in (
+        ("fill factor", "", b.fill_factor, a.fill_factor, abs(a.fill_factor - 1) <= abs(b.fill_factor - 1)),
+        ("undistorted to", " mm", b.undistorted_mm, a.undistorted_mm, a.undistorted_mm >= b.undistorted_mm),
+        ("depth precision", " mm", b.sigma_mm, a.sigma_mm, a.sigma_mm <= b.sigma_mm),
+        ("views across", "", b.views, a.views, a.views >= b.views),
+    ):
+        if math.isfinite(new) and abs(new - old) > NOTEWORTHY * max(abs(old), abs(new)):
+            (brings if better else costs).append(f"{name} {short(old, 3)} → {short(new, 3)}{unit}")
     if before.undistorted_mm < after.undistorted_mm == math.inf:
         brings.append("no field is too large")
     if after.room_mm < 0 <= before.room_mm:
         costs.append(f"the sensor's corner gets distorted ({short(-after.room_mm, 2)} mm of room missing)")
     sets = ", ".join(f"{symbol} = {short(value, 5)} mm" for symbol, value in changes.items())
-    parts = [sets, *brings[:3]]
-    if costs:
-        parts.append(f"costs: {', '.join(costs)}")
-    return "; ".join(parts)
+    return "; ".join([sets, *brings[:3], *([f"costs: {', '.join(costs)}"] if costs else [])])

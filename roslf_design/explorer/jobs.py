@@ -1,7 +1,8 @@
-"""Long runs in a process of their own: started, asked how far they are, cancelled; none outlives the program."""
+"""Work that a slider may not wait for: long runs in processes of their own, short ones once a design stands still."""
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
 import signal
@@ -21,6 +22,10 @@ Tell = Callable[[float | None, str], None]
 
 GRACE = 2.0
 """Seconds that a cancelled run has to tidy up before it is killed."""
+
+
+PAUSE = 0.3
+"""Seconds that a design must stand still before what takes about as long is done for it."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,8 @@ class Done(Generic[Result]):
     seconds: float
 
 
-class Job(Generic[Result]):
-    """A function running in a process of its own.
+class ProcessJob(Generic[Result]):
+    """A function running in a process of its own, which does not outlive the program.
 
     Parameters
     ----------
@@ -145,3 +150,49 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+class Later:
+    """Timers in the event loop, one for each kind of work; not in threads, which compiled kernels do not stand.
+
+    Parameters
+    ----------
+    done : callable
+        Called after each piece of work.
+    """
+
+    def __init__(self, done: Callable[[], None]) -> None:
+        self._done = done
+        self._timers: dict[str, tuple[asyncio.TimerHandle, object]] = {}
+
+    def do(self, name: str, work: Callable[[], object], subject: object, pause: float = PAUSE) -> None:
+        """Work in a while; asked again for another subject, the wait begins anew, for the same one it goes on.
+
+        Parameters
+        ----------
+        name : str
+            Of the kind of work.
+        work : callable
+        subject : object
+            What the work is about.
+        pause : float
+            [s].
+        """
+
+        def run() -> None:
+            del self._timers[name]
+            work()
+            self._done()
+
+        if name in self._timers:
+            timer, before = self._timers[name]
+            if before == subject:
+                return
+            timer.cancel()
+        self._timers[name] = (asyncio.get_running_loop().call_later(pause, run), subject)
+
+    def cancel(self) -> None:
+        """Forget all that waits."""
+        for timer, _ in self._timers.values():
+            timer.cancel()
+        self._timers.clear()

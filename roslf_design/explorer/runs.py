@@ -1,38 +1,236 @@
-"""Long runs as the page sees them: what the form asks for, how far a run is, what it found."""
+"""Tolerance and optimisation runs in the background: what the page's forms ask for, the runs, and what they found.
+
+The only place that knows how studies are run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
+from ..camera import Camera
 from ..design import Design
+from ..design.units import format_quantity
 from ..errors import InputError, Problem
+from ..optimize.run import Result
+from ..optimize.section import statements
+from ..optimize.solve import Answer
+from ..report.blocks import Statement
+from ..report.quick_tolerances import CENTRE, DEPTH, FILL, KEPT, quick_study
+from ..report.studies import run_optimisation, tolerance_plan
 from ..report.symbols import to_html
-from . import optimise_run, tolerance_run
+from ..report.words import in_words
+from ..theory.quantities import quantity_named
+from ..tolerance.chunk import tally_chunk
+from ..tolerance.places import perturbable
+from ..tolerance.plan import Plan, make_plan
+from ..tolerance.sensitivity import sensitivity
+from ..tolerance.summary import Variant, summarise
+from ..tolerance.tally import merged
+from ..tolerance.yields import Yield, yield_at
 from .fields import BY_SYMBOL, show
-from .jobs import Done, Failure, Job, Progress
-from .optimise_run import GOALS, HELD, USUAL, VARIABLES, Change, OptimiseRequest, OptimiseResult
+from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .pictures.svg import short
-from .tolerance_run import GRADES, TRIALS, TRIALS_TRACED, ToleranceRequest, ToleranceResult
+from .state import PLACES
 
 Kind = Literal["tolerance", "optimise"]
 KINDS: tuple[Kind, ...] = ("tolerance", "optimise")
 
+Options = Mapping[str, Sequence[str]]
+"""A form as the browser sends it: every field's name with the values chosen."""
+
 LEAST_TRIALS, MOST_TRIALS = 64, 1_000_000
 LARGEST_SEED = 2**32 - 1
 
-HELD_WORDS = {
-    "depth": "depth precision",
-    "field": "field",
-    "views": "independent views",
-    "pixels": "pixels across an image",
-    "length": "total length",
-    "light": "light",
-}
+GRADES = ("commercial", "precision", "high")
+"""Of the shipped table, from loose to tight."""
+TRIALS = 16384
+"""Builds where nobody says otherwise."""
+TRIALS_TRACED = 1024
+"""The same behind a real lens, whose every build is traced."""
+CURVE_TRIALS = 4096
+"""Most builds for one point of the yield curve, and for the other grades."""
+SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Of all tolerances at once."""
 
-Options = Mapping[str, Sequence[str]]
-"""A form as the browser sends it: every field's name with the values chosen."""
+GOALS: dict[str, tuple[str, str, str]] = {
+    "depth": ("finest depth", "sigma_z_mm", "min"),
+    "field": ("widest field", "field_half_width_mm", "max"),
+    "light": ("most light", "light_sr", "max"),
+    "views": ("most independent views", "views_independent", "max"),
+    "sample": ("finest object sample", "object_sample_mm", "min"),
+    "length": ("shortest instrument", "total_length_mm", "min"),
+}
+"""Goals by their keys: what they are called, the quantity, the direction."""
+VARIABLES = ("D", "f", "d_f", "D_F", "d_3", "d", "d_2")
+"""What may vary; f_ml follows its focus."""
+USUAL = ("D_F", "d_3", "d_2")
+"""What varies where nobody says otherwise."""
+HELD: dict[str, tuple[str, str, str]] = {
+    "depth": ("depth precision", "sigma_z_mm", "max"),
+    "field": ("field", "field_half_width_mm", "min"),
+    "views": ("independent views", "views_independent", "min"),
+    "pixels": ("pixels across an image", "views_geometric", "min"),
+    "length": ("total length", "total_length_mm", "max"),
+    "light": ("light", "light_sr", "min"),
+}
+"""What may be kept from getting worse: what it is called, the quantity, the side of its limit."""
+GIVE = 1e-3
+"""Part of a held value that may be given up, so that the design itself is inside its limits."""
+REACH = 2.0
+"""Bounds of a variable, as factors of its value."""
+FILLED = (0.98, 1.0)
+"""Fill factor that counts as matched."""
+STARTS, SECONDS = 8, 40.0
+FRONT_POINTS = 9
+
+
+@dataclass(frozen=True)
+class ToleranceRequest:
+    """What is asked of a tolerance run."""
+
+    design: Design
+    grade: str = "precision"
+    trials: int | None = None
+    """None: `TRIALS`, or `TRIALS_TRACED` behind a real lens."""
+    seed: int = 0
+    calibrated: bool = True
+    """Whether the decoder is calibrated on each build."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A measured yield."""
+
+    value: float
+    low: float
+    high: float
+    """Its 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Offender:
+    """What one tolerance alone, at its end, does."""
+
+    place: str
+    """Where in the design, in words."""
+    tolerance: str
+    """Half-width with its unit."""
+    used: float
+    """Largest part of the way from nominal to any limit; above 1 it breaks the limit by itself, inf where the build
+    loses a number that is limited."""
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class LimitSpread:
+    """Scatter of one limited number over the builds."""
+
+    label: str
+    nominal: float
+    deviation: float
+    """Standard deviation; NaN where some builds lack the number."""
+    low: float
+    high: float
+    """5th and 95th percentile."""
+    limit_low: float
+    limit_high: float
+
+
+@dataclass(frozen=True)
+class ToleranceResult:
+    """What a tolerance run found."""
+
+    grade: str
+    trials: int
+    share: Share
+    limits: tuple[tuple[str, Share], ...]
+    """Each limit alone."""
+    offenders: tuple[Offender, ...]
+    """Worst first."""
+    spreads: tuple[LimitSpread, ...]
+    grades: tuple[tuple[str, Share], ...]
+    curve: tuple[tuple[float, Share], ...]
+    """Yield over a common factor on all tolerances."""
+    question: str
+    """The limits in words."""
+
+
+@dataclass(frozen=True)
+class OptimiseRequest:
+    """What is asked of an optimisation run."""
+
+    design: Design
+    goal: str = "depth"
+    """A key of `GOALS`."""
+    variables: tuple[str, ...] = USUAL
+    matched: bool = True
+    """Whether microlens images have to fill their cells without overlap."""
+    undistorted: bool = True
+    """Whether no microlens image on the sensor may be cut."""
+    held: tuple[str, ...] = ()
+    """Keys of `HELD`."""
+    against: str = ""
+    """Another key of `GOALS`: what the goal costs of it is found out as well."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class VariableMove:
+    """One variable, from the design asked about to the one found, between its bounds [mm]."""
+
+    symbol: str
+    before: float
+    after: float
+    low: float
+    high: float
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether it ended at one of its bounds."""
+        return min(self.after - self.low, self.high - self.after) <= 1e-6 * max(abs(self.high), 1e-12)
+
+
+@dataclass(frozen=True)
+class SearchEnd:
+    """Where one search ended."""
+
+    spent: int
+    """Evaluations so far, its own included."""
+    loss: float
+    """How much worse than the answer, as a share of the goal."""
+    kind: str
+    """"start", "check", or "bad" where a limit fails."""
+
+
+@dataclass(frozen=True)
+class OptimiseResult:
+    """What an optimisation run found."""
+
+    feasible: bool
+    goal: str
+    """What was wanted, in words."""
+    quantity: str
+    """What that is a number of."""
+    unit: str
+    before: float
+    after: float
+    """The goal's quantity, of the design asked about and of the one found."""
+    changes: tuple[VariableMove, ...]
+    design: Design | None
+    """The design found; None where nothing holds all limits."""
+    sentences: tuple[Statement, ...]
+    ends: tuple[SearchEnd, ...]
+    against: str
+    """The other goal; "" where there is none."""
+    against_quantity: str
+    against_unit: str
+    front: tuple[tuple[float, float], ...]
+    """Goal and what it is against, of designs of which none is better in both."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +238,7 @@ class Run:
     """A run, and the design that it was started for."""
 
     design: Design
-    job: Job[Any]
+    job: ProcessJob[Any]
 
     @property
     def result(self) -> Any:
@@ -49,8 +247,37 @@ class Run:
         return state.result if isinstance(state, Done) else None
 
 
+# Forms.
+
+
+def kind_of(text: str) -> Kind:
+    """A kind of run by its name.
+
+    Raises
+    ------
+    ValueError
+        There is none of that name.
+    """
+    if text not in KINDS:
+        raise ValueError(f"there is no run called {text!r}")
+    return text
+
+
+def forms(design: Design) -> dict[str, Any]:
+    """What the forms offer, and what is chosen before anyone chooses."""
+    traced = design.main_lens.prescription is not None
+    return {
+        "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
+        "trials": TRIALS_TRACED if traced else TRIALS,
+        "goals": [{"key": key, "label": label} for key, (label, _, _) in GOALS.items()],
+        "variables": [{"key": s, "label": to_html(s), "chosen": s in USUAL} for s in VARIABLES],
+        "held": [{"key": key, "label": label} for key, (label, _, _) in HELD.items()],
+        "lens": traced,
+    }
+
+
 def begin(kind: Kind, design: Design, options: Options) -> Run:
-    """Start a run.
+    """Start a run in a process of its own.
 
     Raises
     ------
@@ -58,8 +285,8 @@ def begin(kind: Kind, design: Design, options: Options) -> Run:
         Options that cannot be.
     """
     if kind == "tolerance":
-        return Run(design, tolerance_run.start(tolerance_request(design, options)))
-    return Run(design, optimise_run.start(optimise_request(design, options)))
+        return Run(design, ProcessJob(run_tolerance, tolerance_request(design, options)))
+    return Run(design, ProcessJob(run_optimise, optimise_request(design, options)))
 
 
 def tolerance_request(design: Design, options: Options) -> ToleranceRequest:
@@ -73,13 +300,8 @@ def tolerance_request(design: Design, options: Options) -> ToleranceRequest:
     grade = _one(options, "grade", GRADES[1])
     if grade not in GRADES:
         raise InputError((Problem("grade", f"'{grade}' is not known; there are {', '.join(GRADES)}"),))
-    return ToleranceRequest(
-        design,
-        grade,
-        _whole(options, "trials", TRIALS, LEAST_TRIALS, MOST_TRIALS),
-        _whole(options, "seed", 0, 0, LARGEST_SEED),
-        "calibrated" in options,
-    )
+    trials = _whole(options, "trials", TRIALS, LEAST_TRIALS, MOST_TRIALS)
+    return ToleranceRequest(design, grade, trials, _seed(options), "calibrated" in options)
 
 
 def optimise_request(design: Design, options: Options) -> OptimiseRequest:
@@ -97,34 +319,42 @@ def optimise_request(design: Design, options: Options) -> OptimiseRequest:
     variables = tuple(symbol for symbol in VARIABLES if symbol in options.get("variables", ()))
     if not variables:
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
-    held = tuple(key for key in HELD if key in options.get("held", ()))
-    seed = _whole(options, "seed", 0, 0, LARGEST_SEED)
     return OptimiseRequest(
         design,
         goal,
         variables,
-        None,
         matched="matched" in options,
         undistorted="undistorted" in options,
-        held=held,
+        held=tuple(key for key in HELD if key in options.get("held", ())),
         against=against,
-        seed=seed,
+        seed=_seed(options),
     )
 
 
-def forms(design: Design) -> dict[str, Any]:
-    """What the forms offer, and what is chosen before anyone chooses."""
-    return {
-        "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
-        "trials": TRIALS if design.main_lens.prescription is None else TRIALS_TRACED,
-        "goals": [{"key": key, "label": told} for key, (told, _, _) in GOALS.items()],
-        "variables": [{"key": s, "label": to_html(s), "chosen": s in USUAL} for s in VARIABLES],
-        "held": [{"key": key, "label": HELD_WORDS[key]} for key in HELD],
-        "lens": design.main_lens.prescription is not None,
-    }
+def _one(options: Options, name: str, otherwise: str) -> str:
+    values = options.get(name) or (otherwise,)
+    return str(values[0])
 
 
-def told(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
+def _seed(options: Options) -> int:
+    return _whole(options, "seed", 0, 0, LARGEST_SEED)
+
+
+def _whole(options: Options, name: str, otherwise: int, low: int, high: int) -> int:
+    text = _one(options, name, str(otherwise)).strip()
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= high:
+        raise InputError((Problem(name, f"'{text}' is not a whole number from {low} to {high}"),))
+    return value
+
+
+# What the page shows of a run.
+
+
+def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     """A run for the page: its state, how far it is, what it found.
 
     Parameters
@@ -146,36 +376,38 @@ def told(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
         return {**shown, "state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):
         return {**shown, "state": "failed", "message": wrong or state.message}
-    found = _tolerance(state.result) if isinstance(state.result, ToleranceResult) else _optimise(state.result)
-    return {**shown, "state": "done", "seconds": f"{state.seconds:.1f} s", **found}
+    result = state.result
+    details = _tolerances(result) if isinstance(result, ToleranceResult) else _optimum(result)
+    return {**shown, "state": "done", "seconds": f"{state.seconds:.1f} s", **details}
 
 
-def _tolerance(found: ToleranceResult) -> dict[str, Any]:
+def _tolerances(result: ToleranceResult) -> dict[str, Any]:
+    share = result.share
     return {
-        "headline": f"{_percent(found.share.value)} of the builds hold every limit "
-        f"(95 % interval {_percent(found.share.low)} to {_percent(found.share.high)})",
-        "question": to_html(found.question),
+        "headline": f"{_percent(share.value)} of the builds hold every limit "
+        f"(95 % interval {_percent(share.low)} to {_percent(share.high)})",
+        "question": to_html(result.question),
         "rows": [
-            {"label": to_html(row.label), "share": _percent(row.share.value)}
-            for row in sorted(found.limits, key=lambda row: row.share.value)
+            {"label": to_html(label), "share": _percent(share.value)}
+            for label, share in sorted(result.limits, key=lambda limit: limit[1].value)
         ],
     }
 
 
-def _optimise(found: OptimiseResult) -> dict[str, Any]:
-    unit = f" {found.unit}" if found.unit else ""
+def _optimum(result: OptimiseResult) -> dict[str, Any]:
+    unit = f" {result.unit}" if result.unit else ""
     return {
-        "headline": f"{to_html(found.quantity)}: {short(found.before, 4)} → {short(found.after, 4)}{unit}"
-        if found.feasible
+        "headline": f"{to_html(result.quantity)}: {short(result.before, 4)} → {short(result.after, 4)}{unit}"
+        if result.feasible
         else "Nothing within the bounds holds all that was asked",
-        "rows": [{"label": to_html(change.symbol), "share": _moved(change)} for change in found.changes],
-        "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in found.sentences],
-        "can_apply": found.design is not None,
-        "front": bool(found.front),
+        "rows": [{"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes],
+        "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in result.sentences],
+        "can_apply": result.design is not None,
+        "front": bool(result.front),
     }
 
 
-def _moved(change: Change) -> str:
+def _moved(change: VariableMove) -> str:
     field = BY_SYMBOL[change.symbol]
     bound = " (at its bound)" if change.at_bound else ""
     return f"{show(field, change.before)} → {show(field, change.after)}{bound}"
@@ -185,30 +417,218 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def _one(options: Options, name: str, otherwise: str) -> str:
-    values = options.get(name) or (otherwise,)
-    return str(values[0])
+# The tolerance run.
 
 
-def _whole(options: Options, name: str, otherwise: int, low: int, high: int) -> int:
-    text = _one(options, name, str(otherwise)).strip()
-    try:
-        value = int(text)
-    except ValueError:
-        value = low - 1
-    if not low <= value <= high:
-        raise InputError((Problem(name, f"'{text}' is not a whole number from {low} to {high}"),))
-    return value
-
-
-def kind_of(text: str) -> Kind:
-    """A kind of run by its name.
+def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: None) -> ToleranceResult:
+    """Builds to a grade: their yield, what spoils them, how they scatter.
 
     Raises
     ------
-    ValueError
-        There is none of that name.
+    InputError
+        The grade is not known, or does not suit the design.
     """
-    if text not in KINDS:
-        raise ValueError(f"there is no run called {text!r}")
-    return text
+    design = request.design
+    trials = request.trials or (TRIALS if design.lens is None else TRIALS_TRACED)
+    tell(None, "limits and tolerances")
+    data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
+    if not request.calibrated:
+        data["compensators"] = []
+    plan, study, grades = tolerance_plan(data, design)
+    few = min(trials, CURVE_TRIALS)
+    # In builds: the run itself, the offenders (as long as one run of fewer), one run of fewer for each point.
+    total = trials + few * (1 + len(grades.names) + len(SCALES))
+    done = 0
+    tallies = []
+    for index in range(plan.chunks):
+        tell(done / total, f"{done} of {trials} builds")
+        tallies.append(tally_chunk(plan, index))
+        done += plan.chunk_trials(index)
+    variant = summarise(plan, merged(tallies))[-1]
+    tell(done / total, "one tolerance after the other")
+    offenders = sorted(_offenders(plan), key=lambda row: -row.used)
+
+    def few_builds(text: str, asked: Plan, scale: float) -> Share:
+        nonlocal done
+        done += few
+        tell(done / total, text)
+        return _share(yield_at(asked, scale, few))
+
+    graded = {name: make_plan(study.model_copy(update={"grade": name}), design, grades) for name in grades.names}
+    by_grade = [(name, few_builds(f"grade {name}", other, 1.0)) for name, other in graded.items()]
+    curve = [(scale, few_builds(f"all tolerances times {scale:g}", plan, scale)) for scale in SCALES]
+    decoder = "calibrated on each build" if request.calibrated else "as designed"
+    return ToleranceResult(
+        grade=request.grade,
+        trials=trials,
+        share=_share(variant.result),
+        limits=tuple((_label(limit.label), _share(limit.result)) for limit in variant.limits),
+        offenders=tuple(offenders),
+        spreads=tuple(_spreads(variant)),
+        grades=tuple(by_grade),
+        curve=tuple(curve),
+        question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
+        f"factor stays within {100 * FILL:g} % of nominal, its depth spread grows by {100 * DEPTH:g} % at most, no "
+        f"field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px.",
+    )
+
+
+def _share(result: Yield) -> Share:
+    return Share(result.value, *result.interval)
+
+
+def _label(column: str) -> str:
+    """A column in words, its field by name: ``fill_factor@2``."""
+    name, _, number = column.partition("@")
+    return f"{in_words(name)}, {PLACES[int(number)]}" if number else in_words(name)
+
+
+def _place(dotted: str) -> str:
+    """A place of the design in words: ``main_lens.tilt.1``."""
+    words = dotted.replace("_", " ").split(".")
+    if words[-1] in ("0", "1") and words[-2] in ("decentre", "tilt"):
+        words[-1] = "xy"[int(words[-1])]
+    return " ".join(words)
+
+
+def _offenders(plan: Plan) -> Iterator[Offender]:
+    """Every tolerance by what it alone uses of the limits."""
+    moves, kinds = sensitivity(plan), perturbable(plan.question.design)
+    ends = np.stack([moves.plus[-1], moves.minus[-1]])
+    for index, perturbation in enumerate(plan.draws.perturbations):
+        used, worst = 0.0, ""
+        for limit in plan.limits:
+            here, label = float(plan.nominal[limit.column]), plan.columns[limit.column].label
+            for edge, sign in ((limit.high, 1.0), (limit.low, -1.0)):
+                way = sign * (edge - here)
+                if not math.isfinite(way):
+                    continue
+                move = float(np.max(sign * ends[:, limit.column, index]))
+                part = math.inf if math.isnan(move) else move / way if way > 0 else math.inf if move > 0 else 0.0
+                if part > used:
+                    used, worst = part, label
+        size, kind = f"{perturbation.tolerance:.3g}", kinds[perturbation.place]
+        told = format_quantity(float(size), kind) if kind in ("length", "angle") else size
+        yield Offender(_place(perturbation.place), told, used, _label(worst))
+
+
+def _spreads(variant: Variant) -> Iterator[LimitSpread]:
+    columns = {column.label: column for column in variant.distributions}
+    for limit in variant.limits:
+        column = columns[limit.label]
+        at = dict(zip(column.probabilities, column.quantiles, strict=True))
+        label = _label(limit.label)
+        yield LimitSpread(label, column.nominal, column.deviation, at[0.05], at[0.95], limit.low, limit.high)
+
+
+# The optimisation run.
+
+
+def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None) -> OptimiseResult:
+    """A better design: a goal, what may vary, what must not get worse.
+
+    Raises
+    ------
+    InputError
+        Nothing may vary, what varies does not go together, or the main lens is a real one.
+    """
+    design = request.design
+    if design.lens is not None:
+        message = f"{design.lens.name} is a real lens, and the search varies ideal ones; optimise its thin twin"
+        raise InputError((Problem("main lens", message),))
+    tell(None, "first search")
+    result = run_optimisation(
+        optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
+    )
+    answer = result.answer
+    goal = answer.asked.goals[0]
+    values = answer.variables()
+    against = request.against if request.against != request.goal else ""
+    return OptimiseResult(
+        feasible=answer.feasible,
+        goal=GOALS[request.goal][0],
+        quantity=in_words(goal.quantity.name),
+        unit=goal.quantity.unit,
+        before=_number(design, goal.quantity.name),
+        after=answer.number(goal),
+        changes=tuple(
+            VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *bounds_of(design, symbol))
+            for symbol in request.variables
+        ),
+        design=answer.problem.design_at(answer.unit, f"{design.name}, {GOALS[request.goal][0]}")
+        if answer.feasible
+        else None,
+        sentences=tuple(statements(result)),
+        ends=tuple(_ends(answer)),
+        against=GOALS[against][0] if against else "",
+        against_quantity=in_words(GOALS[against][1]) if against else "",
+        against_unit=quantity_named(GOALS[against][1]).unit if against else "",
+        front=_front(result),
+    )
+
+
+def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
+    """The run as a study file would say it, but for the design."""
+    label, quantity, direction = GOALS[request.goal]
+    goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
+    bounds = {symbol: bounds_of(request.design, symbol) for symbol in request.variables}
+    data: dict[str, Any] = {
+        "name": f"{request.design.name}: {label}",
+        "microlens_in_focus": True,
+        "seed": request.seed,
+        "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
+        "solver": {"starts": STARTS, "seconds": SECONDS},
+    }
+    limits: list[dict[str, Any]] = []
+    if request.matched:
+        limits.append({"quantity": "fill_factor", "min": FILLED[0], "max": FILLED[1]})
+    if request.undistorted:
+        limits.append({"quantity": "non_distortion_room_mm", "min": "0 mm"})
+    for key in request.held:
+        _, name, side = HELD[key]
+        value = _number(request.design, name) * (1 + GIVE if side == "max" else 1 - GIVE)
+        limits.append(
+            {"quantity": name, side: format_quantity(value, "length") if quantity_named(name).length else value}
+        )
+    if request.against and request.against != request.goal:
+        _, other, way = GOALS[request.against]
+        # The answer is the goal's own; the other goal is there for the front.
+        goals.append({"quantity": other, "direction": way, "weight": 1e-6})
+        data["pareto"] = {"goals": [quantity, other], "points": FRONT_POINTS}
+    return data | {"goals": goals, "constraints": limits}
+
+
+def bounds_of(design: Design, symbol: str) -> tuple[float, float]:
+    """Least and greatest value of a variable [mm]."""
+    value = float(getattr(design, symbol))
+    low, high = value / REACH, REACH * value
+    if symbol == "d_3":
+        return low, max(high, 0.1 * design.f)
+    return max(low, 1.05 * design.f) if symbol == "d_f" else low, high
+
+
+def _number(design: Design, quantity: str) -> float:
+    return float(quantity_named(quantity)(Camera.of(design.thin_twin)))
+
+
+def _part_done(text: str) -> float | None:
+    """Share of the searches that are done, from what the solver tells."""
+    words = text.split()
+    if words[:1] == ["start"] and words[2:3] == ["of"]:
+        return 0.8 * (int(words[1]) - 1) / int(words[3])
+    return 0.85 if text.startswith("checking") else None
+
+
+def _ends(answer: Answer) -> Iterator[SearchEnd]:
+    spent = 0
+    for search in answer.searches:
+        spent += search.evaluations
+        yield SearchEnd(spent, max(search.merit - answer.merit, 0.0), "start" if search.feasible else "bad")
+    for check in answer.checks:
+        spent += check.evaluations + check.polished.evaluations
+        kind = "check" if check.polished.feasible else "bad"
+        yield SearchEnd(spent, max(check.polished.merit - answer.merit, 0.0), kind)
+
+
+def _front(result: Result) -> tuple[tuple[float, float], ...]:
+    return () if result.front is None else tuple((p.values[0], p.values[1]) for p in result.front.points)

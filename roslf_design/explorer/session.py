@@ -4,46 +4,46 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
+import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from ..design import Design, DesignError, load, loads, preset_names
+from ..design import Design, DesignError, dumps, load, loads, preset_names
+from ..design.write import write_atomically
 from ..errors import InputError
 from ..evaluation import Evaluation, evaluate
-from . import state as states
-from .drawing import DRAWINGS, Seen, Size, fitting
 from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals
-from .history import History, record, redo, undo
-from .jobs import Progress
-from .later import Later
-from .link import TABS, WHOLE, LinkError, Look, decode
+from .jobs import Later, Progress
 from .pictures.axes import Picture
 from .pictures.theme import ThemeName
-from .places import on_array, place_on_mla, read_place
-from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, told
-from .space import Space
-from .state import State
-from .view import controls, glance, header, looked_at, proposed, verdicts
+from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, summary
+from .scene3d import Mesh, changed, scene
+from .state import TABS, WHOLE, History, LinkError, Look, State, decode, on_array, place_on_mla, read_place
+from .view import DRAWINGS, TRACING, Size, Subject, controls, fitting, glance, header, lights, looked_at, proposed
 
 TICK = 0.25
 """How often a run is asked how far it is [s]."""
 
-TRACING = {
-    "name": "tracing",
-    "level": "wait",
-    "word": "not yet known",
-    "title": "real lens",
-    "margin": "tracing ...",
-    "text": "The verdicts are those of the thin twin; rays are being traced through the real lens.",
-    "plain": "tracing rays through the real lens",
-    "remedy": "",
-}
-"""Stands among the lights until the lens has been traced."""
-
 MOST_TEXT = 1_000_000
 """Largest design file that is taken [characters]."""
+
+
+class Download(NamedTuple):
+    """A file as the browser saves it."""
+
+    name: str
+    kind: str
+    """Its media type."""
+    content: bytes
+
+
+class DownloadError(Exception):
+    """A file that could not be made; says why."""
 
 
 class Session:
@@ -63,7 +63,7 @@ class Session:
     """Methods that the page may call."""
 
     def __init__(self, design: Design) -> None:
-        self._history = History(states.start(design))
+        self._history = History(State.of(design))
         self._look = Look()
         self._theme: ThemeName = "light"
         self._sizes: dict[str, Size] = {name: drawing.size for name, drawing in DRAWINGS.items()}
@@ -73,9 +73,9 @@ class Session:
         self._runs: dict[Kind, Run | None] = dict.fromkeys(KINDS)
         self._wrong: dict[Kind, str] = dict.fromkeys(KINDS, "")
         self._space = Space()
-        self._proposed: tuple[Design, tuple[Fix, ...]] | None = None
+        self._proposed: tuple[Design | None, tuple[Fix, ...]] = (None, ())
         self._later = Later(lambda: self.on_news())
-        self._last = Seen(design.thin_twin, self._look)
+        self._subject = Subject(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
         self.on_news: Callable[[], None] = lambda: None
@@ -93,10 +93,11 @@ class Session:
 
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
-        shown = [name for name, drawing in DRAWINGS.items() if self._opened and drawing.tab == self._look.tab]
+        pictures = dict.fromkeys(DRAWINGS, "")
+        if self._opened:
+            pictures = {name: self._draw(name) for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
         return {
-            **({} if self._opened else {_key(name): "" for name in DRAWINGS}),
-            **{_key(name): self._draw(name) for name in shown},
+            **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
@@ -104,20 +105,12 @@ class Session:
             "lights": self._lights() if self._opened else [],
             "fixes": self._fixes() if self._opened else [],
             "space": self._in_space(),
-            **{f"{kind}_run": told(self._runs[kind], self.design, self._wrong[kind]) for kind in KINDS},
+            **{f"{kind}_run": summary(self._runs[kind], self.design, self._wrong[kind]) for kind in KINDS},
             "forms": forms(self.design),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
         }
-
-    def picture(self, name: str, theme: ThemeName) -> str | None:
-        """A picture as a file of its own; None where there is none of that name."""
-        drawing = DRAWINGS.get(name)
-        if drawing is None:
-            return None
-        inputs = drawing.inputs(self._seen())
-        return None if inputs is None else drawing.make(inputs, theme, self._sizes[name]).svg
 
     def close(self) -> None:
         """End all that runs for this tab."""
@@ -129,9 +122,50 @@ class Session:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
 
+    async def download(self, name: str) -> Download | None:
+        """The file that is asked for; None where there is no such thing.
+
+        Parameters
+        ----------
+        name : str
+            ``design.toml``, ``report.html``, or a picture's name with ``.svg``.
+
+        Raises
+        ------
+        DownloadError
+            The report's own command failed.
+        """
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(self.design.name).stem).strip("-.") or "design"
+        if name == "design.toml":
+            return Download(f"{stem}.toml", "application/toml", dumps(self.design).encode())
+        if name == "report.html":
+            return Download(f"{stem}-report.html", "text/html", await self._report(stem))
+        drawing = DRAWINGS.get(name.removesuffix(".svg"))
+        inputs = drawing.inputs(self._seen()) if drawing is not None and name.endswith(".svg") else None
+        if drawing is None or inputs is None:
+            return None
+        picture = drawing.make(*inputs, "light", self._sizes[name.removesuffix(".svg")])
+        return Download(f"{stem}-{name}", "image/svg+xml", picture.svg.encode())
+
+    async def _report(self, stem: str) -> bytes:
+        """The design report, made by the command that it names, in a process of its own that ends with the tab."""
+        with tempfile.TemporaryDirectory(prefix="roslf-") as folder:
+            write_atomically(Path(folder) / f"{stem}.toml", dumps(self.design).encode())
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "roslf_design", "report", f"{stem}.toml", "-o", "report"),
+                cwd=folder,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=asyncio.subprocess.PIPE,
+            )
+            with self._owning(process):
+                _, complaint = await process.communicate()
+            if process.returncode:
+                raise DownloadError(complaint.decode(errors="replace").strip() or "the report was stopped")
+            return (Path(folder) / "report" / "index.html").read_bytes()
+
     @contextlib.contextmanager
-    def owning(self, process: asyncio.subprocess.Process) -> Iterator[None]:
-        """Let a process end with the tab."""
+    def _owning(self, process: asyncio.subprocess.Process) -> Iterator[None]:
         self._children.add(process)
         try:
             yield
@@ -142,15 +176,6 @@ class Session:
 
     # Requests: what the page may ask.
 
-    def restore(self, link: str) -> None:
-        """Take the state that a link brings."""
-        try:
-            state, self._look = decode(link)
-        except LinkError as error:
-            self._tell(str(error))
-        else:
-            self._go(state)
-
     def opened(self, link: str, theme: str, sizes: dict[str, Sequence[float]]) -> None:
         """The page is there: take the state that its address brings, and its theme and room."""
         self._opened = True
@@ -159,27 +184,36 @@ class Session:
         if link:
             self.restore(link)
 
+    def restore(self, link: str) -> None:
+        """Take the state that a link brings."""
+        try:
+            state, self._look = decode(link)
+        except LinkError as error:
+            self._say(str(error))
+        else:
+            self._go(state)
+
     def slide(self, symbol: str, place: float, gesture: str) -> None:
         """Move a slider; all of one gesture is one step back."""
         field = BY_SYMBOL[symbol]
         value = value_at(field, float(place), reach(field, self.state.reference, self.design))
-        self._go(states.set_value(self.state, symbol, value), gesture)
+        self._go(self.state.set(symbol, value), gesture)
 
     def write(self, symbol: str, text: str) -> None:
         """Type into a number field."""
-        self._go(states.edit(self.state, symbol, str(text)))
+        self._go(self.state.edit(symbol, str(text)))
 
     def follow(self, symbol: str) -> None:
         """Choose which of f, d_1, d_f follows."""
-        self._go(states.follow(self.state, symbol))
+        self._go(self.state.follow(symbol))
 
     def undo(self) -> None:
         """One step back."""
-        self._history = undo(self._history)
+        self._history = self._history.undo()
 
     def redo(self) -> None:
         """One step forward again."""
-        self._history = redo(self._history)
+        self._history = self._history.redo()
 
     def preset(self, name: str) -> None:
         """Load a design that ships."""
@@ -189,7 +223,7 @@ class Session:
     def load_text(self, name: str, text: str) -> None:
         """Load a design file that the browser read."""
         if len(text) > MOST_TEXT:
-            self._tell(f"{name}: is too large for a design file")
+            self._say(f"{name}: is too large for a design file")
         else:
             self._load(lambda: loads(text, name))
 
@@ -203,13 +237,13 @@ class Session:
         if chosen is None or chosen.why_not:
             return
         try:
-            self._go(states.change(self.state, chosen.changes))
+            self._go(self.state.change(chosen.changes))
         except DesignError as error:
-            self._tell(f"{chosen.label}: {error}")
+            self._say(f"{chosen.label}: {error}")
 
     def dismiss(self) -> None:
         """Take note of the message."""
-        self._tell("")
+        self._say("")
 
     def show_tab(self, tab: str) -> None:
         """Turn to another tab of the page."""
@@ -225,12 +259,13 @@ class Session:
         drawn = self._drawn.get(picture, (None, None))[1]
         if drawn is None or drawn.mapping is None:
             return
+        across, up = drawn.mapping.to_value(float(x), float(y))
         if picture == "mla-map":
-            self._look = replace(self._look, place=on_array(self.design, *drawn.mapping.to_value(float(x), float(y))))
+            self._look = replace(self._look, place=on_array(self.design, across, up))
         elif picture == "matching-plane":
             # Axes that follow the design would run away under the pointer.
             self._limits = (drawn.mapping.x1, drawn.mapping.y1)
-            self._move_pupil(*drawn.mapping.to_value(float(x), float(y)), gesture)
+            self._move_pupil(across, up, gesture)
 
     def let_go(self) -> None:
         """A drag in a picture has ended."""
@@ -241,13 +276,13 @@ class Session:
         drawn = self._drawn.get(picture, (None, None))[1]
         if drawn is None or drawn.mapping is None:
             return
+        design, step = self.design, self.design.d
         if picture == "mla-map":
-            x, y = place_on_mla(self.design, self._look.place)
-            step = self.design.d
-            self._look = replace(self._look, place=on_array(self.design, x + step * right, y + step * up))
+            x, y = place_on_mla(design, self._look.place)
+            self._look = replace(self._look, place=on_array(design, x + step * right, y + step * up))
         elif picture == "matching-plane":
             across, high = (drawn.mapping.x1 / 100, drawn.mapping.y1 / 100)
-            self._move_pupil(self.design.d_3 + across * right, self.design.D_F + high * up, "")
+            self._move_pupil(design.d_3 + across * right, design.D_F + high * up, "")
 
     def show_whole(self, whole: str) -> None:
         """How much the meridional section shows: the object plane too, the instrument alone, or what suits."""
@@ -265,6 +300,10 @@ class Session:
         """Take note of how much room the pictures have [px]."""
         for name in sizes.keys() & DRAWINGS.keys():
             self._sizes[name] = fitting(sizes[name], self._sizes[name])
+
+    def set_theme(self, theme: str) -> None:
+        """Light or dark."""
+        self._theme = "dark" if theme == "dark" else "light"
 
     def space_again(self) -> None:
         """The browser missed a change of the 3D scene: send it whole."""
@@ -289,25 +328,20 @@ class Session:
 
     def take_optimum(self) -> None:
         """Go on with the design that was found."""
-        run = self._runs["optimise"]
-        if run is not None and run.result is not None and run.result.design is not None:
-            found = run.result.design
-            self._go(replace(self.state, design=found, faults=(), message=""))
-
-    def set_theme(self, theme: str) -> None:
-        """Light or dark."""
-        self._theme = "dark" if theme == "dark" else "light"
+        result = self._result("optimise")
+        if result is not None and result.design is not None:
+            self._go(self.state.take(result.design))
 
     # How they do it.
 
     def _lights(self) -> list[dict[str, str]]:
         """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
         if self.design.main_lens.prescription is None:
-            return verdicts(self._seen().evaluation)
+            return lights(self._seen().evaluation)
         if self._traced is not None and self._traced[0] == self.design:
-            return verdicts(self._traced[1])
+            return lights(self._traced[1])
         self._later.do("trace", self._trace, self.design)
-        return [*verdicts(self._seen().evaluation), TRACING]
+        return [*lights(self._seen().evaluation), TRACING]
 
     def _trace(self) -> None:
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
@@ -315,59 +349,36 @@ class Session:
 
     def _fixes(self) -> list[dict[str, str]]:
         """What would mend the design; with nothing promised while it is still being changed."""
-        if self._proposed is not None and self._proposed[0] == self.design:
-            return proposed(self._proposed[1])
-        self._later.do("fixes", self._propose, self.design)
-        return [
-            {**fix, "outcome": "", "why_not": ""}
-            for fix in proposed(() if self._proposed is None else self._proposed[1])
-        ]
+        design, fixes = self._proposed
+        if design != self.design:
+            self._later.do("fixes", self._propose, self.design)
+        return proposed(fixes, settled=design == self.design)
 
     def _propose(self) -> tuple[Fix, ...]:
-        fixes = proposals(self.design)
-        self._proposed = (self.design, fixes)
-        return fixes
+        self._proposed = (self.design, proposals(self.design))
+        return self._proposed[1]
 
     def _look_after_runs(self) -> None:
         if any(run is not None and isinstance(run.job.poll(), Progress) for run in self._runs.values()):
             self._later.do("runs", self._look_after_runs, None, TICK)
 
+    def _result(self, kind: Kind) -> Any:
+        run = self._runs[kind]
+        return None if run is None else run.result
+
     def _in_space(self) -> dict[str, Any]:
         shown = self._opened and self._look.tab == "space"
         return self._space.parcel(self.design.thin_twin, self._theme) if shown else self._space.sent
 
-    def _seen(self) -> Seen:
+    def _seen(self) -> Subject:
+        """What pictures are made of now; its evaluation is kept while the design is the same."""
         design = self.design.thin_twin
-        fresh = Seen(design, self._look, self._limits, self._found("tolerance"), self._found("optimise"))
-        if fresh != self._last:
-            if self._last.design == design and "evaluation" in vars(self._last):
-                vars(fresh)["evaluation"] = self._last.evaluation
-            self._last = fresh
-        return self._last
-
-    def _found(self, kind: Kind) -> Any:
-        run = self._runs[kind]
-        return None if run is None else run.result
-
-    def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
-        ends = {symbol: reach(BY_SYMBOL[symbol], self.design, self.design) for symbol in ("d_3", "D_F")}
-        distance = min(max(distance, 0.0), ends["d_3"][1])
-        diameter = max(diameter, 1e-3)
-        with contextlib.suppress(DesignError):
-            moved = states.change(self.state, {"d_3": round(distance, 4), "D_F": round(diameter, 4)})
-            self._go(moved, gesture)
-
-    def _go(self, state: State, gesture: str = "") -> None:
-        self._history = record(self._history, state, gesture)
-
-    def _tell(self, message: str) -> None:
-        self._go(replace(self.state, message=message))
-
-    def _load(self, read: Callable[[], Design]) -> None:
-        try:
-            self._go(states.start(read()))
-        except DesignError as error:
-            self._tell(str(error))
+        now = Subject(design, self._look, self._limits, self._result("tolerance"), self._result("optimise"))
+        if now != self._subject:
+            if self._subject.design == design and "evaluation" in vars(self._subject):
+                vars(now)["evaluation"] = self._subject.evaluation
+            self._subject = now
+        return self._subject
 
     def _draw(self, name: str) -> str:
         """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
@@ -375,17 +386,59 @@ class Session:
         inputs = drawing.inputs(self._seen())
         if inputs is None:
             return ""
-        wanted = (inputs, self._theme, self._sizes[name])
+        wanted = (*inputs, self._theme, self._sizes[name])
         before, picture = self._drawn.get(name, (None, None))
         if wanted != before:
             try:
                 picture = drawing.make(*wanted)
             except (ValueError, ArithmeticError, MemoryError) as error:
                 # Some designs that can be written down cannot be drawn: a pitch wider than the array.
-                self._tell(f"{drawing.label} cannot be drawn: {error}")
+                self._say(f"{drawing.label} cannot be drawn: {error}")
             self._drawn[name] = (wanted, picture)
         return "" if picture is None else picture.svg
 
+    def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
+        farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
+        place = {"d_3": round(min(max(distance, 0.0), farthest), 4), "D_F": round(max(diameter, 1e-3), 4)}
+        with contextlib.suppress(DesignError):
+            self._go(self.state.change(place), gesture)
 
-def _key(picture: str) -> str:
-    return f"picture_{picture.replace('-', '_')}"
+    def _go(self, state: State, gesture: str = "") -> None:
+        self._history = self._history.record(state, gesture)
+
+    def _say(self, message: str) -> None:
+        self._go(replace(self.state, message=message))
+
+    def _load(self, read: Callable[[], Design]) -> None:
+        try:
+            self._go(State.of(read()))
+        except DesignError as error:
+            self._say(str(error))
+
+
+class Space:
+    """The 3D view: what of the scene the browser does not have yet; each parcel says which one it builds on."""
+
+    def __init__(self) -> None:
+        self._subject: tuple[Design, ThemeName] | None = None
+        self._meshes: dict[str, Mesh] = {}
+        self._serial = 0
+        self.sent: dict[str, Any] = {}
+        """The last parcel."""
+
+    def parcel(self, design: Design, theme: ThemeName) -> dict[str, Any]:
+        """The meshes that have changed, None for those that are gone; the last parcel where nothing has."""
+        if self._subject == (design, theme):
+            return self.sent
+        now = scene(design, theme)
+        since = self._serial if self._subject is not None else 0
+        meshes = {name: mesh and mesh._asdict() for name, mesh in changed(self._meshes, now.meshes).items()}
+        self._serial += 1
+        self._subject, self._meshes = (design, theme), now.meshes
+        self.sent = {"serial": self._serial, "since": since, "meshes": meshes}
+        self.sent |= {"camera": now.camera, "ground": now.ground}
+        return self.sent
+
+    def forget(self) -> None:
+        """Send everything next time."""
+        self._subject, self._meshes = None, {}

@@ -1,46 +1,140 @@
-"""What the page's controls show of a state, as plain values for the browser."""
+"""What the page shows of a session: its pictures, and its numbers, verdicts and proposals as plain values."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
-from ..evaluation import Evaluation
+from ..design import Design
+from ..evaluation import Evaluation, evaluate
 from ..report.symbols import to_html
-from .fields import CONJUGATE, FIELDS, STEPS, Field, position, reach, show
+from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix
-from .history import History
-from .link import Look, encode
+from .pictures.axes import Picture
+from .pictures.depth import depth_precision
+from .pictures.effects import effects
+from .pictures.matching_plane import matching_plane
+from .pictures.meridional import meridional
+from .pictures.microlens import microlens_image, nearest_microlens
+from .pictures.mla_map import mla_map
+from .pictures.optimise import change_bars, front, search_history
 from .pictures.svg import short
-from .places import place_on_mla
-from .state import State, changeable, followers
-from .verdicts import verdict_lights
+from .pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
+from .runs import OptimiseResult, ToleranceResult
+from .state import WHOLE, History, Look, State, encode, place_on_mla
 
-_MARKUP = {
-    "wavelength": "<i>λ</i>",
-    **{
-        field.symbol: f"<i>{field.symbol.split('_')[0]}</i><sub>{field.symbol.split('_')[1]}</sub>"
-        if "_" in field.symbol
-        else f"<i>{field.symbol}</i>"
-        for field in FIELDS
-        if field.symbol != "wavelength"
-    },
-}
+Size = tuple[int, int]
 
-_SPOKEN = {"wavelength": "lambda"}
+LEAST, MOST = 160, 3000
+"""Sizes that a picture is made in [px]."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What pictures are made of: a design, what of it is looked at, and what runs found."""
+
+    design: Design
+    """With an ideal lens: the pictures are of the thin twin."""
+    look: Look
+    limits: tuple[float, float] | None = None
+    """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
+    tolerance: ToleranceResult | None = None
+    optimum: OptimiseResult | None = None
+    """What the last runs found."""
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """All that closed forms say of the design."""
+        return evaluate(self.design)
+
+    @cached_property
+    def place(self) -> tuple[float, float]:
+        """Of the microlens that is shown [mm]."""
+        place = place_on_mla(self.design, self.look.place)
+        return nearest_microlens(self.design, place, inward=isinstance(self.look.place, str))
+
+
+class Drawing(NamedTuple):
+    """One picture of the page."""
+
+    tab: str
+    """The view that shows it."""
+    label: str
+    """Its heading."""
+    size: Size
+    """[px], until the browser tells how much room there is."""
+    inputs: Callable[[Subject], tuple[Any, ...] | None]
+    """What it is a function of, besides theme and size: equal inputs, equal picture; None where there is none."""
+    make: Callable[..., Picture]
+    """Takes the inputs, then theme and size."""
+
+
+def _of_tolerance(part: Callable[[ToleranceResult], Any] = lambda result: result) -> Callable[[Subject], Any]:
+    return lambda subject: None if subject.tolerance is None else (part(subject.tolerance),)
+
+
+def _of_optimum(wanted: Callable[[OptimiseResult], Any] = lambda result: True) -> Callable[[Subject], Any]:
+    return lambda subject: (subject.optimum,) if subject.optimum is not None and wanted(subject.optimum) else None
+
+
+DRAWINGS = {
+    "meridional": Drawing(
+        "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, WHOLE[s.look.whole]),
+        lambda design, whole, theme, size: meridional(design, theme, size, whole=whole),
+    ),
+    "microlens": Drawing(
+        "camera", "Image of a microlens", (340, 330),
+        lambda s: (s.design, s.place, s.look.diffraction, s.look.pixels),
+        lambda design, place, waves, pixels, theme, size: microlens_image(
+            design, place, theme, size, diffraction=waves, pixels=pixels
+        ),
+    ),
+    "mla-map": Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
+    "matching-plane": Drawing(
+        "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
+        lambda design, limits, theme, size: matching_plane(design, theme, size, limits=limits),
+    ),
+    "depth": Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
+    "effects": Drawing(
+        "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects
+    ),
+    "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of_tolerance(), yield_bars),
+    "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of_tolerance(), yield_curve),
+    "offenders": Drawing(
+        "tolerance", "Worst offenders", (560, 300), _of_tolerance(lambda r: r.offenders), offender_bars
+    ),
+    "spreads": Drawing(
+        "tolerance", "Scatter of the limited numbers", (560, 300), _of_tolerance(lambda r: r.spreads), spread_bars
+    ),
+    "changes": Drawing("optimise", "What changed", (560, 240), _of_optimum(), change_bars),
+    "search": Drawing("optimise", "Where the searches ended", (420, 260), _of_optimum(), search_history),
+    "front": Drawing("optimise", "Goal against goal", (420, 300), _of_optimum(lambda r: r.front), front),
+}  # fmt: skip
+"""By the name that addresses and the page use."""
+
+
+def fitting(size: Any, fallback: Size) -> Size:
+    """A size that the browser tells, kept within reason."""
+    try:
+        width, height = (round(float(value)) for value in size)
+    except (TypeError, ValueError, OverflowError):
+        return fallback
+    return min(max(width, LEAST), MOST), min(max(height, LEAST), MOST)
 
 
 def header(history: History) -> dict[str, Any]:
     """Name of the design, what went wrong with a file or link, and whether one can go back or forward."""
-    state = history.present
+    design = history.present.design
     return {
-        "title": state.design.name,
-        "source": state.design.source,
-        "message": state.message,
+        "title": design.name,
+        "source": design.source,
+        "message": history.present.message,
         "can_undo": bool(history.past),
         "can_redo": bool(history.future),
-        "lens_name": "" if state.design.lens is None else (state.design.lens.name or "a real lens"),
+        "lens_name": "" if design.lens is None else (design.lens.name or "a real lens"),
     }
 
 
@@ -52,88 +146,130 @@ def controls(state: State) -> dict[str, Any]:
     return {"groups": [{"name": name, "fields": fields} for name, fields in groups.items()]}
 
 
-def _control(field: Field, state: State) -> dict[str, Any]:
-    value = float(getattr(state.design, field.symbol))
-    ends = reach(field, state.reference, state.design)
-    fault = state.fault(field.symbol)
-    own = field.symbol == "f" and state.design.main_lens.prescription is not None
+def _control(field: NumberField, state: State) -> dict[str, Any]:
+    symbol = field.symbol
+    value = float(getattr(state.design, symbol))
+    fault = state.fault(symbol)
+    letter, _, index = ("λ" if symbol == "wavelength" else symbol).partition("_")
+    why = "" if state.changeable(symbol) else "given by the lens"
     return {
-        "symbol": field.symbol,
-        "markup": _MARKUP[field.symbol],
+        "symbol": symbol,
+        "markup": f"<i>{letter}</i><sub>{index}</sub>" if index else f"<i>{letter}</i>",
         "name": field.name,
-        "spoken": f"{field.name}, {_SPOKEN.get(field.symbol, field.symbol.replace('_', ' '))}",
+        "spoken": f"{field.name}, {'lambda' if symbol == 'wavelength' else symbol.replace('_', ' ')}",
         "text": show(field, value) if fault is None else fault.text,
         "fault": "" if fault is None else fault.message,
-        "position": position(field, value, ends),
+        "position": position(field, value, reach(field, state.reference, state.design)),
         "steps": STEPS,
         "shown": show(field, value),
-        "open": changeable(state, field.symbol),
-        "follows": state.follows == field.symbol,
-        "can_follow": field.symbol in CONJUGATE and field.symbol in followers(state.design),
-        "why": "given by the lens" if own else "follows from the other two" if state.follows == field.symbol else "",
+        "open": state.changeable(symbol),
+        "follows": state.follows == symbol,
+        "can_follow": symbol in CONJUGATE and symbol in state.followers,
+        "why": "follows from the other two" if state.follows == symbol else why,
     }
 
 
-_WORDS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
+TITLES = {
+    "f_number_matched": "f-number",
+    "field_undistorted": "field",
+    "views_resolved": "views",
+    "thin_lens_holds": "thin lens",
+}
+LEVELS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
+"""Words for those who do not see a light's colour."""
+
+TRACING = {
+    "name": "tracing",
+    "level": "wait",
+    "word": "not yet known",
+    "title": "real lens",
+    "margin": "tracing ...",
+    "text": "The verdicts are those of the thin twin; rays are being traced through the real lens.",
+    "plain": "tracing rays through the real lens",
+    "remedy": "",
+}
+"""Stands among the lights until the lens has been traced."""
 
 
-def verdicts(evaluation: Evaluation) -> list[dict[str, str]]:
-    """The verdict lights, with a word for those who do not see their colour."""
+def lights(evaluation: Evaluation) -> list[dict[str, str]]:
+    """The verdicts as lights: a colour, a word of at most 14 letters, a number, and the sentence behind it."""
     return [
         {
-            **light._asdict(),
-            "word": _WORDS[light.level],
-            "text": to_html(light.text),
-            "remedy": to_html(light.remedy),
-            "plain": light.text,
+            "name": verdict.name,
+            "level": verdict.level,
+            "word": LEVELS[verdict.level],
+            "title": TITLES.get(verdict.name, verdict.name.replace("_", " ")),
+            "margin": _margin(evaluation, verdict.name),
+            "text": to_html(verdict.text),
+            "plain": verdict.text,
+            "remedy": to_html(verdict.remedy),
         }
-        for light in verdict_lights(evaluation)
+        for verdict in evaluation.verdicts
     ]
+
+
+def _margin(evaluation: Evaluation, name: str) -> str:
+    """How far a verdict is from its limit, in at most 14 letters."""
+    lens = evaluation.real_lens
+    if name == "f_number_matched":
+        return f"{_signed(evaluation.f_number.mismatch_px)} px"
+    if name == "field_undistorted" and lens is not None:
+        return f"to {short(lens.x_ml_max_mm, 2)} mm"
+    if name == "field_undistorted":
+        return f"{_signed(evaluation.non_distortion.room_at_corner_mm)} mm"
+    if name == "views_resolved":
+        sampling = evaluation.sampling
+        return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
+    if lens is None:
+        return ""
+    shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]
+    return f"{short(max(shifts), 2)} px" if shifts else "no image"
+
+
+def _signed(value: float) -> str:
+    return f"{'+' if value > 0 else ''}{short(value, 2)}"
 
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """What one asks of a camera first, in numbers."""
     number, field, image = evaluation.f_number, evaluation.non_distortion, evaluation.microlens_image
     sampling, depth, light = evaluation.sampling, evaluation.depth, evaluation.diffraction
-    rows = (
-        ("aperture constant H", short(evaluation.aperture_constant)),
-        ("f-number of microlens and pupil", f"{short(number.microlens)}, {short(number.pupil)}"),
-        ("fill factor", short(number.fill_factor, 5)),
-        ("object radius undistorted", f"{short(field.x0_max_mm)} mm"),
-        ("object half width seen", f"{short(field.field_half_width_mm)} mm"),
-        ("microlens image across", f"{short(image.diameter_px)} px"),
-        (
-            "views across: pixels, independent",
-            f"{short(sampling.views_geometric, 3)}, {short(sampling.views_independent, 3)}",
-        ),
-        ("object sample", f"{short(sampling.object_sample_mm)} mm"),
-        ("depth precision in focus", f"{short(depth.sigma_z_mm)} mm"),
-        ("Airy radius of a microlens", f"{short(light.airy_radius_px, 3)} px"),
-    )
-    return [{"label": to_html(label), "value": value} for label, value in rows]
+    views = f"{short(sampling.views_geometric, 3)}, {short(sampling.views_independent, 3)}"
+    rows = {
+        "aperture constant H": short(evaluation.aperture_constant),
+        "f-number of microlens and pupil": f"{short(number.microlens)}, {short(number.pupil)}",
+        "fill factor": short(number.fill_factor, 5),
+        "object radius undistorted": f"{short(field.x0_max_mm)} mm",
+        "object half width seen": f"{short(field.field_half_width_mm)} mm",
+        "microlens image across": f"{short(image.diameter_px)} px",
+        "views across: pixels, independent": views,
+        "object sample": f"{short(sampling.object_sample_mm)} mm",
+        "depth precision in focus": f"{short(depth.sigma_z_mm)} mm",
+        "Airy radius of a microlens": f"{short(light.airy_radius_px, 3)} px",
+    }
+    return [{"label": to_html(label), "value": value} for label, value in rows.items()]
 
 
-def proposed(fixes: Iterable[Fix]) -> list[dict[str, str]]:
-    """What would mend the design, in words; its numbers stay on the server."""
+def proposed(fixes: Iterable[Fix], *, settled: bool = True) -> list[dict[str, str]]:
+    """What would mend the design, in words; nothing is promised of one that is still being changed."""
     return [
-        {"key": fix.key, "label": to_html(fix.label), "outcome": to_html(fix.outcome), "why_not": to_html(fix.why_not)}
+        {
+            "key": fix.key,
+            "label": to_html(fix.label),
+            "outcome": to_html(fix.outcome) if settled else "",
+            "why_not": to_html(fix.why_not) if settled else "",
+        }
         for fix in fixes
     ]
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:
     """What is looked at, and the link that brings all of it back."""
-    x, y = place_on_mla(state.design, look.place)
     return {
         "tab": look.tab,
         "place": look.place if isinstance(look.place, str) else "chosen",
-        "place_text": f"x {_mm(x)}, y {_mm(y)} mm",
         "diffraction": look.diffraction,
         "pixels": look.pixels,
         "whole": look.whole,
         "link": encode(state, look),
     }
-
-
-def _mm(value: float) -> str:
-    return "0" if abs(value) < 5e-4 else f"{value:.3f}".rstrip("0").rstrip(".") if math.isfinite(value) else "-"

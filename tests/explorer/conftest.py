@@ -1,4 +1,4 @@
-"""A running explorer, and a browser that looks at it."""
+"""One running explorer and one browser for all tests that need them."""
 
 import os
 import re
@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -21,19 +20,23 @@ class Explorer:
     """`roslf explore` in a process of its own."""
 
     def __init__(self, *arguments: str) -> None:
-        command = [str(Path(sys.executable).with_name("roslf")), "explore", *arguments, "--no-browser"]
+        command = [sys.executable, "-m", "roslf_design", "explore", *arguments, "--no-browser"]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
-        self.said = self.process.stdout.readline()
-        found = re.search(r"http://\S+", self.said)
-        assert found, self.said + (self.process.stderr.read() if self.process.wait(10) is not None else "")
-        self.address = found[0]
+        line = self.process.stdout.readline()
+        match = re.search(r"http://\S+", line)
+        assert match, line + (self.process.stderr.read() if self.process.wait(10) is not None else "")
+        self.address = match[0]
 
     def processes(self) -> list[str]:
         """Command lines of everything that it has started and that still runs, itself included."""
-        found = subprocess.run(["ps", "-o", "args=", "-g", str(self.process.pid)], capture_output=True, text=True)
-        return found.stdout.splitlines()
+        listed = subprocess.run(["ps", "-o", "args=", "-g", str(self.process.pid)], capture_output=True, text=True)
+        return listed.stdout.splitlines()
+
+    def runs(self) -> list[str]:
+        """Runs that go on: Python's own helper, which tracks shared resources, is none."""
+        return [line for line in self.processes() if "multiprocessing" in line and "resource_tracker" not in line]
 
     def end(self, number: int = signal.SIGTERM) -> int:
         """Ask it to end as a user does; its exit code."""
@@ -67,53 +70,69 @@ def chromium():
         browser.close()
 
 
-class Watch:
-    """What a page complains of, and the hosts that it asks."""
+class Window:
+    """A window of the browser, what its page complains of, and the hosts that it asks."""
 
-    def __init__(self, page) -> None:
+    def __init__(self, chromium, theme: str = "light") -> None:
         self.complaints: list[str] = []
         self.hosts: set[str] = set()
-        page.on("console", lambda m: m.type in ("error", "warning") and self._told(m.text))
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("request", lambda request: self._asked(request.url))
-        page.on("websocket", lambda socket: self._asked(socket.url))
+        self.context = chromium.new_context(color_scheme=theme, accept_downloads=True)
+        self.context.set_default_timeout(30_000)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda m: m.type in ("error", "warning") and self._complained(m.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self._asked(request.url))
+        self.page.on("websocket", lambda socket: self._asked(socket.url))
 
-    def _told(self, text: str) -> None:
+    def open(self, address: str, width: int = 1366, height: int = 768):
+        """Go to an address: a fresh session of the explorer."""
+        self.own = re.match(r"http://([^/]+)", address)[1]
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.goto("about:blank")  # A link that differs in its fragment alone would not load the page anew.
+        self.page.goto(address)
+        self.page.wait_for_selector(".picture svg:visible")
+        return self.page
+
+    def check(self) -> None:
+        """Fail where the page complained, or asked anyone but its explorer."""
+        assert self.complaints == []
+        assert self.hosts == {self.own}
+
+    def _complained(self, text: str) -> None:
         # Chromium says so of drawing without a graphics card; it is no fault of the page.
         if "GPU stall due to ReadPixels" not in text:
             self.complaints.append(text)
 
     def _asked(self, url: str) -> None:
-        host = re.match(r"(?:http|ws)s?://([^/]+)", url)
-        if host:
+        if host := re.match(r"(?:http|ws)s?://([^/]+)", url):
             self.hosts.add(host[1])
+
+
+@pytest.fixture(scope="module")
+def window(chromium):
+    """The window that tests share: pages open in it in half the time."""
+    shared = Window(chromium)
+    yield shared
+    shared.context.close()
+
+
+@pytest.fixture
+def page(window, explorer):
+    """A page of the explorer at the size of a small laptop's screen."""
+    yield window.open(explorer.address)
+    window.check()
 
 
 @pytest.fixture
 def open_page(chromium, explorer):
-    """Open the explorer in a window of its own; what the page complained of fails the test."""
+    """Open the explorer in a window of its own."""
     windows = []
 
     def opened(address: str = "", width: int = 1366, height: int = 768, theme: str = "light"):
-        context = chromium.new_context(
-            viewport={"width": width, "height": height}, color_scheme=theme, accept_downloads=True
-        )
-        context.set_default_timeout(8000)
-        page = context.new_page()
-        address = address or explorer.address
-        windows.append((context, Watch(page), re.match(r"http://([^/]+)", address)[1]))
-        page.goto(address)
-        page.wait_for_selector(".picture svg:visible")
-        return page
+        windows.append(Window(chromium, theme))
+        return windows[-1].open(address or explorer.address, width, height)
 
     yield opened
-    for context, watch, own in windows:
-        context.close()
-        assert watch.complaints == []
-        assert watch.hosts == {own}
-
-
-@pytest.fixture
-def page(open_page):
-    """A page of the explorer at the size of a small laptop's screen."""
-    return open_page()
+    for each in windows:
+        each.context.close()
+        each.check()

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from roslf_design.errors import InputError, Problem
-from roslf_design.explorer.jobs import Done, Failure, Job, Progress
+from roslf_design.explorer.jobs import Done, Failure, ProcessJob, Progress
 
 
 def double(request, tell):
@@ -68,7 +68,7 @@ def gone(pid, seconds=10.0):
 
 
 def test_a_run_tells_how_far_it_is_and_what_it_found():
-    job = Job(double, 21)
+    job = ProcessJob(double, 21)
     state = until(job, Done)
     assert state.result == 42
     assert job.poll() == state
@@ -76,7 +76,7 @@ def test_a_run_tells_how_far_it_is_and_what_it_found():
 
 
 def test_polling_returns_at_once_and_cancelling_ends_the_process():
-    job = Job(wait_for_ever, None)
+    job = ProcessJob(wait_for_ever, None)
     end = time.monotonic() + 30
     while True:
         began = time.monotonic()
@@ -94,7 +94,7 @@ def test_polling_returns_at_once_and_cancelling_ends_the_process():
 
 
 def test_a_run_that_will_not_end_is_killed():
-    job = Job(wait_and_refuse_to_end, None)
+    job = ProcessJob(wait_and_refuse_to_end, None)
     end = time.monotonic() + 30
     while getattr(job.poll(), "text", "") != "stubborn" and time.monotonic() < end:
         time.sleep(0.02)
@@ -107,7 +107,7 @@ def test_a_run_that_will_not_end_is_killed():
     [(refuse, "grade: is not known"), (stumble, "ZeroDivisionError: division by zero"), (die, "exit code 7")],
 )
 def test_a_run_that_fails_says_why(work, told):
-    job = Job(work, None)
+    job = ProcessJob(work, None)
     state = until(job, Failure)
     assert told in state.message
     assert not state.cancelled
@@ -117,10 +117,10 @@ def test_a_run_that_fails_says_why(work, told):
 PARENT = """
 import sys, time
 sys.path.insert(0, {root!r})
-from roslf_design.explorer.jobs import Job
+from roslf_design.explorer.jobs import ProcessJob
 from tests.explorer.test_jobs import wait_for_ever
 if __name__ == "__main__":
-    job = Job(wait_for_ever, None)
+    job = ProcessJob(wait_for_ever, None)
     while getattr(job.poll(), "text", "") != "waiting":
         time.sleep(0.02)
     print(job.pid, flush=True)

@@ -12,9 +12,7 @@ import pytest
 
 from roslf_design.cli import main
 from roslf_design.commands import explore as command
-from roslf_design.design import load
-from roslf_design.explorer.front import FIRST_PORT, TABS, application, is_local, serve
-from roslf_design.explorer.session import Session
+from roslf_design.explorer.server import FIRST_PORT, is_local
 from tests.explorer.conftest import Explorer
 
 
@@ -28,16 +26,6 @@ def asked(address, **headers):
             return error.code, error.read().decode()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_it_ends_when_asked_and_leaves_no_process_behind(number):
-    running = Explorer("--port", "0")
-    assert asked(running.address)[0] == 200
-    assert len(running.processes()) == 1
-    assert running.end(number) == 0
-    assert running.stderr == ""
-    assert running.processes() == []
-
-
 def test_it_listens_on_this_machine_only(explorer):
     port = int(explorer.address.rsplit(":", 1)[1].strip("/"))
     listening = set()
@@ -49,7 +37,7 @@ def test_it_listens_on_this_machine_only(explorer):
     assert listening == {"0100007F"}
 
 
-def test_a_port_in_use_is_told_and_without_one_the_next_is_taken(capsys):
+def test_a_port_in_use_is_told(capsys):
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", 0))
@@ -57,10 +45,18 @@ def test_a_port_in_use_is_told_and_without_one_the_next_is_taken(capsys):
         port = taken.getsockname()[1]
         assert main(["explore", "--port", str(port), "--no-browser"]) == 2
     assert f"--port: {port} is in use; name another, or leave it out" in capsys.readouterr().err
+
+
+def test_without_a_port_the_next_free_one_is_taken_and_all_ends_when_asked():
     one, two = Explorer(), Explorer()
     ports = [int(running.address.rsplit(":", 1)[1].strip("/")) for running in (one, two)]
     assert FIRST_PORT <= ports[0] < ports[1]
-    assert (one.end(), two.end()) == (0, 0)
+    for running, number in ((one, signal.SIGHUP), (two, signal.SIGINT)):  # SIGTERM ends the one that tests share.
+        assert asked(running.address)[0] == 200
+        assert len(running.processes()) == 1
+        assert running.end(number) == 0
+        assert running.stderr == ""
+        assert running.processes() == []
 
 
 @pytest.mark.parametrize(
@@ -104,8 +100,8 @@ def test_requests_by_a_foreign_name_or_from_a_foreign_page_are_refused(explorer)
 
 def test_files_of_a_closed_tab_and_files_that_are_not_there_are_refused(explorer):
     assert asked(f"{explorer.address}tab/nobody/design.toml")[0] == 404
-    assert asked(f"{explorer.address}static/../front.py")[0] == 404
-    assert asked(f"{explorer.address}static/%2e%2e/front.py")[0] in (403, 404)
+    assert asked(f"{explorer.address}page/../server.py")[0] == 404
+    assert asked(f"{explorer.address}page/%2e%2e/server.py")[0] in (403, 404)
 
 
 def test_the_page_may_load_nothing_from_elsewhere(explorer):
@@ -113,55 +109,6 @@ def test_the_page_may_load_nothing_from_elsewhere(explorer):
         policy = answer.headers["Content-Security-Policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy.replace(explorer.address.strip("/").replace("http", "ws"), "")
-
-
-def test_every_connection_has_a_tab_that_ends_with_it():
-    sessions = []
-
-    def new():
-        sessions.append(Session(load("paper")))
-        return sessions[-1]
-
-    app = application(new)
-
-    async def call(client, name, *arguments):
-        """A request as trame's own client makes it, without a browser."""
-        import msgpack
-        from wslink.chunking import generate_chunks
-
-        rpc = {"wslink": "1.0", "id": f"rpc:{name}", "method": "trame.trigger", "args": [name, list(arguments), {}]}
-        for chunk in generate_chunks(msgpack.packb(rpc), 1 << 20):
-            await client.send_bytes(chunk)
-
-    async def hello(client):
-        import msgpack
-        from wslink.chunking import generate_chunks
-
-        rpc = {"wslink": "1.0", "id": "system:1", "method": "wslink.hello", "args": [{"secret": "wslink-secret"}]}
-        for chunk in generate_chunks(msgpack.packb(rpc), 1 << 20):
-            await client.send_bytes(chunk)
-
-    async def play():
-        address = asyncio.get_running_loop().create_future()
-        stop = asyncio.Event()
-        serving = asyncio.create_task(serve(app, "127.0.0.1", 0, address.set_result, stop))
-        place = await address
-        async with aiohttp.ClientSession() as client:
-            async with client.ws_connect(f"{place}ws") as one, client.ws_connect(f"{place}ws") as two:
-                for each in (one, two):
-                    await hello(each)
-                await call(one, "write", "D_F", "3 mm")
-                await call(two, "write", "D_F", "4 mm")
-                while not all(session.design.D_F != 2.9 for session in sessions):
-                    await asyncio.sleep(0.01)
-                assert len(app[TABS]) == 2
-            while app[TABS]:
-                await asyncio.sleep(0.01)
-        stop.set()
-        await serving
-
-    asyncio.run(asyncio.wait_for(play(), 20))
-    assert [session.design.D_F for session in sessions] == [3, 4]
 
 
 @pytest.mark.parametrize(

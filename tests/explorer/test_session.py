@@ -2,16 +2,19 @@
 
 import asyncio
 import re
+import sys
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roslf_design.design import load, preset_names
-from roslf_design.explorer.drawing import DRAWINGS
+from roslf_design.design import load, loads, preset_names
+from roslf_design.evaluation import evaluate
 from roslf_design.explorer.fields import FIELDS, STEPS
-from roslf_design.explorer.link import TABS
-from roslf_design.explorer.session import Session
+from roslf_design.explorer.server import PAGE
+from roslf_design.explorer.session import DownloadError, Session
+from roslf_design.explorer.state import TABS
+from roslf_design.explorer.view import DRAWINGS, lights
 
 PAPER = load("paper")
 NUMBERS_GONE_WRONG = re.compile(r"\b(nan|NaN|inf|None|Infinity)\b")
@@ -53,7 +56,7 @@ requests = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.lists(requests, max_size=8))
 def test_no_order_of_requests_breaks_the_page(asked):
     session = Session(PAPER)
@@ -135,3 +138,72 @@ def test_proposals_come_after_a_pause_even_while_a_run_is_looked_after():
 def test_a_file_too_large_for_a_design_is_refused():
     page = played(Session(PAPER), ("load_text", "big.toml", "x" * 1_000_001))
     assert page["message"] == "big.toml: is too large for a design file"
+
+
+REPORTER = """#!/bin/sh
+# What `python -m roslf_design report FILE -o report` is asked, and leaves.
+[ "$3" = report ] && [ "$5 $6" = "-o report" ] || exit 3
+grep -q 'diameter = "3.25 mm"' "$4" || { echo "not the design" >&2; exit 1; }
+mkdir report && cp "$4" report/index.html
+"""
+
+
+def test_the_report_is_made_of_the_design_as_it_is_by_its_own_command(monkeypatch, tmp_path):
+    reporter = tmp_path / "python"
+    reporter.write_text(REPORTER)
+    reporter.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(reporter))
+    session = Session(PAPER)
+    with pytest.raises(DownloadError, match="not the design"):
+        asyncio.run(session.download("report.html"))
+    session.write("D_F", "3.25 mm")
+    file = asyncio.run(session.download("report.html"))
+    assert (file.name, file.kind) == ("Zhou-2023-bench-system-report.html", "text/html")
+    assert loads(file.content.decode()) == session.design
+
+
+def test_there_is_no_other_download():
+    for name in ("passwd", "no-such.svg", "front.svg", "report", "../design.toml"):
+        assert asyncio.run(Session(PAPER).download(name)) is None
+
+
+DARK = PAPER.replace(D=20.0, d_3=180.0)
+
+
+@pytest.mark.parametrize("design", [*map(load, preset_names()), DARK], ids=lambda design: design.name)
+def test_lights_say_what_the_verdicts_say_in_few_letters(design):
+    evaluation = evaluate(design.thin_twin)
+    shown = lights(evaluation)
+    assert [(x["name"], x["level"], x["plain"]) for x in shown] == [
+        (v.name, v.level, v.text) for v in evaluation.verdicts
+    ]
+    assert all(0 < len(x["title"]) <= 14 and 0 < len(x["margin"]) <= 14 for x in shown)
+
+
+def test_lights_of_a_real_lens_tell_the_traced_field():
+    traced = {light["name"]: light for light in lights(evaluate(load("paper-singlet")))}
+    assert traced["field_undistorted"]["level"] == "fault"
+    assert traced["field_undistorted"]["margin"].startswith("to ")
+    assert traced["thin_lens_holds"]["margin"].endswith(" px")
+
+
+# Page and server agree on what the page may ask.
+
+SOURCES = [(PAGE / name).read_text() for name in ("page.html", "explorer.js")]
+REQUEST = re.compile(r"""\bask\(["'](\w+)["']|\baskAs\([^,]+, ["'](\w+)["']""")
+
+
+def test_all_that_the_page_asks_is_answered_and_nothing_else_is_offered():
+    asked = {first or second for text in SOURCES for first, second in REQUEST.findall(text)}
+    assert asked == set(Session.requests)
+    assert all(callable(getattr(Session, name)) for name in Session.requests)
+
+
+def test_every_picture_has_its_place_on_the_page():
+    assert set(re.findall(r'<rx-picture name="([a-z-]+)"', SOURCES[0])) == set(DRAWINGS)
+
+
+def test_nothing_of_the_page_comes_from_elsewhere():
+    for path in PAGE.iterdir():
+        links = re.findall(r"(?:https?:)?//[a-z][\w.-]+\.[a-z]+", path.read_text())
+        assert [link for link in links if "www.w3.org" not in link] == [], path.name

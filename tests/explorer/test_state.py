@@ -1,23 +1,26 @@
-"""What can be done to a state, without any browser."""
+"""What can be done to a state, without any browser; links bring it back, and bad ones say so."""
 
+import base64
+import json
 import pickle
+import zlib
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.design import DesignError, load
+from roslf_design.design import DesignError, load, preset_names
 from roslf_design.explorer.fields import CONJUGATE
-from roslf_design.explorer.history import DEPTH, History, record, redo, undo
-from roslf_design.explorer.state import change, changeable, edit, follow, followers, set_value, start
+from roslf_design.explorer.state import DEPTH, LIMIT, TABS, WHOLE, History, LinkError, Look, State, decode, encode
 
 PAPER = load("paper")
+START = State.of(PAPER)
 SINGLET = load("paper-singlet")
 
 
 def test_a_good_number_makes_a_new_design_and_leaves_the_old_state():
-    before = start(PAPER)
-    after = edit(before, "D_F", "3.5 mm")
+    before = START
+    after = before.edit("D_F", "3.5 mm")
     assert (before.design.D_F, after.design.D_F) == (2.9, 3.5)
     assert after.faults == ()
     assert after.reference == PAPER
@@ -35,7 +38,7 @@ def test_a_good_number_makes_a_new_design_and_leaves_the_old_state():
     ],
 )
 def test_a_bad_number_is_told_beside_its_field_and_the_last_good_design_stays(symbol, text, told):
-    state = edit(start(PAPER), symbol, text)
+    state = START.edit(symbol, text)
     assert state.design == PAPER
     assert state.fault(symbol).text == text
     assert told in state.fault(symbol).message
@@ -43,19 +46,19 @@ def test_a_bad_number_is_told_beside_its_field_and_the_last_good_design_stays(sy
 
 
 def test_a_good_number_takes_the_fault_of_its_field_away():
-    state = edit(edit(start(PAPER), "D_F", "abc"), "D_F", "3 mm")
+    state = START.edit("D_F", "abc").edit("D_F", "3 mm")
     assert state.faults == ()
 
 
 def test_two_numbers_that_are_wrong_one_at_a_time_may_be_right_at_once():
-    waiting = edit(start(PAPER), "d_3", "400 mm")
+    waiting = START.edit("d_3", "400 mm")
     assert waiting.design.d_3 == 120
-    both = edit(follow(waiting, "d_1"), "d_f", "500 mm")
+    both = waiting.follow("d_1").edit("d_f", "500 mm")
     assert (both.design.d_3, both.design.d_f, both.faults) == (400, 500, ())
 
 
 def test_a_fault_stays_while_another_field_is_changed():
-    state = edit(edit(start(PAPER), "d_3", "400 mm"), "D", "60 mm")
+    state = START.edit("d_3", "400 mm").edit("D", "60 mm")
     assert state.design.D == 60
     assert state.fault("d_3") is not None
 
@@ -63,13 +66,13 @@ def test_a_fault_stays_while_another_field_is_changed():
 @pytest.mark.parametrize("follower", CONJUGATE)
 @pytest.mark.parametrize("changed", CONJUGATE)
 def test_of_f_d_1_d_f_the_chosen_one_follows_and_the_others_stay(follower, changed):
-    state = follow(start(PAPER), follower)
+    state = START.follow(follower)
     assert state.design == PAPER
     if changed == follower:
-        assert not changeable(state, changed)
-        assert edit(state, changed, "200 mm") == state
+        assert not state.changeable(changed)
+        assert state.edit(changed, "200 mm") == state
         return
-    after = edit(state, changed, f"{1.05 * getattr(PAPER, changed)!r} mm")
+    after = state.edit(changed, f"{1.05 * getattr(PAPER, changed)!r} mm")
     assert after.faults == ()
     [kept] = {*CONJUGATE} - {follower, changed}
     assert getattr(after.design, kept) == pytest.approx(getattr(PAPER, kept), rel=1e-14)
@@ -79,27 +82,27 @@ def test_of_f_d_1_d_f_the_chosen_one_follows_and_the_others_stay(follower, chang
 
 
 def test_behind_a_real_lens_its_focal_length_is_its_own():
-    state = start(SINGLET)
-    assert followers(SINGLET) == ("d_1", "d_f")
-    assert not changeable(state, "f")
-    assert edit(state, "f", "120 mm") == state
-    assert follow(state, "f") == state
-    moved = edit(follow(state, "d_f"), "d_1", "150 mm")
+    state = State.of(SINGLET)
+    assert state.followers == ("d_1", "d_f")
+    assert not state.changeable("f")
+    assert state.edit("f", "120 mm") == state
+    assert state.follow("f") == state
+    moved = state.follow("d_f").edit("d_1", "150 mm")
     assert moved.design.d_1 == 150
     assert moved.design.f == SINGLET.f
 
 
 def test_several_numbers_change_all_or_none():
-    state = edit(start(PAPER), "D_F", "abc")
-    assert change(state, {"d_3": 100.0, "D_F": 3.0}).faults == ()
+    state = START.edit("D_F", "abc")
+    assert state.change({"d_3": 100.0, "D_F": 3.0}).faults == ()
     with pytest.raises(DesignError):
-        change(state, {"d_3": 100.0, "D_F": -3.0})
+        state.change({"d_3": 100.0, "D_F": -3.0})
 
 
 def test_states_are_values():
-    state = edit(start(PAPER), "d_3", "400 mm")
+    state = START.edit("d_3", "400 mm")
     assert pickle.loads(pickle.dumps(state)) == state
-    assert hash(state) == hash(edit(start(PAPER), "d_3", "400 mm"))
+    assert hash(state) == hash(START.edit("d_3", "400 mm"))
     with pytest.raises(AttributeError):
         state.design = SINGLET
 
@@ -112,46 +115,110 @@ moves = st.lists(
 
 @given(moves, st.integers(0, 12))
 def test_undo_and_redo_are_each_others_inverse(changes, back):
-    history = History(start(PAPER))
+    history = History(START)
     for symbol, value, gesture in changes:
-        history = record(history, set_value(history.present, symbol, value), gesture.strip())
+        history = history.record(history.present.set(symbol, value), gesture.strip())
     end = history
     taken = 0
     while taken < back and history.past:
-        history, taken = undo(history), taken + 1
+        history, taken = history.undo(), taken + 1
     for _ in range(taken):
-        history = redo(history)
+        history = history.redo()
     assert history.present.design == end.present.design
     assert [state.design for state in history.past] == [state.design for state in end.past]
 
 
 def test_one_move_of_a_slider_is_one_step():
-    history = History(start(PAPER))
+    history = History(START)
     for value in (3.0, 3.1, 3.2):
-        history = record(history, set_value(history.present, "D_F", value), "D_F:1")
-    history = record(history, set_value(history.present, "D_F", 4.0), "D_F:2")
+        history = history.record(history.present.set("D_F", value), "D_F:1")
+    history = history.record(history.present.set("D_F", 4.0), "D_F:2")
     assert len(history.past) == 2
-    assert undo(history).present.design.D_F == 3.2
-    assert undo(undo(history)).present.design == PAPER
-    assert undo(undo(undo(history))).present.design == PAPER
+    assert history.undo().present.design.D_F == 3.2
+    assert history.undo().undo().present.design == PAPER
+    assert history.undo().undo().undo().present.design == PAPER
 
 
 def test_a_new_change_ends_what_could_be_redone():
-    history = record(History(start(PAPER)), edit(start(PAPER), "D_F", "3 mm"))
-    history = record(undo(history), edit(start(PAPER), "D_F", "4 mm"))
+    history = History(START).record(START.edit("D_F", "3 mm"))
+    history = history.undo().record(START.edit("D_F", "4 mm"))
     assert history.future == ()
-    assert redo(history) == history
+    assert history.redo() == history
 
 
 def test_what_was_wrong_is_no_step_and_does_not_come_back():
-    history = record(History(start(PAPER)), edit(start(PAPER), "D_F", "abc"))
+    history = History(START).record(START.edit("D_F", "abc"))
     assert history.past == ()
-    history = record(history, set_value(history.present, "D", 60.0))
-    assert undo(history).present.faults == ()
+    history = history.record(history.present.set("D", 60.0))
+    assert history.undo().present.faults == ()
 
 
 def test_history_is_bounded():
-    history = History(start(PAPER))
+    history = History(START)
     for step in range(DEPTH + 20):
-        history = record(history, set_value(history.present, "D", 50.0 + step))
+        history = history.record(history.present.set("D", 50.0 + step))
     assert len(history.past) == DEPTH
+
+
+places = st.sampled_from(["centre", "edge", "corner"]) | st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+looks = st.builds(Look, st.sampled_from(list(TABS)), places, st.booleans(), st.booleans(), st.sampled_from(list(WHOLE)))
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_comes_back_from_its_link(name):
+    state = State.of(load(name))
+    back, look = decode(encode(state, Look()))
+    assert (back, look) == (state, Look())
+
+
+@given(looks, st.floats(0.1, 20), st.sampled_from(["f", "d_1", "d_f"]))
+def test_a_link_brings_back_design_reference_follower_and_look(look, diameter, follower):
+    state = START.edit("D_F", f"{diameter!r} mm").follow(follower)
+    text = encode(state, look)
+    assert decode(text) == (state, look)
+    assert text.isascii()
+    assert set(text) <= set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_")
+
+
+GOOD = encode(START, Look())
+
+
+def test_a_link_is_short_enough_to_send():
+    assert len(GOOD) < 1000
+
+
+def link_of(text):
+    return "1" + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
+
+
+@given(st.integers(0, len(GOOD) - 1))
+def test_a_link_cut_off_anywhere_is_refused(end):
+    with pytest.raises(LinkError):
+        decode(GOOD[:end])
+
+
+@given(st.text(max_size=60) | st.text(alphabet="ABCabc123-_", max_size=60).map(lambda text: "1" + text))
+def test_whatever_is_no_link_is_refused_in_one_way(text):
+    with pytest.raises(LinkError):
+        decode(text)
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=5), st.lists, max_leaves=8))
+def test_links_with_other_content_are_refused(content):
+    wrong = {"design": content, "follows": content, "look": content}
+    with pytest.raises(LinkError):
+        decode(link_of(json.dumps(wrong)))
+
+
+def test_a_link_that_would_fill_the_memory_is_refused():
+    bomb = link_of(" " * (20 * LIMIT))
+    assert len(bomb) < 10_000
+    with pytest.raises(LinkError):
+        decode(bomb)
+
+
+def test_a_link_with_a_design_that_cannot_be_says_what_is_wrong():
+    text = 'name = "x"\n[main_lens]\ndiameter = 3\n'
+    content = {"design": text, "follows": "d_f", "look": {}}
+    with pytest.raises(LinkError, match=r"main_lens.diameter: 3 has no unit"):
+        decode(link_of(json.dumps(content)))

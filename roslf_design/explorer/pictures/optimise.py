@@ -9,7 +9,7 @@ from .svg import PLAIN, SMALL, clipped, document, line, path, path_of, short, ta
 from .theme import Theme, ThemeName, theme_named
 
 if TYPE_CHECKING:
-    from ..optimise_run import OptimiseResult
+    from ..runs import OptimiseResult
 
 ROW = 46.0
 """Height of a variable's row [px]."""

@@ -11,7 +11,7 @@ from .svg import PLAIN, SMALL, clipped, document, line, path, path_of, plated, s
 from .theme import Theme, ThemeName, theme_named
 
 if TYPE_CHECKING:
-    from ..tolerance_run import Offender, Share, Spread, ToleranceResult
+    from ..runs import LimitSpread, Offender, Share, ToleranceResult
 
 ROW = 24.0
 """Height of a bar's row, its text beside it [px]."""
@@ -124,13 +124,13 @@ def offender_bars(
 
 
 def spread_bars(
-    spreads: Sequence[Spread], theme: ThemeName = "light", size: tuple[float, float] = (560, 300)
+    spreads: Sequence[LimitSpread], theme: ThemeName = "light", size: tuple[float, float] = (560, 300)
 ) -> Picture:
     """Draw how limited numbers scatter: 5th to 95th percentile on the way from nominal (0) to the limits (100 %).
 
     Parameters
     ----------
-    spreads : sequence of Spread
+    spreads : sequence of LimitSpread
         ``ToleranceResult.spreads``.
     theme, size
         As for `yield_bars`.
@@ -169,7 +169,7 @@ def spread_bars(
     return Picture(document("spread", title, (size[0], max(size[1], plot.bottom + BELOW)), colours, parts))
 
 
-def _ends(row: Spread) -> tuple[float, float]:
+def _ends(row: LimitSpread) -> tuple[float, float]:
     """Percentiles as shares of the way to the limit on their side; of the other limit's where there is none."""
     above, below = row.limit_high - row.nominal, row.nominal - row.limit_low
 

@@ -23,7 +23,6 @@ from roslf_design.explorer.pictures.matching_plane import matching_plane
 from roslf_design.explorer.pictures.meridional import meridional
 from roslf_design.explorer.pictures.microlens import microlens_image, nearest_microlens
 from roslf_design.explorer.pictures.mla_map import mla_map
-from roslf_design.explorer.verdicts import verdict_lights
 from roslf_design.imaging.render import render
 from roslf_design.microlens.discs import intersect
 
@@ -248,22 +247,6 @@ def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
             assert abs(float(margin)) < 2e-3 * design.D * design.d_f
             checked += 1
     assert checked
-
-
-def test_lights_say_what_the_verdicts_say_in_few_letters():
-    for design in DESIGNS.values():
-        evaluation = roslf.evaluate(design.thin_twin)
-        lights = verdict_lights(evaluation)
-        assert [(x.name, x.level, x.text) for x in lights] == [(v.name, v.level, v.text) for v in evaluation.verdicts]
-        assert all(0 < len(x.title) <= 14 and 0 < len(x.margin) <= 14 for x in lights)
-
-
-def test_lights_of_a_real_lens_tell_the_traced_field():
-    evaluation = roslf.evaluate(DESIGNS["real lens"])
-    lights = {light.name: light for light in verdict_lights(evaluation)}
-    assert lights["field_undistorted"].level == "fault"
-    assert lights["field_undistorted"].margin.startswith("to ")
-    assert lights["thin_lens_holds"].margin.endswith(" px")
 
 
 def test_bars_of_effects_are_as_long_as_their_shares():

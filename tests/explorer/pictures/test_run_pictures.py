@@ -5,10 +5,17 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from roslf_design.explorer.optimise_run import Change, End, OptimiseResult, Sentence
 from roslf_design.explorer.pictures.optimise import change_bars, front, search_history
 from roslf_design.explorer.pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
-from roslf_design.explorer.tolerance_run import LimitShare, Offender, Share, Spread, ToleranceResult
+from roslf_design.explorer.runs import (
+    LimitSpread,
+    Offender,
+    OptimiseResult,
+    SearchEnd,
+    Share,
+    ToleranceResult,
+    VariableMove,
+)
 
 SVG = "{http://www.w3.org/2000/svg}"
 HALF, MOST = Share(0.5, 0.45, 0.55), Share(0.9, 0.88, 0.92)
@@ -16,7 +23,7 @@ TOLERANCE = ToleranceResult(
     grade="precision",
     trials=1000,
     share=HALF,
-    limits=(LimitShare("fill factor, edge", 0.9, 1.1, HALF),),
+    limits=(("fill factor, edge", HALF),),
     offenders=(
         Offender("lens focal length", "1 mm", math.inf, "kept fraction, corner"),
         Offender("sensor distance", "20 um", 2.5, "fill factor, edge"),
@@ -24,9 +31,9 @@ TOLERANCE = ToleranceResult(
         Offender("aperture tilt x", "3 mrad", 1e-9, "fill factor, edge"),
     ),
     spreads=(
-        Spread("fill factor, edge", 1.0, 0.03, 0.95, 1.05, 0.9, 1.1),
-        Spread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
-        Spread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
+        LimitSpread("fill factor, edge", 1.0, 0.03, 0.95, 1.05, 0.9, 1.1),
+        LimitSpread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
+        LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
     grades=(("commercial", Share(0.1, 0.08, 0.12)), ("precision", Share(0.48, 0.4, 0.56)), ("high", MOST)),
     curve=((0.5, MOST), (1.0, HALF), (2.0, Share(0.0, 0.0, 0.01))),
@@ -39,10 +46,15 @@ OPTIMUM = OptimiseResult(
     unit="mm",
     before=1.25,
     after=0.6,
-    changes=(Change("D_F", 2.9, 5.8, 1.45, 5.8), Change("d_3", 120.0, 100.0, 60.0, 240.0)),
+    changes=(VariableMove("D_F", 2.9, 5.8, 1.45, 5.8), VariableMove("d_3", 120.0, 100.0, 60.0, 240.0)),
     design=None,
-    sentences=(Sentence("good", "found", ""),),
-    ends=(End(20, 0.0, "start"), End(50, 0.3, "start"), End(60, 5.0, "bad"), End(900, 0.0, "check")),
+    sentences=(),
+    ends=(
+        SearchEnd(20, 0.0, "start"),
+        SearchEnd(50, 0.3, "start"),
+        SearchEnd(60, 5.0, "bad"),
+        SearchEnd(900, 0.0, "check"),
+    ),
     against="widest field",
     against_quantity="field half width",
     against_unit="mm",

@@ -1,26 +1,37 @@
-"""The web server: page, assets, downloads, and a tab of its own for each connection. One process, one event loop."""
+"""The web server: page, assets, downloads, and a tab of its own for each connection. One process, one event loop.
+
+A trame server shares its state with every client that connects to it; so each connection here gets a server of its
+own, which ends with it.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
+import secrets
 import signal
 import socket
 from collections.abc import Awaitable, Callable
 from importlib.util import find_spec
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import aiohttp
 from aiohttp import web
+from trame_client.module import vue3
+from trame_server import Server
 
 from ..errors import InputError, Problem
-from .downloads import Download, DownloadError, download
-from .session import Session
-from .tab import Tab
+from .session import DownloadError, Session
 
-HERE = Path(__file__).parent
+PAGE = Path(__file__).parent / "page"
+"""Templates, script and style of the page."""
+CLIENT = Path(vue3.www)
+"""Trame's half in the browser."""
+
 FIRST_PORT, PORTS = 8517, 20
 """Where to listen unless told: the first of so many that is free."""
 
@@ -33,10 +44,79 @@ POLICY = (
 )
 """What the page may load: nothing from another host. Vue makes functions of its templates, hence unsafe-eval."""
 
-TABS: web.AppKey[dict[str, Tab]] = web.AppKey("tabs", dict)
-
-
 HOST: web.AppKey[str] = web.AppKey("host", str)
+
+
+class Tab:
+    """A connection to the page; `answer` takes its messages, `close` ends all that it started."""
+
+    def __init__(self, session: Session) -> None:
+        self.key = secrets.token_urlsafe(16)
+        """Names the tab in addresses of downloads."""
+        self.session = session
+        session.on_news = self.push
+        self._server = Server(f"explorer-{self.key}")
+        self._server.client_type = "vue3"
+        self._answered = 0
+        self._backend: Any = None
+        self._connection: Any = None
+        self._running: asyncio.Task[None] | None = None
+
+    async def open(self, send: Callable[[bool, bytes | str], Awaitable[None]]) -> None:
+        """Start the tab's server; `send` brings its messages to the browser."""
+        server = self._server
+        server.enable_module({"vue_use": ["roslfExplorer"]})
+        state = server.state
+        state.trame__title = "roslf explore"
+        state.trame__template_main = (PAGE / "page.html").read_text(encoding="utf-8")
+        state.trame__template_error = (PAGE / "gone.html").read_text(encoding="utf-8")
+        state.update({**self.session.page(), "tab_key": self.key, "answered": 0})
+        for name in self.session.requests:
+            server.controller.trigger(name)(self._handler(name))
+        server.controller.on_server_bind.add(self._bound)
+        options = {"open_browser": False, "show_connection_info": False, "disable_logging": True, "timeout": 0}
+        starting = server.start(exec_mode="coroutine", backend="generic", **options)
+        self._running = asyncio.get_running_loop().create_task(starting)
+        await server.ready
+        self._connection = await self._backend["ws"].connect()
+        self._connection.on_message(send)
+
+    async def answer(self, binary: bool, message: Any) -> None:
+        """Take one message of the browser."""
+        await self._connection.send(binary, message)
+
+    def push(self) -> None:
+        """Show what has changed without being asked, such as the progress of a run."""
+        with self._server.state as state:
+            state.update(self.session.page())
+
+    async def close(self) -> None:
+        """End the server and everything that runs for it; may be called twice."""
+        self.session.close()
+        if self._connection is not None:
+            connection, self._connection = self._connection, None
+            await connection.close()
+        if self._running is not None:
+            running, self._running = self._running, None
+            await self._server.stop()
+            running.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await running
+
+    def _bound(self, backend: Any) -> None:
+        self._backend = backend
+
+    def _handler(self, name: str) -> Callable[..., int]:
+        def handle(*arguments: Any) -> int:
+            getattr(self.session, name)(*arguments)
+            self._answered += 1
+            self._server.state.update({**self.session.page(), "answered": self._answered})
+            return self._answered
+
+        return handle
+
+
+TABS: web.AppKey[dict[str, Tab]] = web.AppKey("tabs", dict)
 
 
 def application(new_session: Callable[[], Session], host: str = "127.0.0.1") -> web.Application:
@@ -55,14 +135,18 @@ def application(new_session: Callable[[], Session], host: str = "127.0.0.1") -> 
     async def connect(request: web.Request) -> web.StreamResponse:
         return await _serve_tab(request, Tab(new_session()))
 
+    # Its place is looked for, not imported: the package would load all of VTK, which only the browser needs.
+    vtk = find_spec("trame_vtk")
+    assert vtk is not None
+    assert vtk.origin is not None
     app.router.add_get("/", _index)
     app.router.add_get("/index.html", _index)
     app.router.add_post("/client/paraview/", _launch)
     app.router.add_get("/ws", connect)
     app.router.add_get("/tab/{key}/{name:.+}", _download)
-    app.router.add_static("/static", HERE / "static")
-    app.router.add_static("/client", _client_folder())
-    app.router.add_static("/vtk", _vtk_folder())
+    app.router.add_static("/page", PAGE)
+    app.router.add_static("/client", CLIENT)
+    app.router.add_static("/vtk", Path(vtk.origin).parent / "modules" / "common" / "serve")
     app.on_shutdown.append(_close_tabs)
     return app
 
@@ -91,7 +175,7 @@ async def serve(
         The port is in use or none, or the host is not an address of this machine.
     """
     if port is not None and not 0 <= port <= 65535:
-        raise InputError((Problem("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any"),))
+        raise _refused("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any")
     stop = stop or asyncio.Event()
     loop = asyncio.get_running_loop()
     runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=2.0)
@@ -121,23 +205,27 @@ async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
                 continue
             if error.errno == errno.EACCES:
                 message = f"{choice} may not be listened on by this user; choose one above 1023"
-                raise InputError((Problem("--port", message),)) from None
-            message = (
-                f"{host} is not an address of this machine ({error.strerror or error}); leave it out for 127.0.0.1"
-            )
-            raise InputError((Problem("--host", message),)) from None
+                raise _refused("--port", message) from None
+            why = error.strerror or error
+            message = f"{host} is not an address of this machine ({why}); leave it out for 127.0.0.1"
+            raise _refused("--host", message) from None
         return
-    if port is None:
-        message = (
-            f"{FIRST_PORT} to {FIRST_PORT + PORTS - 1} are all in use; name a free one, or 0 to let the system choose"
-        )
-    else:
-        message = f"{port} is in use; name another, or leave it out to take the first free one"
-    raise InputError((Problem("--port", message),))
+    if port is not None:
+        raise _refused("--port", f"{port} is in use; name another, or leave it out to take the first free one")
+    last = FIRST_PORT + PORTS - 1
+    message = f"{FIRST_PORT} to {last} are all in use; name a free one, or 0 to let the system choose"
+    raise _refused("--port", message)
+
+
+def _refused(option: str, message: str) -> InputError:
+    return InputError((Problem(option, message),))
 
 
 async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
-    _same_origin(request)
+    # A page of another site that connects could read this machine's design files.
+    origin = request.headers.get("Origin")
+    if origin is not None and urlsplit(origin).netloc != request.host:
+        raise web.HTTPForbidden(text="only this explorer's own page may connect")
     connection = web.WebSocketResponse(max_msg_size=MAX_MESSAGE, heartbeat=20, compress=False)
     await connection.prepare(request)
     tabs = request.app[TABS]
@@ -147,7 +235,6 @@ async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
         if not connection.closed:
             await (connection.send_bytes(message) if isinstance(message, bytes) else connection.send_str(message))
 
-    tab.session.on_news = tab.push
     try:
         await tab.open(send)
         async for message in connection:
@@ -171,13 +258,13 @@ async def _download(request: web.Request) -> web.StreamResponse:
     if tab is None:
         raise web.HTTPNotFound(text="this tab is closed; open the page again")
     try:
-        made: Download | None = await download(tab.session, request.match_info["name"])
+        file = await tab.session.download(request.match_info["name"])
     except DownloadError as error:
         raise web.HTTPInternalServerError(text=str(error)) from None
-    if made is None:
+    if file is None:
         raise web.HTTPNotFound(text="there is no such file")
-    headers = {"Content-Disposition": f'attachment; filename="{made.name}"'}
-    return web.Response(body=made.content, content_type=made.kind, headers=headers)
+    headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+    return web.Response(body=file.content, content_type=file.kind, headers=headers)
 
 
 async def _launch(request: web.Request) -> web.StreamResponse:
@@ -186,19 +273,20 @@ async def _launch(request: web.Request) -> web.StreamResponse:
 
 
 async def _index(request: web.Request) -> web.StreamResponse:
-    text = (HERE / "layout" / "index.html").read_text(encoding="utf-8")
-    script = next(_client_folder().glob("assets/index-*.js")).name
-    style = next(_client_folder().glob("assets/index-*.css")).name
-    return web.Response(
-        text=text.replace("CLIENT_SCRIPT", script).replace("CLIENT_STYLE", style), content_type="text/html"
-    )
+    text = (PAGE / "index.html").read_text(encoding="utf-8")
+    for name, pattern in (("CLIENT_SCRIPT", "assets/index-*.js"), ("CLIENT_STYLE", "assets/index-*.css")):
+        text = text.replace(name, next(CLIENT.glob(pattern)).name)
+    return web.Response(text=text, content_type="text/html")
 
 
 @web.middleware
 async def _guard(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
-    _known_name(request)
+    """Refuse requests by a foreign name (a page elsewhere may have bound it to this machine); set the policy."""
+    name = urlsplit(f"//{request.host}").hostname or ""
+    if name not in ("localhost", request.app[HOST], socket.gethostname()) and not _is_address(name):
+        raise web.HTTPForbidden(text="open the explorer by this machine's address")
     response = await handler(request)
     if not response.prepared:
         own = f"{'wss' if request.secure else 'ws'}://{request.host}"
@@ -207,20 +295,6 @@ async def _guard(
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers.setdefault("Cache-Control", "no-cache")
     return response
-
-
-def _same_origin(request: web.Request) -> None:
-    """Refuse a connection that a page of another site makes: it could read this machine's design files."""
-    origin = request.headers.get("Origin")
-    if origin is not None and urlsplit(origin).netloc != request.host:
-        raise web.HTTPForbidden(text="only this explorer's own page may connect")
-
-
-def _known_name(request: web.Request) -> None:
-    """Refuse requests by a foreign name: a page elsewhere may have bound its own name to this machine's address."""
-    name = urlsplit(f"//{request.host}").hostname or ""
-    if name not in ("localhost", request.app[HOST], socket.gethostname()) and not _is_address(name):
-        raise web.HTTPForbidden(text="open the explorer by this machine's address")
 
 
 def _is_address(name: str) -> bool:
@@ -234,17 +308,3 @@ def _is_address(name: str) -> bool:
 def is_local(host: str) -> bool:
     """Whether an address is reached from this machine only."""
     return host == "localhost" or (_is_address(host) and ip_address(host).is_loopback)
-
-
-def _client_folder() -> Path:
-    from trame_client.module import vue3
-
-    return Path(vue3.www)
-
-
-def _vtk_folder() -> Path:
-    # Found, not imported: the package would load all of VTK, which only the browser's half needs here.
-    spec = find_spec("trame_vtk")
-    assert spec is not None
-    assert spec.origin is not None
-    return Path(spec.origin).parent / "modules" / "common" / "serve"
