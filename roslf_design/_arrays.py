@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 """Broadcast float64 result; a numpy float64 scalar where every argument was a scalar."""
 
-
 COMPLEX = np.dtype(np.complex128)
 
 
 def floats(*values: ArrayLike) -> tuple[Array, ...]:
     """Arguments as float64 arrays, not copied where they are already; complex ones (for derivatives) stay complex."""
-    return tuple([v if getattr(v, "dtype", None) is COMPLEX else np.asarray(v, np.float64) for v in values])
+    kinds = (COMPLEX if getattr(v, "dtype", None) is COMPLEX else np.float64 for v in values)
+    return tuple([np.asarray(v, kind) for v, kind in zip(values, kinds, strict=True)])
 
 
 def ratio(numerator: Array, denominator: Array) -> Array:

@@ -57,7 +57,7 @@ def posterior(inputs, options):
     steps = int(options["steps"])
 
     def run():
-        sample_posterior(fit, SHEET, seed=1, walkers=48, chunk=steps, most_steps=steps)
+        sample_posterior(fit, SHEET, seed=1, chunk=steps, most_steps=steps)
 
     return run, dict
 

@@ -16,7 +16,8 @@ from ..imaging.convolve import fineness
 from ..imaging.grid import Region
 from ..imaging.transfer import MicrolensTransfer
 from ..imaging.white import FRAME, WhiteGeometry
-from ..microlens.coverage import LARGEST_PART
+from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands
+from ..shapes.discs import shapes
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +82,5 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
 
 def warm_up() -> None:
     """Load the compiled kernels that pictures use (half a second, or several where they were never compiled)."""
-    from ..microlens import _pixels, _shapes
-
-    for kernel in (_shapes.shapes, _pixels.coverage, _pixels.coverage_bands):
+    for kernel in (shapes, coverage, coverage_bands):
         _ = kernel.compiled

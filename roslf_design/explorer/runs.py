@@ -25,13 +25,11 @@ from ..report.studies import run_optimisation, tolerance_plan
 from ..report.symbols import to_html
 from ..report.words import in_words
 from ..theory.quantities import quantity_named
-from ..tolerance.chunk import tally_chunk
+from ..tolerance.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerance.places import perturbable
-from ..tolerance.plan import Plan, make_plan
-from ..tolerance.sensitivity import sensitivity
-from ..tolerance.summary import Variant, summarise
+from ..tolerance.run import tally_chunk
+from ..tolerance.study import Plan, make_plan
 from ..tolerance.tally import merged
-from ..tolerance.yields import Yield, yield_at
 from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .pictures.svg import short
