@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..theory.calibration import back_substitute
+from ..theory.back_substitution import back_substitute
 from .frames import Array, CalibrationError
 
 if TYPE_CHECKING:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from .. import theory
 from ..accuracy.statement import Accuracy, check_accuracy
+from ..camera import Camera
 from ..design import Design
+from ..theory.f_number import fill_factor, matched
 from .fields import BEST_ACCURACY, RAYS, default_fields, evaluate_fields, field_discs, rays_for
 from .result import Evaluation
 
@@ -81,9 +82,9 @@ class Near(NamedTuple):
 def near_cases(design: Design) -> tuple[Near, ...]:
     """Distance from every place where a textbook formula loses digits, closest first."""
     f, d_f, d_3 = design.f, design.d_f, design.d_3
-    fill = float(theory.fill_factor(design.D_F, design.d, design.d_2, f, d_f, d_3))
+    fill = float(fill_factor(Camera.of(design)))
     # The pupil at the lens has no distance to scale by: a little in front of it the images touch at about the same D_F.
-    touching = float(theory.matched_pupil_diameter(design.d, design.d_2, f, d_f, d_3 or 0.01 * f).value)
+    touching = float(matched(Camera.of(design, {"d_3": d_3 or 0.01 * f}), "D_F").value)
     at_lens = Near("d_3 → 0", 0.0, True, "the aperture is at the main lens; margins are exact there")
     cases = [
         _near("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),

@@ -21,7 +21,6 @@ Eq. 9     `traditional_fill_factor`, `main_lens_f_number`
 Eq. 10    `view_projection`, `microlens_projection`, `light_field_projection`, `ray_matrix` and their inverses
 Eq. 11    the same with ``d_3 = 0``, ``A = d_1``
 Eq. 12    `epi_slope`, `pupil_shear`, `calibrated_epi_slope`, `inverse_depth_from_epi_slope`
-Table 2   `back_substitute`, `back_substitution_jacobian`, `back_substitution_covariance`
 depth     `rim_disparity`, `defocus_blur`, `disparity_rate`, `depth_sigma`, `inverse_depth_sigma`
 light     `fresnel_number`, `diffraction_width`, `airy_radius`, `independent_views`, `phase_space_limit`
 ========  ==========================================================================================================
@@ -46,10 +45,9 @@ from .aperture import (
     inverse_aperture_constant,
     pupil_angle,
 )
-from .calibration import (
+from .back_substitution import (
     BackSubstituted,
     back_substitute,
-    back_substitution_covariance,
     back_substitution_jacobian,
 )
 from .conjugates import (
@@ -117,7 +115,6 @@ __all__ = [
     "aperture_constant",
     "approximate_fill_factor",
     "back_substitute",
-    "back_substitution_covariance",
     "back_substitution_jacobian",
     "calibrated_epi_slope",
     "centre_deviation",

@@ -14,10 +14,10 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 
-from roslf_design import theory
 from roslf_design.design import Design
 from roslf_design.evaluation.precision import Near, near_cases
 
+from .forms import CLOSED
 from .oracles.judging import DIGITS, Judged, exactly, flat, judge, last_place
 
 STEPS = 40
@@ -251,7 +251,7 @@ def _at_point(case: HardCase, design: Design) -> AtPoint | None:
         return None
     finite, infinite, faults = 0, [], []
     for name, given in case.point(design):
-        function = getattr(theory, name)
+        function = CLOSED[name]
         try:
             values = np.array(flat(function(**given)), dtype=float)
         except (ArithmeticError, ValueError) as error:

@@ -9,16 +9,21 @@ from typing import Any, NamedTuple
 import mpmath as mp
 import numpy as np
 
-from roslf_design import theory
 from roslf_design.calibration.model import Intrinsics, Observations, Poses
 from roslf_design.calibration.steps import EpiLines, StepOne, fit_lines, step_two
+from roslf_design.camera import Camera
 from roslf_design.design import Design
+from roslf_design.design.conjugates import mla_distance
 from roslf_design.effects import SceneBrief, Subject
 from roslf_design.effects.geometry import cos4
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.microlens.cells import area_in_rectangle
 from roslf_design.microlens.discs import intersect
+from roslf_design.theory.back_substitution import back_substitute
+from roslf_design.theory.f_number import matched
+from roslf_design.theory.light_field import view_projection
 
+from .forms import CLOSED, camera_of
 from .hard_cases import Budget, HardCase, Trial, Trials
 from .oracles.closed_forms import ORACLES, keywords
 from .oracles.judging import traced
@@ -33,9 +38,7 @@ Rng = np.random.Generator
 JITTER = 1e-3
 """Relative spread by which all other arguments are moved at every step of a walk, so that no round number helps."""
 
-NUMBERS_WITHOUT_LENGTH = frozenset(
-    {"exit_pupil_vergence", "magnification", "index", "pixel", "centre", "slope", "disparity_sigma", "exact"}
-)
+NUMBERS_WITHOUT_LENGTH = frozenset({"magnification", "index", "pixel", "centre", "slope", "disparity_sigma", "exact"})
 """Keywords that do not scale with the camera."""
 
 ISSUE_RADII = (2.2, 25.4)
@@ -47,10 +50,10 @@ ISSUE_RADII = (2.2, 25.4)
 
 def arguments_of(design: Design) -> dict[str, Any]:
     """One value for every keyword of the closed forms: the design's own lengths, and scenes of its own size."""
-    lens = design.f, design.d_f, design.d_3
+    camera = Camera.of(design)
     d_3 = design.d_3 or 0.01 * design.f
     x = design.sensor_size[0] / 2
-    magnification = float(theory.magnification(design.f, design.d_f))
+    magnification = float(camera.m)
     field = x / magnification
     stop = design.stops[0] if design.stops else None
     return {
@@ -65,9 +68,8 @@ def arguments_of(design: Design) -> dict[str, Any]:
         "pixel_pitch": design.q,
         "wavelength": design.wavelength,
         "microlens_focal_length": design.f_ml,
-        "exit_pupil_vergence": float(theory.exit_pupil_vergence(*lens)),
         "magnification": magnification,
-        "effective_image_distance": float(theory.effective_image_distance(*lens)),
+        "effective_image_distance": float(camera.A),
         "index": 150.0,
         "pixel": 3.3,
         "coordinate": 0.3 * design.D_F,
@@ -167,7 +169,6 @@ def rescaled(numbers: Numbers, rng: Rng, count: int) -> Iterator[Step]:
         for key in moved.keys() - NUMBERS_WITHOUT_LENGTH:
             value = moved[key]
             moved[key] = tuple(scale * part for part in value) if isinstance(value, tuple) else scale * value
-        moved["exit_pupil_vergence"] /= scale
         yield Step(scale, moved)
 
 
@@ -182,7 +183,7 @@ def _names(key: str, only: tuple[str, ...]) -> tuple[str, ...]:
 def _on_the_verge(given: dict[str, Any]) -> bool:
     """Whether the pupil distance found is d_f but for rounding: there is none then, and either answer is right."""
     d_f, image = given["focal_plane_distance"], given["pupil_diameter"] * given["sensor_distance"]
-    return bool(image <= 1e-14 * given["microlens_pitch"] * theory.mla_distance(given["focal_length"], d_f))
+    return bool(image <= 1e-14 * given["microlens_pitch"] * mla_distance(given["focal_length"], d_f))
 
 
 def _form_trials(walk: Walk, *names: str) -> Trials:
@@ -191,7 +192,7 @@ def _form_trials(walk: Walk, *names: str) -> Trials:
             for name in names:
                 given = {key: step.numbers[key] for key in keywords(name)}
                 if name != "matched_pupil_distance" or not _on_the_verge(given):
-                    yield Trial(name, step.gap, given, getattr(theory, name), ORACLES[name], TEXTBOOK[name])
+                    yield Trial(name, step.gap, given, CLOSED[name], ORACLES[name], TEXTBOOK[name])
 
     return trials
 
@@ -227,14 +228,9 @@ def _gap(n: Numbers) -> float:
     return float(n["focal_plane_distance"] - n["pupil_distance"])
 
 
-def _calibrated_gap(n: Numbers) -> float:
-    return float(n["effective_image_distance"] / n["magnification"])
-
-
 def _touching(n: Numbers) -> float:
     """Pupil diameter at which microlens images just touch."""
-    keys = ("microlens_pitch", "sensor_distance", "focal_length", "focal_plane_distance", "pupil_distance")
-    return float(theory.matched_pupil_diameter(*(n[key] for key in keys)).value)
+    return float(matched(camera_of(n), "D_F").value)
 
 
 def _zero(n: Numbers) -> float:
@@ -245,8 +241,8 @@ def _infinity(n: Numbers) -> float:
     return math.inf
 
 
-TOUCH = ("fill_factor", "matching_mismatch", "matching_residual")
-SLOPES = ("pupil_shear", "epi_slope", "epi_inverse_slope", "rim_disparity", "defocus_blur")
+TOUCH = ("fill_factor", "matching_mismatch")
+SLOPES = ("pupil_shear", "epi_slope", "rim_disparity")
 SCALED = ("microlens_pitch", "focal_length", "depth", "pupil_distance", "sensor_distance")
 
 FORMS = (
@@ -274,7 +270,7 @@ FORMS = (
     ),
     _form(
         "d_f → ∞", "d_1 - f cancels, m vanishes", "d_1 - f = f^2/(d_f - f)",
-        "focal_plane_distance", scaling("focal_plane_distance", -1), "mla_excess", at=_infinity,
+        "focal_plane_distance", scaling("focal_plane_distance", -1), "magnification", at=_infinity,
         gap_means="this d_f over the one at hand, inverse",
     ),
     _form(
@@ -294,11 +290,6 @@ FORMS = (
     _form(
         "Z_F → focal plane", "Eq. 12: m - A/Z_F cancels", "m (Z_F - A/m)/Z_F with Z_F - g taken first",
         "depth", towards("depth", _gap), "epi_slope", SLOPES, _gap,
-    ),
-    _form(
-        "Z_F → A/m", "the same with calibrated A and m, which carry errors of their own",
-        "fit in 1/Z_F - 1/Z_0; condition told",
-        "depth", towards("depth", _calibrated_gap), "calibrated_epi_slope", ("calibrated_epi_slope",), _calibrated_gap,
     ),
     _form(
         "Z → ∞", "lengths overflow, differences of inverse depths vanish", "inverse depth, homogeneous coordinates",
@@ -574,6 +565,14 @@ WAVES = (
 # --- projection and fits: points at infinity, slopes near the focal plane, few or near depths -------------------------
 
 CAMERA = ("effective_image_distance", "magnification", "microlens_pitch", "pixel_pitch", "sensor_distance")
+LENGTHS = (
+    "focal_length",
+    "focal_plane_distance",
+    "pupil_distance",
+    "microlens_pitch",
+    "pixel_pitch",
+    "sensor_distance",
+)
 VIEWS = 9
 """Views in a row."""
 FAR_PIXEL = 2000.0
@@ -581,13 +580,15 @@ FAR_PIXEL = 2000.0
 DEPTHS = 5
 
 
-def _seen(X: float, Z_F: float, S: float, A: float, m: float, d: float, q: float, d_2: float) -> Any:
-    matrix = theory.view_projection((S, 0.0), A, m, d, q, d_2)
-    return theory.from_homogeneous(theory.project(matrix, (X, 0.0, Z_F, 1.0)))[0]
+def _seen(X: float, Z_F: float, S: float, **lengths: float) -> Any:
+    u, _, w = view_projection(camera_of(lengths), (S, 0.0)) @ (X, 0.0, Z_F, 1.0)
+    return u / w
 
 
-def _seen_textbook(X: Any, Z_F: Any, S: Any, A: Any, m: Any, d: Any, q: Any, d_2: Any) -> Any:
+def _seen_textbook(X: Any, Z_F: Any, S: Any, **lengths: Any) -> Any:
     """Chief ray and Eq. 12, each divided by the depth."""
+    f, d_f, d_3, d, q, d_2 = (lengths[key] for key in LENGTHS)
+    m, A = f / (d_f - f), f * (d_f - d_3) / (d_f - f)
     pupil = -(q * A / d_2) * S
     return (-A * X / Z_F - (m - A / Z_F) * pupil) / d
 
@@ -597,10 +598,9 @@ def far_points(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
     base = arguments_of(design)
     for gap in gaps(rng, count, 1e-30):
         numbers = jittered(base, rng)
-        A, m, d, q, d_2 = (numbers[key] for key in CAMERA)
         given = {
             "X": 0.3 * numbers["depth"] / gap, "Z_F": numbers["depth"] / gap, "S": 5 * float(rng.normal()),
-            "A": A, "m": m, "d": d, "q": q, "d_2": d_2,
+            **{key: numbers[key] for key in LENGTHS},
         }  # fmt: skip
         yield Trial("view_projection", gap, given, _seen, traced(_seen_textbook), _seen_textbook)
 
@@ -661,7 +661,7 @@ def near_depths(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
 
 
 def _lengths(f: float, A: float, m: float) -> Any:
-    camera = theory.back_substitute(f, A, m)
+    camera = back_substitute(f, A, m)
     return camera.mla_distance, camera.focal_plane_distance, camera.pupil_distance, camera.inverse_aperture_constant
 
 

@@ -13,14 +13,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design import theory
 from roslf_design.accuracy.table import QUANTITIES
+from roslf_design.camera import Camera
 from roslf_design.design import Design, DesignError
 from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.of_design import camera_of
+from roslf_design.theory.disparity import depth_sigma
+from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.light import fresnel_number
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +102,7 @@ class Job:
     def inverse_depth(self) -> tuple[float, float]:
         """1/Z_F [1/mm] and its standard deviation."""
         c = self.design
-        sigma = theory.inverse_depth_sigma(SIGMA_DISPARITY, c.D_F, c.d, c.f, c.d_f, c.d_3)
+        sigma = depth_sigma(Camera.of(c), 1.0)
         return 1 / self.depth, float(sigma)
 
     @cached_property
@@ -113,8 +116,8 @@ class Job:
     def blur(self) -> tuple[float, float, float]:
         """Microlens diffraction in pixels: its width lambda d_2/d; image pitch; defocus 1/f_ml - 1/d_2 - 1/L [1/mm]."""
         c = self.design
-        pitch = float(theory.microlens_image_pitch(c.d, c.d_2, c.f, c.d_f, c.d_3))
-        bend = 1 / c.f_ml - 1 / c.d_2 - float(theory.exit_pupil_vergence(c.f, c.d_f, c.d_3))
+        pitch = float(microlens_image_pitch(Camera.of(c)))
+        bend = 1 / c.f_ml - 1 / c.d_2 - float(Camera.of(c).vergence)
         return c.wavelength * c.d_2 / c.d / c.q, pitch / c.q, bend
 
     @property
@@ -187,7 +190,7 @@ def _panels(design: Design) -> dict[str, Design]:
     """Cameras that between them show every difficulty, made from one design."""
     off, radius = _pencil(design)
     slim = max(design.D_F * 1.0001, 2 * math.hypot(off, 0.4 * radius) if off > radius else 1.2 * radius)
-    fresnel = float(theory.fresnel_number(design.d, design.d_2, design.wavelength))
+    fresnel = float(fresnel_number(Camera.of(design)))
     made = {"round": design}
     if off > 0:
         made["cat's eye"] = design.replace({"main_lens.diameter": slim})
@@ -298,8 +301,8 @@ def random_job(design: Design, quantity: str, rng: np.random.Generator) -> Job:
         lens = max(2 * off + room * pencil * 2, 1.001 * D_F, 0.1)
         pixels = float(rng.uniform(6, 22))
         fresnel = 10 ** float(rng.uniform(np.log10(0.6), np.log10(24)))
-        image = float(theory.microlens_image_diameter(D_F, design.d_2, design.f, design.d_f, d_3))
-        wave = design.wavelength * float(theory.fresnel_number(design.d, design.d_2, design.wavelength)) / fresnel
+        image = float(microlens_image_diameter(Camera.of(design, {"D_F": D_F, "d_3": d_3})))
+        wave = design.wavelength * float(fresnel_number(Camera.of(design))) / fresnel
         changes = {
             "aperture.distance": d_3,
             "aperture.diameter": D_F,

@@ -93,8 +93,8 @@ def _pixels(job: Job) -> Floats:
 
 def _depth(job: Job) -> Floats:
     c = job.design
-    sigma = ORACLES["inverse_depth_sigma"](
-        disparity_sigma=SIGMA_DISPARITY, pupil_diameter=c.D_F, microlens_pitch=c.d, focal_length=c.f,
+    sigma = ORACLES["depth_sigma"](
+        depth=1.0, disparity_sigma=SIGMA_DISPARITY, pupil_diameter=c.D_F, microlens_pitch=c.d, focal_length=c.f,
         focal_plane_distance=c.d_f, pupil_distance=c.d_3,
     )  # fmt: skip
     with mp.workdps(WAVE_DIGITS):

@@ -17,16 +17,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design import theory
+from roslf_design.camera import Camera
 from roslf_design.design import Design
 from roslf_design.lenses.of_design import camera_of
 from roslf_design.lenses.prescription import LensError
 from roslf_design.lenses.surrogate import Surrogate, fitted
 from roslf_design.lenses.trace import Rays, trace
-from roslf_design.microlens.coverage import coverage_image
-from roslf_design.microlens.discs import intersect
+from roslf_design.shapes.coverage import coverage_image
+from roslf_design.shapes.discs import intersect
+from roslf_design.theory.disparity import depth_sigma
 
-from .jobs import LENS, RAYS, SIGMA_DISPARITY, Job, microlens_rays
+from .jobs import LENS, RAYS, Job, microlens_rays
 
 Floats = NDArray[np.float64]
 
@@ -403,8 +404,7 @@ def _depth_range(job: Job, level: int, seed: int) -> Floats:
 
 
 def _depth_sigma(job: Job, level: int, seed: int) -> Floats:
-    c = job.design
-    return np.array([float(theory.depth_sigma(SIGMA_DISPARITY, job.depth, c.D_F, c.d, c.f, c.d_f, c.d_3))])
+    return np.array([float(depth_sigma(Camera.of(job.design), job.depth))])
 
 
 def _measured_depths(kind: Kind, job: Job, count: int, seed: int) -> Floats:

@@ -24,9 +24,9 @@ Form = Callable[..., Any]
 SYMBOLS = {
     "f": "focal_length", "d_f": "focal_plane_distance", "d_1": "mla_distance", "d_3": "pupil_distance",
     "D_F": "pupil_diameter", "D": "lens_diameter", "d_2": "sensor_distance", "d": "microlens_pitch",
-    "q": "pixel_pitch", "wave": "wavelength", "f_ml": "microlens_focal_length", "per_L": "exit_pupil_vergence",
+    "q": "pixel_pitch", "wave": "wavelength", "f_ml": "microlens_focal_length",
     "m": "magnification", "A": "effective_image_distance", "i": "index", "s": "pixel", "S": "coordinate",
-    "s_0": "centre", "slope": "slope", "Z_F": "depth", "sigma": "disparity_sigma", "W": "width",
+    "Z_F": "depth", "sigma": "disparity_sigma", "W": "width",
     "X_0": "field_radius", "Z": "distance", "X": "radius", "D_k": "stop_diameter", "z_k": "stop_distance",
     "at": "point", "e_k": "stop_decentre", "e_F": "pupil_decentre", "c": "microlens_centre", "exact": "exact",
 }  # fmt: skip
@@ -94,12 +94,6 @@ def _at(f: Any, d_f: Any) -> Planes:
     return Planes(f, -d_f / (1 - d_f / f))
 
 
-def _pupil_of(A: Any) -> tuple[Planes, Any]:
-    """Any camera, and the FAP distance that gives it A."""
-    camera = Planes(mp.mpf(100), mp.mpf(140))
-    return camera, affine_root(camera.reach, A)
-
-
 def _calibrated(A: Any, m: Any) -> tuple[Planes, Any]:
     """A camera of magnification m and the FAP distance that gives it A; its focal length does not matter."""
     camera = Planes(mp.mpf(100), 100 * (1 + m))
@@ -119,12 +113,6 @@ def _exit_pupil(f: Any, d_3: Any) -> tuple[Any, Any]:
 def _residual(f: Any, d_f: Any, d_1: Any) -> Any:
     """How far from the axis the ray from the axial object point meets the array, over what it needs to be."""
     return (d_f + (1 - d_f / f) * d_1) * f / (d_f * d_1)
-
-
-def _matching_residual(D_F: Any, d: Any, d_2: Any, d_1: Any, d_f: Any, d_3: Any) -> Any:
-    """Eq. 7 as printed, times d_f - d_3 (the five lengths need no lens between them)."""
-    left = (d_1 * D_F + d_3 * d) / ((d_f - d_3) * d * d_1)
-    return (left - (d_1 + d_2) / (d_2 * d_f)) * (d_f - d_3)
 
 
 def _excess(camera: Planes, D_F: Any, d: Any, d_2: Any, d_3: Any, exact: bool) -> Any:
@@ -168,48 +156,24 @@ def _nondistortion_bound(D: Any, D_F: Any, d_3: Any, Z: Any, f: Any, d_f: Any) -
     return radius, abs(_at(f, d_f).seen(radius, Z - d_3, d_3, 0))
 
 
-def _stop_margin(D_k: Any, z_k: Any, D_F: Any, d_3: Any, Z: Any, at: Any, e_k: Any, e_F: Any) -> Any:
-    """Room of the pencil's ray farthest from the stop's centre, in diameter, times Z - d_3."""
-
-    def off(pupil: Any) -> list[Any]:
-        """From the stop's centre, of the ray through a pupil point."""
-        share = (Z - z_k) / (Z - d_3)
-        return [x + (a - x) * share - e for x, a, e in zip(at, pupil, e_k, strict=True)]
-
-    centre = off(e_F)
-    length = mp.hypot(*centre)
-    direction = [part / length for part in centre] if length else [mp.mpf(1), mp.mpf(0)]
-    rim = [e + D_F / 2 * n for e, n in zip(e_F, direction, strict=True)]
-    return (D_k - 2 * mp.hypot(*off(rim))) * (Z - d_3)
-
-
 def _stop_disc(D_k: Any, z_k: Any, c: Any, d_2: Any, f: Any, d_f: Any, e_k: Any) -> Any:
     camera = _at(f, d_f)
     radius = camera.landing(0, d_2, z_k, -D_k / 2) - camera.landing(0, d_2, z_k, 0)
     return radius, tuple(camera.landing(x, d_2, z_k, e) for x, e in zip(c, e_k, strict=True))
 
 
-def _defocus_blur(f_ml: Any, d_2: Any, per_L: Any, d: Any) -> Any:
+def _defocus_blur(f_ml: Any, d_2: Any, d: Any, f: Any, d_f: Any, d_3: Any) -> Any:
     """Where rays from the exit pupil's centre through both edges of the microlens land."""
+    per_L = _at(f, d_f).landing(1, 1, d_3, 0) - 1
     edges = [w + (w * per_L - w / f_ml) * d_2 for w in (d / 2, -d / 2)]
     return abs(edges[0] - edges[1])
 
 
-def _defocus_waves(f_ml: Any, d_2: Any, per_L: Any, d: Any, wave: Any) -> Any:
+def _defocus_waves(f_ml: Any, d_2: Any, d: Any, wave: Any, f: Any, d_f: Any, d_3: Any) -> Any:
     """Sags of the arriving wave, the microlens and the wave that would focus on the sensor, at the edge."""
+    per_L = _at(f, d_f).landing(1, 1, d_3, 0) - 1
     square = (d / 2) ** 2 / 2
     return abs(square / f_ml - square / d_2 - square * per_L) / wave
-
-
-def _epi_inverse_slope(Z_F: Any, d: Any, q: Any, d_2: Any, f: Any, d_f: Any, d_3: Any) -> Any:
-    camera = _at(f, d_f)
-    view = affine_root(lambda S: camera.move(d_3, Z_F, S), d)
-    return camera.landing(0, d_2, d_3, view) / q
-
-
-def _calibrated_slope(Z_F: Any, A: Any, m: Any, d: Any, q: Any, d_2: Any) -> Any:
-    camera, d_3 = _calibrated(A, m)
-    return camera.move(d_3, Z_F, camera.height(q, 0, d_2, d_3)) / d
 
 
 def _back_substitute(f: Any, A: Any, m: Any) -> Any:
@@ -234,7 +198,6 @@ TRACED: dict[str, Form] = {
     "mla_distance": lambda f, d_f: _at(f, d_f).d_1,
     "focal_plane_distance": lambda f, d_1: _at(f, d_1).d_1,
     "focal_length": lambda d_f, d_1: 1 / affine_root(lambda power: d_f + (1 - power * d_f) * d_1),
-    "mla_excess": lambda f, d_f: _at(f, d_f).d_1 - f,
     "magnification": lambda f, d_f: _at(f, d_f).d_1 / d_f,
     "inverse_magnification": lambda f, d_f: d_f / _at(f, d_f).d_1,
     "conjugate_residual": _residual,
@@ -243,7 +206,6 @@ TRACED: dict[str, Form] = {
     "aperture_constant": lambda d_f, d_3: d_f * (1 / (d_f - d_3)),
     "inverse_aperture_constant": lambda d_f, d_3: (d_f - d_3) * (1 / d_f),
     "effective_image_distance": lambda f, d_f, d_3: _at(f, d_f).reach(d_3),
-    "effective_image_distance_from_magnification": lambda f, m, d_3: Planes(f, f * (1 + m)).reach(d_3),
     "pupil_angle": lambda D_F, f, d_f, d_3: D_F / _at(f, d_f).reach(d_3),
     "exit_pupil_distance": lambda f, d_3: _exit_pupil(f, d_3)[0],
     "exit_pupil_diameter": lambda D_F, f, d_3: abs(_exit_pupil(f, d_3)[1]) * D_F,
@@ -255,7 +217,6 @@ TRACED: dict[str, Form] = {
     "centre_deviation": lambda i, d, q, d_2, f, d_f, d_3: _at(f, d_f).shift(i * d, q, d_2, d_3),
     # matching
     "microlens_f_number": lambda d_2, d: d_2 / d,
-    "microlens_angle": lambda d_2, d: d / d_2,
     "pupil_f_number": lambda D_F, f, d_f, d_3: _at(f, d_f).reach(d_3) / D_F,
     "main_lens_f_number": lambda D, d_1: d_1 / D,
     "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: (
@@ -265,7 +226,6 @@ TRACED: dict[str, Form] = {
     # Any focal length: the pupil is at the lens.
     "traditional_fill_factor": lambda D, d, d_2, d_1: Planes(d_1, d_1).diameter(D, d_2, 0) / d,
     "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: _excess(_at(f, d_f), D_F, d, d_2, d_3, True) / q,
-    "matching_residual": _matching_residual,
     "matched_sensor_distance": lambda D_F, d, f, d_f, d_3, exact=True: _matched(
         lambda d_2: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact)
     ),
@@ -279,31 +239,21 @@ TRACED: dict[str, Form] = {
     # field and stops
     "nondistortion_margin": _nondistortion_margin,
     "nondistortion_bound": _nondistortion_bound,
-    "stop_margin": _stop_margin,
     "stop_disc": _stop_disc,
     # decoding and epipolar-plane images
-    "pixel_to_pupil": lambda s, q, d_2, A, s_0: _pupil_of(A)[0].height(q * (s - s_0), 0, d_2, _pupil_of(A)[1]),
-    "pupil_to_pixel": lambda S, q, d_2, A, s_0: s_0 + _pupil_of(A)[0].landing(0, d_2, _pupil_of(A)[1], S) / q,
-    "pixel_to_lens": lambda s, q, d_2, d_1, s_0: Planes(mp.mpf(100), d_1).height(q * (s - s_0), 0, d_2, 0),
-    "view_baseline": lambda q, d_2, A: -_pupil_of(A)[0].height(q, 0, d_2, _pupil_of(A)[1]),
+    "pixel_to_pupil": lambda s, q, d_2, f, d_f, d_3: _at(f, d_f).height(q * s, 0, d_2, d_3),
+    "pupil_to_pixel": lambda S, q, d_2, f, d_f, d_3: _at(f, d_f).landing(0, d_2, d_3, S) / q,
+    "view_baseline": lambda q, d_2, f, d_f, d_3: -_at(f, d_f).height(q, 0, d_2, d_3),
     "pupil_shear": lambda Z_F, f, d_f, d_3: -_at(f, d_f).move(d_3, Z_F, 1),
     "epi_slope": lambda Z_F, d, q, d_2, f, d_f, d_3: _at(f, d_f).move(d_3, Z_F, _at(f, d_f).height(q, 0, d_2, d_3)) / d,
-    "epi_inverse_slope": _epi_inverse_slope,
-    "calibrated_epi_slope": _calibrated_slope,
-    "inverse_depth_from_epi_slope": lambda slope, A, m, d, q, d_2: affine_root(
-        lambda v: _calibrated_slope(1 / v, A, m, d, q, d_2), slope
-    ),
     # depth: disparity from rim to rim
     "rim_disparity": lambda Z_F, D_F, d, f, d_f, d_3: _at(f, d_f).move(d_3, Z_F, D_F) / d,
-    "defocus_blur": lambda Z_F, D_F, d, f, d_f, d_3: abs(_at(f, d_f).move(d_3, Z_F, D_F)) / d,
     "disparity_rate": lambda Z_F, D_F, d, f, d_f, d_3: _disparity_per_inverse_depth(D_F, d, f, d_f, d_3) / Z_F**2,
     "depth_sigma": lambda sigma, Z_F, D_F, d, f, d_f, d_3: (
         sigma * Z_F**2 / _disparity_per_inverse_depth(D_F, d, f, d_f, d_3)
     ),
-    "inverse_depth_sigma": lambda sigma, D_F, d, f, d_f, d_3: sigma / _disparity_per_inverse_depth(D_F, d, f, d_f, d_3),
     # sampling and diffraction
     "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / q,
-    "lateral_samples": lambda W, d: W / d,
     "object_sample": lambda d, f, d_f: d * d_f / _at(f, d_f).d_1,
     "phase_space_limit": lambda D_F, X_0, Z_F, wave: 2 * D_F * mp.sin(mp.atan2(X_0, Z_F)) / wave,
     # Half waves of path (paraxial) by which the aperture's edge is farther from the sensor's centre.
@@ -311,7 +261,7 @@ TRACED: dict[str, Form] = {
     "independent_views": lambda d, d_2, wave: d / (d_2 * (wave / d)),
     "diffraction_width": lambda d, d_2, wave: d_2 * (wave / d),
     "airy_radius": lambda d, d_2, wave: mp.mpf(122) / 100 * d_2 * (wave / d),
-    "pupil_airy_radius": lambda D_F, A, wave: mp.mpf(122) / 100 * A * (wave / D_F),
+    "pupil_airy_radius": lambda D_F, wave, f, d_f, d_3: mp.mpf(122) / 100 * _at(f, d_f).reach(d_3) * (wave / D_F),
     "microlens_defocus_waves": _defocus_waves,
     "microlens_defocus_blur": _defocus_blur,
     # calibration

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._arrays import Array, floats
+from .._arrays import Array, floats
 
 
 class BackSubstituted(NamedTuple):
@@ -94,37 +94,6 @@ def back_substitution_jacobian(
     jacobian[..., 3, 0], jacobian[..., 3, 1] = grown / m, -1 / m
     jacobian[..., 3, 2] = (reach - f) / (m * m)
     return jacobian
-
-
-def back_substitution_covariance(
-    focal_length: ArrayLike,
-    effective_image_distance: ArrayLike,
-    magnification: ArrayLike,
-    covariance: ArrayLike,
-) -> Array:
-    """First-order covariance of (d_1, d_f, H, d_3) from that of (f, A, m).
-
-    Parameters
-    ----------
-    focal_length, effective_image_distance, magnification : array_like, shape (...)
-        f, A [mm] and m; A not 0.
-    covariance : array_like, shape (..., 3, 3)
-        Of f, A and m, symmetric: that of A and m from the calibration's fit, with the square of f's stated error (its
-        prior) at (0, 0).
-
-    Returns
-    -------
-    ndarray, shape (..., 4, 4)
-        ``J C J^T``; the standard deviations are the square roots of its diagonal.
-
-    Raises
-    ------
-    ValueError
-        As `back_substitution_jacobian`.
-    """
-    jacobian = back_substitution_jacobian(focal_length, effective_image_distance, magnification)
-    (spread,) = floats(covariance)
-    return jacobian @ spread @ np.swapaxes(jacobian, -1, -2)
 
 
 def _determined(f: ArrayLike, reach: ArrayLike, m: ArrayLike) -> tuple[Array, ...]:
