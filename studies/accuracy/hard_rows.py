@@ -16,8 +16,8 @@ from roslf_design.design import Design
 from roslf_design.effects import SceneBrief, Subject
 from roslf_design.effects.geometry import cos4
 from roslf_design.evaluation.fields import field_discs
-from roslf_design.microlens.cells import area_in_rectangle
-from roslf_design.microlens.discs import intersect
+from roslf_design.shapes.cells import area_in_rectangle
+from roslf_design.shapes.discs import intersect
 
 from .hard_cases import Budget, HardCase, Trial, Trials
 from .oracles.closed_forms import ORACLES, keywords

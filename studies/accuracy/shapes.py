@@ -23,8 +23,8 @@ from roslf_design.lenses.of_design import camera_of
 from roslf_design.lenses.prescription import LensError
 from roslf_design.lenses.surrogate import Surrogate, fitted
 from roslf_design.lenses.trace import Rays, trace
-from roslf_design.microlens.coverage import coverage_image
-from roslf_design.microlens.discs import intersect
+from roslf_design.shapes.coverage import coverage_image
+from roslf_design.shapes.discs import intersect
 
 from .jobs import LENS, RAYS, SIGMA_DISPARITY, Job, microlens_rays
 
