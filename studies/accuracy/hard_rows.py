@@ -17,8 +17,8 @@ from roslf_design.design.conjugates import mla_distance
 from roslf_design.effects import SceneBrief, Subject
 from roslf_design.effects.geometry import cos4
 from roslf_design.evaluation.fields import field_discs
-from roslf_design.microlens.cells import area_in_rectangle
-from roslf_design.microlens.discs import intersect
+from roslf_design.shapes.cells import area_in_rectangle
+from roslf_design.shapes.discs import intersect
 from roslf_design.theory.back_substitution import back_substitute
 from roslf_design.theory.f_number import matched
 from roslf_design.theory.light_field import view_projection

@@ -19,8 +19,8 @@ from roslf_design.design import Design
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
 from roslf_design.lenses.kernels import trace_rays
-from roslf_design.microlens._pixels import coverage
 from roslf_design.scenes import Scene
+from roslf_design.shapes.coverage import coverage
 
 from . import shapes, waves
 from .jobs import LENS, WAVES, Job, panel_jobs, random_job, random_jobs

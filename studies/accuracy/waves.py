@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.microlens.discs import boundary_arcs, intersect
+from roslf_design.shapes.discs import boundary_arcs, intersect
 
 from .jobs import CUT, Job
 from .jobs import WAVES as ALIKE

@@ -16,9 +16,9 @@ from roslf_design import theory
 from roslf_design.design import Stop
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.imaging.render import render
-from roslf_design.microlens.cells import area_in_rectangle
-from roslf_design.microlens.coverage import coverage_image
-from roslf_design.microlens.discs import intersect
+from roslf_design.shapes.cells import area_in_rectangle
+from roslf_design.shapes.coverage import coverage_image
+from roslf_design.shapes.discs import intersect
 from studies.accuracy.hard_rows import FORMS
 from studies.accuracy.jobs import CUT, Job, panel_jobs, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
