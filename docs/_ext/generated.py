@@ -350,7 +350,7 @@ def _headed(name: str, line: str) -> str:
 
 def story_file() -> str:
     """Every table of a story."""
-    from roslf_design.report.story_file import CalibrationPart, Opening, Part
+    from roslf_design.report.story import CalibrationPart, Opening, Part
 
     own: dict[type, dict[str, str]] = {
         Opening: {"title": "Of the report.", "question": "What it asks."},

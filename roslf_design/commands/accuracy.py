@@ -17,10 +17,10 @@ from cyclopts import App, Parameter
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..errors import InputError, Problem
+from ..tables import print_table
 from .evaluate import parse_field
 from .progress import StatusLine
 from .report import PAGE, check_folder
-from .tables import print_table
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 

@@ -27,7 +27,6 @@ from ..calibration import (
     Outcome,
     Posterior,
     figures,
-    section,
 )
 from ..calibration.frames import Capture
 from ..calibration.planning import reason
@@ -38,11 +37,11 @@ from ..design.units import parse_quantity
 from ..design.write import write_atomically
 from ..effects.field import image_pitch
 from ..errors import InputError, Problem
-from ..report.blocks import Block, Bullets, Table
+from ..report import calibration as pages
 from ..report.figures.style import standalone, to_png, to_svg
 from ..report.html import render_html
+from ..report.terminal import print_blocks, print_statements
 from .progress import StatusLine
-from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -283,7 +282,7 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
         drawings[name] = to_svg(figure, f"calibration-{name}")
         files[f"{name}.svg"] = standalone(drawings[name])
         files[f"{name}.png"] = to_png(figure)
-    files["index.html"] = render_html(section.calibration_report(result, drawings, command, __version__)).encode()
+    files["index.html"] = render_html(pages.calibration_report(result, drawings, command, __version__)).encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         write_atomically(folder / name, content)
@@ -294,14 +293,10 @@ def print_result(result: Outcome, written: list[Path], console: Console) -> None
     """Sentences and tables for a terminal."""
     from rich.text import Text
 
-    marks = {"good": ("✓", "green"), "bad": ("✗", "red"), "caution": ("!", "yellow"), "plain": ("·", "dim")}
     console.print(Text(f"Calibration of {result.design.name}", style="bold"))
-    for statement in section.statements(result):
-        mark, colour = marks[statement.tone]
-        said = f"{statement.text} {statement.remedy}".strip()
-        console.print(Text(f"{mark} ", style=colour) + Text(said), soft_wrap=True)
-    _print_blocks(
-        (section.quantities_table(result), section.ways_table(result), section.shares_table(result.shares)), console
+    print_statements(pages.statements(result), console)
+    print_blocks(
+        (pages.quantities_table(result.to_dict()), pages.ways_table(result), pages.shares_table(result.shares)), console
     )
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
@@ -400,7 +395,7 @@ def print_plan(
             raise CalibrationError(f"{error}: {why}") from None
     notes = too_large(loaded, captures)
     if json:
-        data = {**section.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
+        data = {**pages.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
         print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
@@ -415,7 +410,7 @@ def print_plan(
         highlight=False,
         soft_wrap=True,
     )
-    _print_blocks(section.plan_blocks(plan), console)
+    print_blocks(pages.plan_blocks(plan), console)
     for note in notes:
         console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
 
@@ -467,13 +462,3 @@ def _quantity(option: str, text: str, dimension: str) -> float:
         return parse_quantity(text, dimension)
     except ValueError as error:
         raise _refusal(option, str(error)) from None
-
-
-def _print_blocks(blocks: tuple[Block, ...], console: Console) -> None:
-    for block in blocks:
-        if isinstance(block, Table):
-            print_table(block, console)
-        elif isinstance(block, Bullets):
-            console.print()
-            for item in block.items:
-                console.print(item, highlight=False, soft_wrap=True)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from .progress import StatusLine
-from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -98,15 +97,12 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     from ..design.write import write_atomically
     from ..optimize.figures import drawn
     from ..optimize.run import designs, to_dict
-    from ..optimize.section import optimize_section
-    from ..report.blocks import Report
     from ..report.figures.style import to_png
     from ..report.html import render_html
+    from ..report.optimization import optimization_report
 
-    answer = result.answer
     text = json_text.dumps(to_dict(result, timings=False), indent=1, allow_nan=False, ensure_ascii=False)
-    section = optimize_section(result, command)
-    page = Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
+    page = optimization_report(result, command, __version__)
     files = {
         "results.json": (text + "\n").encode(),
         **{name: dumps(design).encode() for name, design in designs(result)},
@@ -123,17 +119,12 @@ def print_result(result: Result, written: list[Path], console: Console) -> None:
     """Sentences and tables for a terminal."""
     from rich.text import Text
 
-    from ..optimize.section import statements, tables
+    from ..report.optimization import statements, tables
+    from ..report.terminal import print_blocks, print_statements
 
-    marks = {"good": ("✓", "green"), "bad": ("✗", "red"), "caution": ("!", "yellow"), "plain": ("·", "dim")}
     console.print(Text(result.answer.asked.name, style="bold"))
-    for statement in statements(result):
-        mark, colour = marks[statement.tone]
-        console.print(
-            Text(f"{mark} ", style=colour) + Text(f"{statement.text} {statement.remedy}".strip()), soft_wrap=True
-        )
-    for block in tables(result):
-        print_table(block, console)
+    print_statements(statements(result), console)
+    print_blocks(tables(result), console)
     console.print()
     for note in result.answer.notes:
         console.print(f"Note: {note}", highlight=False, soft_wrap=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,13 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from .model_files import SOLID, design_in_3d, solid_files
+from ..errors import InputError, Problem
 from .progress import StatusLine
 
 if TYPE_CHECKING:
+    from ..design import Design
     from ..report.blocks import Report
 
 PAGE, DOCUMENT = "index.html", "report.pdf"
+SOLID = {"model": "model.vtp", "3d": "3d.png"}
+"""Name of a 3D file to its file name."""
 
 
 def report(
@@ -73,11 +77,11 @@ def report(
     """
     from ..design.write import write_atomically
     from ..report.html import render_html
+    from ..report.pdf import render_pdf
 
-    check_count(len(others), compare)
     names = (design, *others)
-    make = maker(names, compare, seed, accuracy, calibration)
     solid = [name for name in figure or () if name in SOLID]
+    make = maker(names, compare, seed, accuracy, calibration)
     subject = design_in_3d(names, compare) if solid else None
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
@@ -91,14 +95,12 @@ def report(
     command = shlex.join(["roslf", "report", *names, *options])
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
-        drawn = figure_files(content, [name for name in figure or () if name not in SOLID])
-        files = drawn | {PAGE: render_html(content).encode()}
+        files = figure_files(content, [name for name in figure or () if name not in SOLID])
+        files[PAGE] = render_html(content).encode()
         if subject is not None:
             progress.tell("3D")
             files |= solid_files(subject, solid)
         if pdf:
-            from ..report.pdf import render_pdf
-
             progress.tell("PDF")
             files[DOCUMENT] = render_pdf(content, paper)
     folder.mkdir(parents=True, exist_ok=True)
@@ -119,64 +121,51 @@ def maker(
     Raises
     ------
     InputError
-        A file that is not there, is none of the kinds, or has faults; a seed below 0; an accuracy that is none.
+        Too many or too few of them, a file that is not there, is none of the kinds, or has faults; a seed below 0; an
+        accuracy that is none.
     """
     from ..design import load, preset_names
     from ..design.kinds import CALLED
-    from ..errors import InputError, Problem
     from ..evaluation.precision import check_evaluation_accuracy
+    from ..report.calibration import read_calibration
+    from ..report.compare import comparison_report
+    from ..report.story import full_report, load_story_or_study, story_report, study_report
 
+    if compare and len(names) not in (2, 3):
+        raise refusal("--compare", f"{len(names)} given; name two or three designs")
+    if len(names) > 1 and not compare:
+        raise refusal("report", "one design at a time; add --compare to set several side by side")
     if seed is not None and seed < 0:
-        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
-    refused = Problem("--calibration", "goes with the report of one design; leave it out, or name it in the story")
-    if calibration is not None and compare:
-        raise InputError((refused,))
+        raise refusal("--seed", f"{seed} is negative; give a whole number from 0")
+    misplaced = "goes with the report of one design; leave it out, or name it in the story"
     if compare:
-        from ..report.compare import comparison_report
-
+        if calibration is not None:
+            raise refusal("--calibration", misplaced)
         designs = [load(name) for name in names]
         for each in designs:
             check_evaluation_accuracy(each, accuracy)
         return partial(comparison_report, designs, accuracy=accuracy)
-    from ..report.story import full_report, load_story_or_study, story_report, study_report
-
     (name,) = names
-    known = None
-    if calibration is not None:
-        from ..report.calibrated import read_calibration
-
-        known = read_calibration(calibration)
-    if name in preset_names() and not Path(name).exists():
-        check_evaluation_accuracy(load(name), accuracy)
-        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy, calibrated=known)
-    kind, story = load_story_or_study(Path(name))
-    if accuracy is not None and kind != "design":
-        remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise InputError((Problem("--accuracy", f"goes with designs, and {name} is {CALLED[kind][0]}; {remedy}"),))
-    if known is not None and kind != "design":
-        raise InputError((refused,))
-    if story is not None:
-        return partial(story_report, story, seed=seed)
+    known = None if calibration is None else read_calibration(calibration)
+    preset = name in preset_names() and not Path(name).exists()
+    kind, story = ("design", None) if preset else load_story_or_study(Path(name))
     if kind == "design":
-        check_evaluation_accuracy(load(name), accuracy)
-        return partial(full_report, load(name), seed=seed or 0, accuracy=accuracy, calibrated=known)
-    return partial(study_report, kind, Path(name), seed=seed)
+        design = load(name)
+        check_evaluation_accuracy(design, accuracy)
+        return partial(full_report, design, seed=seed or 0, accuracy=accuracy, calibrated=known)
+    if accuracy is not None:
+        remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
+        raise refusal("--accuracy", f"goes with designs, and {name} is {CALLED[kind][0]}; {remedy}")
+    if known is not None:
+        raise refusal("--calibration", misplaced)
+    return (
+        partial(study_report, kind, Path(name), seed=seed) if story is None else partial(story_report, story, seed=seed)
+    )
 
 
-def check_count(others: int, compare: bool) -> None:
-    """Refuse a number of designs that the report is not made for.
-
-    Raises
-    ------
-    InputError
-        Several without --compare; one, or more than three, with it.
-    """
-    from ..errors import InputError, Problem
-
-    if compare and others not in (1, 2):
-        raise InputError((Problem("--compare", f"{others + 1} given; name two or three designs"),))
-    if others and not compare:
-        raise InputError((Problem("report", "one design at a time; add --compare to set several side by side"),))
+def refusal(key: str, message: str) -> InputError:
+    """An option that cannot be had."""
+    return InputError((Problem(key, message),))
 
 
 def folder_name(design: str) -> str:
@@ -192,13 +181,11 @@ def check_folder(folder: Path) -> None:
     InputError
         A file is in the way.
     """
-    from ..errors import InputError, Problem
-
     blocked = next((place for place in (folder, *folder.parents) if place.exists() and not place.is_dir()), None)
     if blocked is not None:
-        raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
+        raise refusal("-o", f"{blocked} is a file, not a folder; name another place")
     if (folder / PAGE).is_dir():
-        raise InputError((Problem("-o", f"{folder / PAGE} is a folder; name another place"),))
+        raise refusal("-o", f"{folder / PAGE} is a folder; name another place")
 
 
 def check_typst() -> None:
@@ -211,10 +198,8 @@ def check_typst() -> None:
     """
     from importlib.util import find_spec
 
-    from ..errors import InputError, Problem
-
     if find_spec("typst") is None:
-        raise InputError((Problem("--pdf", "a PDF needs the typst package; install it: pip install typst"),))
+        raise refusal("--pdf", "a PDF needs the typst package; install it: pip install typst")
 
 
 def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
@@ -225,23 +210,52 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     InputError
         The report has no figure of that name; says which it has.
     """
-    from ..errors import InputError, Problem
     from ..report.figures.style import standalone
 
     known = {figure.name: figure for figure in content.figures}
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
-        raise InputError(
-            tuple(
-                Problem("--figure", f"'{name}' is not here; there are all, {', '.join((*known, *SOLID))}")
-                for name in unknown
-            )
-        )
+        there = f"there are all, {', '.join((*known, *SOLID))}"
+        raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
     chosen = known if "all" in wanted else {name: known[name] for name in wanted}
     return {
         f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": standalone(figure.content)
         for name, figure in chosen.items()
     }
+
+
+def design_in_3d(names: Sequence[str], compare: bool) -> Design:
+    """The one design that a 3D model can be made of.
+
+    Raises
+    ------
+    InputError
+        Several designs, or a study.
+    """
+    from ..design import load, preset_names
+    from ..report.story import load_story_or_study
+
+    (name, *others) = names
+    preset = name in preset_names() and not Path(name).exists()
+    if not others and not compare and (preset or load_story_or_study(Path(name))[0] == "design"):
+        return load(name)
+    raise refusal("--figure", "3d and model are of one design; name its file alone")
+
+
+def solid_files(design: Design, wanted: Sequence[str]) -> dict[str, bytes]:
+    """The model and its picture; a picture that cannot be drawn here is told on stderr and left out."""
+    from ..report.model import picture, vtp_bytes
+    from ..report.offscreen import NoPictureError
+
+    files = {}
+    if "model" in wanted:
+        files[SOLID["model"]] = vtp_bytes(design)
+    if "3d" in wanted:
+        try:
+            files[SOLID["3d"]] = picture(design)
+        except NoPictureError as error:
+            print(f"roslf: {SOLID['3d']} is left out: {error}", file=sys.stderr)
+    return files
 
 
 def stamp_lines() -> tuple[str, ...]:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from ..tables import print_table
+from ..words import sentence
 from .progress import bar
-from .tables import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -105,28 +106,17 @@ def tolerance(
 
 def page(result: StudyResult, study: str) -> str:
     """The study as a report of its own: one self-contained page."""
-    from ..report.blocks import Report
     from ..report.html import render_html
-    from ..tolerance.section import tolerance_section
+    from ..report.tolerance import tolerance_report
 
     plan = result.plan
     command = f"roslf tolerance {study} --trials {plan.trials} --seed {plan.draws.seed} -o out"
-    section = tolerance_section(result, command)
-    return render_html(Report(f"Tolerances of {plan.question.design.name}", plan.name, (section,)))
+    return render_html(tolerance_report(result, command))
 
 
 def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
     """Tables for a terminal; `times`: with how long it took, which differs from run to run."""
-    from ..report.blocks import Table
-    from ..tolerance.section import (
-        headline,
-        limits_table,
-        quantiles_table,
-        rss_table,
-        sentence,
-        sobol_table,
-        tolerances_table,
-    )
+    from ..report.tolerance import headline, tables
 
     console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
     console.print(headline(result), highlight=False, soft_wrap=True)
@@ -138,18 +128,14 @@ def print_result(result: StudyResult, console: Console, times: bool = False) -> 
             soft_wrap=True,
         )
     if result.precision is not None:
-        console.print(sentence(result, times), highlight=False, soft_wrap=True)
+        console.print(sentence(result.precision.accuracy.sentence(times)), highlight=False, soft_wrap=True)
     if result.scale_for_target is not None:
         scale, found = result.scale_for_target
         console.print(f"All tolerances times {scale:.3g} give a yield of {100 * found.value:.2f} %", highlight=False)
     for grade in result.grades:
         console.print(f"Grade {grade.grade}: yield {100 * grade.result.value:.2f} %", highlight=False)
-    blocks: list[Table] = [limits_table(result, brief=True), quantiles_table(result, brief=True)]
-    blocks += [tolerances_table(result), rss_table(result, brief=True)]
-    if result.sobol is not None:
-        blocks.append(sobol_table(result))
-    for block in blocks:
-        print_table(block, console, leave_out=("source",))  # where each figure comes from is in results.json
+    for table in tables(result, brief=True):
+        print_table(table, console, leave_out=("source",))  # where each figure comes from is in results.json
     console.print("\nOf each metric the weakest field; all fields in results.json.", highlight=False)
     for warning in result.warnings:
         console.print(f"\nNote: {warning}", highlight=False, soft_wrap=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING
+
+from ..words import number, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,14 +18,6 @@ MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
 Row = tuple[str, str, str]
 """Quantity, value with unit, remark."""
-
-
-def number(value: float, digits: int = 5) -> str:
-    """A number to `digits` significant digits, infinity as a sign."""
-    if not math.isfinite(value):
-        return "∞" if value > 0 else "-∞"
-    text = f"{value:.{digits}g}"
-    return text if "e" not in text or 1e-4 <= abs(value) < 1e6 else f"{value:.{digits - 1}e}"
 
 
 def table_groups(result: Evaluation) -> Iterator[tuple[str, list[Row]]]:
@@ -185,7 +178,7 @@ EFFECT_HEADINGS = ("effect", "estimate", "budget", "", "why")
 
 def absent_effects(result: Evaluation) -> str:
     """One sentence on the effects that this design and scene do not have at all."""
-    names = [effect.name.replace("_", " ") for effect in result.effects if effect.estimate == 0 and not effect.on]
+    names = [spaced(effect.name) for effect in result.effects if effect.estimate == 0 and not effect.on]
     return f"Nothing comes from: {', '.join(names)}." if names else ""
 
 
@@ -195,8 +188,8 @@ def effect_rows(result: Evaluation) -> Iterator[tuple[str, ...]]:
         if effect.estimate == 0 and not effect.on:
             continue
         yield (
-            effect.name.replace("_", " "),
-            f"{number(effect.estimate, 3)} {effect.unit}",
+            spaced(effect.name),
+            f"{number(effect.estimate, 3, zero=1e-12)} {effect.unit}",
             f"{number(effect.budget, 3)} {effect.unit}",
             "on" if effect.on else "off",
             effect.reason,

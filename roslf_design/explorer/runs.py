@@ -17,19 +17,17 @@ from ..design import Design
 from ..design.units import format_quantity
 from ..errors import InputError, Problem
 from ..optimize.run import Result
-from ..optimize.section import statements
 from ..optimize.solve import Answer
 from ..report.blocks import Statement
-from ..report.quick_tolerances import CENTRE, DEPTH, FILL, KEPT, quick_study
-from ..report.studies import run_optimisation, tolerance_plan
-from ..report.symbols import to_html
-from ..report.words import in_words
+from ..report.optimization import statements
+from ..report.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
 from ..theory.quantities import quantity_named
 from ..tolerance.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerance.places import perturbable
 from ..tolerance.run import tally_chunk
 from ..tolerance.study import Plan, make_plan
 from ..tolerance.tally import merged
+from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .pictures.svg import short

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..design import Design
 from ..evaluation import Evaluation, evaluate
-from ..report.symbols import to_html
+from ..words import to_html
 from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix
 from .pictures.axes import Picture

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..report.figures.style import BLUE, GREY, ORANGE, VERMILLION, drawing, new_axes
-from ..report.words import in_words
+from ..words import in_words
 from .bore import Bore
 from .pareto import Front
 from .problem import Goal

@@ -1,7 +1,6 @@
 """What a report is made of: plain frozen data that HTML (and any later format) is written from.
 
-Any package can add a section: it returns a `Section` of these blocks and needs to know nothing of pages. In all text,
-symbols written as ``d_3`` or ``D_F`` are set with a subscript.
+In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 """
 
 from __future__ import annotations
@@ -9,8 +8,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from ..tables import Table
+
+__all__ = [
+    "MARKS",
+    "Block",
+    "Bullets",
+    "Code",
+    "Figure",
+    "Paragraph",
+    "Report",
+    "Section",
+    "Statement",
+    "Statements",
+    "Table",
+    "Tone",
+]
+
 Tone = Literal["good", "bad", "caution", "plain"]
 """How a statement is meant; always shown by a sign and a word as well as by colour."""
+MARKS: dict[Tone, tuple[str, str]] = {
+    "good": ("✓", "yes"),
+    "bad": ("✗", "no"),
+    "caution": ("!", "mind"),
+    "plain": ("·", "note"),
+}
+"""Sign and word of each tone."""
 
 
 @dataclass(frozen=True)
@@ -36,35 +59,6 @@ class Statements:
     """Answers, one below the other."""
 
     items: tuple[Statement, ...]
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text.
-
-    Raises
-    ------
-    ValueError
-        A row or `widths` not as long as `align`.
-    """
-
-    rows: tuple[tuple[str, ...], ...]
-    align: str
-    """One letter a column: l left, r right, d on the decimal point."""
-    headings: tuple[str, ...] = ()
-    title: str = ""
-    caption: str = ""
-    faint: tuple[int, ...] = ()
-    """Rows that matter less."""
-    widths: tuple[float, ...] = ()
-    """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
-
-    def __post_init__(self) -> None:
-        wrong = [row for row in (*self.rows, *filter(None, [self.headings])) if len(row) != len(self.align)]
-        if wrong:
-            raise ValueError(f"table {self.title!r}: {len(self.align)} columns are aligned, but a row has {wrong[0]}")
-        if self.widths and len(self.widths) != len(self.align):
-            raise ValueError(f"table {self.title!r}: {len(self.align)} columns have {len(self.widths)} widths")
 
 
 @dataclass(frozen=True)
@@ -130,7 +124,3 @@ class Report:
     def figures(self) -> tuple[Figure, ...]:
         """All figures, in their order."""
         return tuple(b for section in self.sections for b in section.blocks if isinstance(b, Figure))
-
-    def with_sections(self, *more: Section) -> Report:
-        """The same report with sections added before its last one, which tells how it was made."""
-        return Report(self.title, self.subtitle, (*self.sections[:-1], *more, *self.sections[-1:]), self.footer)

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING
 
 from ..evaluation import evaluate
 from ..evaluation.show import FIELD_HEADINGS, effect_rows, field_row, table_groups
-from . import comparison_sheets as sheets
-from .blocks import Report, Section, Table
-from .content import FOOTER, making, misalignments, parameter_rows, verdicts
-from .parts_list import length
+from ..words import length
+from .blocks import Figure, Report, Section, Table
+from .design import FOOTER, making, misalignments, parameter_rows, verdicts
+from .figures.depth_comparison import plot_depth_comparison
+from .figures.microlens_images import plot_microlens_image
+from .figures.style import drawing
+from .sheets import PLACES, compose, draw_ray_diagrams, new_drawing, shared_legend
 
 if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
 
 DIFFERENT, SAME, ABSENT = "≠", "", "-"
-MOST = 3
-"""Designs that fit beside each other."""
 LETTERS = "ABC"
+"""What designs are called; as many as fit beside each other."""
 
 
 def comparison_report(
@@ -29,7 +30,7 @@ def comparison_report(
     command: str = "",
     stamp: tuple[str, ...] = (),
     accuracy: float | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
     """Compare designs.
 
@@ -45,93 +46,114 @@ def comparison_report(
     ValueError
         Fewer than two designs, or more than three.
     """
-    if not 2 <= len(designs) <= MOST:
+    if not 2 <= len(designs) <= len(LETTERS):
         raise ValueError(f"{len(designs)} designs cannot be compared side by side; give two or three")
-    tell = progress or (lambda _: None)
-    tell("evaluating")
+    progress("evaluating")
     results = [evaluate(design, accuracy=accuracy) for design in designs]
-    letters = LETTERS[: len(designs)]
-    named = list(zip(letters, designs, results, strict=True))
-    tell("figures")
-    corners = [result.fields[-1].x_ml_mm for result in results]
+    named = dict(zip(LETTERS, designs, strict=False))
+    progress("figures")
+    tables = (_parameters(designs), *_numbers(results), *_fields(results), _effects(results))
     sections = (
-        Section("Verdicts", tuple(verdicts(result, f"{letter}: ") for letter, _, result in named)),
-        Section("What differs", (_parameters(designs), *_numbers(results), *_fields(results), _effects(results))),
-        Section("Rays", tuple(sheets.ray_sheet(letter, design) for letter, design, _ in named)),
-        Section("Microlens images", (sheets.image_sheet(letters, designs, corners),)),
-        Section("Depth", (sheets.depth_sheet(letters, designs),)),
+        Section("Verdicts", tuple(verdicts(r, f"{letter}: ") for letter, r in zip(named, results, strict=True))),
+        Section("What differs", tables),
+        Section("Rays", tuple(_ray_sheet(letter, design) for letter, design in named.items())),
+        Section("Microlens images", (_image_sheet(named, [result.fields[-1].x_ml_mm for result in results]),)),
+        Section("Depth", (_depth_sheet(named),)),
         making(command, (), stamp),
     )
-    title = ", ".join(f"{letter}: {design.name}" for letter, design, _ in named)
+    title = ", ".join(f"{letter}: {design.name}" for letter, design in named.items())
     return Report(title, "Designs side by side; ≠ marks what differs.", sections, FOOTER)
 
 
+def _ray_sheet(letter: str, design: Design) -> Figure:
+    """The meridional section of one of the designs."""
+    caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
+    with drawing():
+        return compose(f"rays-{letter}", f"{letter}: {design.name}", caption, draw_ray_diagrams(design))
+
+
+def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]) -> Figure:
+    """The microlens image of each design at its sensor's corner."""
+    caption = (
+        "Ray-optics images on their pixels. A full disc sees the whole pupil; a cat's eye has lost what the dashed "
+        "discs cut away. Images as wide as the green cell use every pixel once."
+    )
+    with drawing():
+        figure = new_drawing(3.4)
+        axes = list(figure.subplots(1, len(LETTERS)))
+        for ax, (letter, design), place in zip(axes, named.items(), places, strict=False):
+            plot_microlens_image(design, place, ax)
+            ax.set_title(f"{letter}: {ax.get_title(loc='left')}")
+        for ax in axes[len(named) :]:
+            ax.remove()
+        shared_legend(figure, axes[: len(named)], "outside lower center")
+        return compose("images", "Microlens images at the sensor's corner", caption, figure)
+
+
+def _depth_sheet(named: dict[str, Design]) -> Figure:
+    """Depth precision of all designs."""
+    caption = (
+        "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
+        "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
+    )
+    with drawing():
+        figure = new_drawing(3.2)
+        plot_depth_comparison(named, figure.subplots())
+        return compose("depth", "Depth precision", caption, figure)
+
+
 def _parameters(designs: Sequence[Design]) -> Table:
-    tables = [parameter_rows(design) for design in designs]
-    rows = [
-        (f"{name}, {symbol}" if symbol else name, *(table[i][2] for table in tables))
-        for i, (symbol, name, *_) in enumerate(tables[0])
-    ]
-    others: list[tuple[str, Callable[[Design], str]]] = [
-        ("array", lambda d: f"{d.microlens_array.layout}, {d.microlens_array.lens_shape} lenses"),
-        ("pixels", lambda d: "{} x {}".format(*d.pixels)),
-        ("main lens", lambda d: "ideal" if d.lens is None else d.lens.name),
-        ("further stops", lambda d: str(len(d.stops))),
-    ]
-    most = max(len(design.stops) for design in designs)
-    others += [(f"stop {k + 1}", partial(_stop, number=k)) for k in range(most)]
-    others.append(("misalignments", _misaligned))
-    rows += [(name, *(tell(design) for design in designs)) for name, tell in others]
-    return _marked("Parameters", rows, len(designs))
-
-
-def _stop(design: Design, number: int) -> str:
-    if number >= len(design.stops):
-        return ABSENT
-    stop = design.stops[number]
-    return f"{length(stop.diameter)} at {length(stop.distance)}"
-
-
-def _misaligned(design: Design) -> str:
-    moved = misalignments(design)
-    return "; ".join(f"{part} {pose}" for part, pose in moved) if moved else "none"
+    columns = []
+    for design in designs:
+        mla = design.microlens_array
+        column = {f"{name}, {symbol}" if symbol else name: value for symbol, name, value, _ in parameter_rows(design)}
+        column |= {
+            "array": f"{mla.layout}, {mla.lens_shape} lenses",
+            "pixels": "{} x {}".format(*design.pixels),
+            "main lens": "ideal" if design.lens is None else design.lens.name,
+            "further stops": str(len(design.stops)),
+        }
+        for k in range(max(len(each.stops) for each in designs)):
+            stop = design.stops[k] if k < len(design.stops) else None
+            column[f"stop {k + 1}"] = f"{length(stop.diameter)} at {length(stop.distance)}" if stop else ABSENT
+        moved = [f"{part} {pose}" for part, pose in misalignments(design)]
+        columns.append(column | {"misalignments": "; ".join(moved) or "none"})
+    return _side_by_side("Parameters", columns)
 
 
 def _numbers(results: Sequence[Evaluation]) -> list[Table]:
-    """The evaluations' tables side by side, by the names of their rows: a real lens has more than an ideal one."""
+    """The evaluations' tables; a real lens has more rows than an ideal one."""
     groups = [{title: {row[0]: row[1] for row in rows} for title, rows in table_groups(result)} for result in results]
-    tables = []
-    for title in dict.fromkeys(title for group in groups for title in group):
-        names = dict.fromkeys(name for group in groups for name in group.get(title, {}))
-        together = [(name, *(group.get(title, {}).get(name, ABSENT) for group in groups)) for name in names]
-        tables.append(_marked(title, together, len(results)))
-    return tables
+    titles = dict.fromkeys(title for group in groups for title in group)
+    return [_side_by_side(title, [group.get(title, {}) for group in groups]) for title in titles]
+
+
+def _fields(results: Sequence[Evaluation]) -> list[Table]:
+    return [
+        _side_by_side(
+            f"Microlens image at the {place}",
+            [dict(zip(FIELD_HEADINGS, field_row(result.fields[i]), strict=True)) for result in results],
+        )
+        for i, place in enumerate(PLACES)
+    ]
 
 
 def _effects(results: Sequence[Evaluation]) -> Table:
     """Every effect's size, and whether the plan has it on."""
-    found = [{effect_row[0]: effect_row for effect_row in effect_rows(result)} for result in results]
-    names = dict.fromkeys(name for rows in found for name in rows)
-    together = [
-        (name, *(f"{rows[name][1]}, {rows[name][3]}" if name in rows else ABSENT for rows in found)) for name in names
-    ]
-    return _marked("Effects for a white scene, and whether a simulation must have them on", together, len(results))
+    columns = [{row[0]: f"{row[1]}, {row[3]}" for row in effect_rows(result)} for result in results]
+    return _side_by_side("Effects for a white scene, and whether a simulation must have them on", columns)
 
 
-def _fields(results: Sequence[Evaluation]) -> list[Table]:
-    tables = []
-    for i, place in enumerate(("centre", "edge", "corner")):
-        cells = [field_row(result.fields[i]) for result in results]
-        rows = [(heading, *(cell[j] for cell in cells)) for j, heading in enumerate(FIELD_HEADINGS)]
-        tables.append(_marked(f"Microlens image at the {place}", rows, len(results)))
-    return tables
-
-
-def _marked(title: str, rows: Sequence[tuple[str, ...]], count: int) -> Table:
-    """A table with a sign before every row whose designs differ; the others step back."""
+def _side_by_side(title: str, columns: Sequence[dict[str, str]]) -> Table:
+    """Values by name, one column a design, with a sign before every row that differs; the others step back."""
+    names = dict.fromkeys(name for column in columns for name in column)
+    rows = [(name, *(column.get(name, ABSENT) for column in columns)) for name in names]
     same = [len(set(row[1:])) == 1 for row in rows]
-    marked = tuple((SAME if equal else DIFFERENT, *row) for equal, row in zip(same, rows, strict=True))
-    faint = tuple(index for index, equal in enumerate(same) if equal)
     return Table(
-        marked, "ll" + "d" * count, ("", "", *LETTERS[:count]), title, faint=faint, widths=(1.5, 18, *([13] * count))
+        tuple((SAME if equal else DIFFERENT, *row) for equal, row in zip(same, rows, strict=True)),
+        "ll" + "d" * len(columns),
+        ("", "", *LETTERS[: len(columns)]),
+        title,
+        faint=tuple(index for index, equal in enumerate(same) if equal),
+        widths=(1.5, 18, *([13] * len(columns))),
     )

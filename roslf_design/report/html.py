@@ -6,17 +6,12 @@ import base64
 from functools import cache
 from typing import TYPE_CHECKING
 
-from .blocks import Bullets, Code, Figure, Paragraph, Report, Statements, Table
-from .symbols import to_html
-from .tables import column_cells
+from ..words import to_html
+from .blocks import MARKS, Report
 from .viewer import library
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-
-TEMPLATE = "report.html.j2"
-MARKS = {"good": ("✓", "yes"), "bad": ("✗", "no"), "caution": ("!", "mind"), "plain": ("·", "note")}
-"""Sign and word of each tone."""
 
 
 def render_html(report: Report) -> str:
@@ -28,12 +23,13 @@ def render_html(report: Report) -> str:
         A figure has a scene to be turned, and the library for it is not installed.
     """
     turned = any(figure.scene for figure in report.figures)
-    return _environment().get_template(TEMPLATE).render(report=report, viewer=library() if turned else "")
+    return _environment().get_template("report.html.j2").render(report=report, viewer=library() if turned else "")
 
 
 @cache
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=PackageLoader("roslf_design.report"),
@@ -43,23 +39,9 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    from markupsafe import Markup
-
     environment.filters["symbols"] = lambda text: Markup(to_html(text))
     environment.filters["data_uri"] = lambda png: "data:image/png;base64," + base64.b64encode(png).decode()
-    environment.filters["kind"] = lambda block: KINDS[type(block)]
-    environment.filters["cells"] = column_cells
+    environment.filters["kind"] = lambda block: type(block).__name__.lower()
     environment.tests["drawing"] = lambda content: isinstance(content, str)
     environment.globals["marks"] = MARKS
     return environment
-
-
-KINDS = {
-    Paragraph: "paragraph",
-    Statements: "statements",
-    Table: "table",
-    Figure: "figure",
-    Bullets: "bullets",
-    Code: "code",
-}
-"""The template's macro for each block."""

@@ -11,11 +11,9 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
+from ..words import spans
+from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
 from .figures.style import WIDTH
-from .html import MARKS
-from .symbols import LETTERS, SYMBOL, typographic
-from .tables import column_cells
 
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
@@ -25,11 +23,6 @@ DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     """The report as PDF bytes; the same report gives the same bytes.
-
-    Parameters
-    ----------
-    report : Report
-    paper : {"a4", "letter"}
 
     Raises
     ------
@@ -63,21 +56,6 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     return pdf
 
 
-def spans(text: str) -> list[list[str]]:
-    """Text in pieces of (kind, text): plain, or a symbol and its subscript."""
-    found, last = [], 0
-    text = typographic(text)
-    if text in LETTERS:
-        return [["symbol", text]]
-    for match in SYMBOL.finditer(text):
-        found.append(["plain", text[last : match.start()]])
-        found += [["symbol", match[1]], ["sub", match[2]]]
-        if match[3]:
-            found += [["plain", "/"], ["symbol", match[3][1:]]]
-        last = match.end()
-    return [piece for piece in [*found, ["plain", text[last:]]] if piece[1]]
-
-
 def _block(block: Block, root: Path) -> dict[str, Any]:
     """One block as values that the document knows how to set."""
     match block:
@@ -90,7 +68,28 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             ]
             return {"kind": "statements", "items": items}
         case Table():
-            return _table(block)
+            rows = [
+                [
+                    {
+                        "text": spans(cell.text),
+                        "whole": cell.whole,
+                        "rest": spans(cell.rest),
+                        "decimal": cell.align == "d",
+                    }
+                    for cell in row
+                ]
+                for row in block.cells()
+            ]
+            return {
+                "kind": "table",
+                "title": spans(block.title),
+                "caption": spans(block.caption),
+                "align": list(block.align),
+                "headings": [spans(heading) for heading in block.headings],
+                "rows": rows,
+                "faint": block.faint,
+                "widths": block.widths,
+            }
         case Figure():
             file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
             file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
@@ -112,23 +111,3 @@ def _share_of_page(content: str | bytes) -> float:
     """Of the text's width: drawings narrower than the page stay so, and letters as large as in all others."""
     width = re.search(r'width="([\d.]+)pt"', content[:400]) if isinstance(content, str) else None
     return 1.0 if width is None else min(1.0, float(width[1]) / (72 * WIDTH))
-
-
-def _table(table: Table) -> dict[str, Any]:
-    rows = [
-        [
-            {"text": spans(cell.text), "whole": cell.whole, "rest": spans(cell.rest), "decimal": cell.align == "d"}
-            for cell in row
-        ]
-        for row in column_cells(table)
-    ]
-    return {
-        "kind": "table",
-        "title": spans(table.title),
-        "caption": spans(table.caption),
-        "align": list(table.align),
-        "headings": [spans(heading) for heading in table.headings],
-        "rows": rows,
-        "faint": list(table.faint),
-        "widths": list(table.widths),
-    }

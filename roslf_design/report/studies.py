@@ -1,7 +1,11 @@
-"""Studies run for a report: files as `roslf tolerance` and `roslf optimize` take them, on a design handed to them."""
+"""Studies run for a report: files as `roslf tolerance` and `roslf optimize` take them, and a first look at tolerances.
+
+The first look takes a few thousand builds to a shipped grade and holds them to limits relative to the nominal.
+"""
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -10,6 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..design import dumps
 from ..errors import InputError
+from ..evaluation import default_fields
+from ..optimize.run import run
+from ..optimize.study import read_study as read_optimisation
+from ..tolerance.result import analyse
+from ..tolerance.run import run_trials
+from ..tolerance.study import make_plan, read_study
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -19,6 +29,17 @@ if TYPE_CHECKING:
     from ..tolerance.study import Plan, Study
 
 Tell = Callable[[str], None]
+TRIALS = 16384
+GRADE = "precision"
+FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
+"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth spread."""
+QUESTION = (
+    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
+    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
+    f"stays within {100 * FILL:g} % of the nominal, its depth spread grows by no more than {100 * DEPTH:g} %, no field "
+    f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
+    f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+)
 
 
 def tolerance_plan(
@@ -42,8 +63,6 @@ def tolerance_plan(
     InputError
         Every fault of the study.
     """
-    from ..tolerance.study import make_plan, read_study
-
     with handed_over(data, design) as given:
         study, own, grades = read_study(given, folder, origin)
     return make_plan(study, own, grades, origin), study, grades
@@ -58,12 +77,8 @@ def run_tolerances(
 ) -> StudyResult:
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
-    Parameters, errors
-        As `tolerance_plan`; `progress` is told (trials done, trials in all).
+    As `tolerance_plan`; `progress` is told (trials done, trials in all).
     """
-    from ..tolerance.result import analyse
-    from ..tolerance.run import run_trials
-
     plan, study, grades = tolerance_plan(data, design, folder, origin)
     with tempfile.TemporaryDirectory() as scratch:
         tally = run_trials(plan, Path(scratch), progress=progress)
@@ -80,14 +95,10 @@ def run_optimisation(
 ) -> Result:
     """Run an optimisation study.
 
-    Parameters, errors
-        As `tolerance_plan`; `tell` is told what is being done, `seed` counts instead of the study's.
+    As `tolerance_plan`; `tell` is told what is being done, `seed` counts instead of the study's.
     """
-    from ..optimize.run import run
-    from ..optimize.study import read_study
-
     with handed_over(data, design) as given:
-        study = read_study(given, folder, origin, seed)
+        study = read_optimisation(given, folder, origin, seed)
     try:
         return run(study, tell)
     except InputError as error:
@@ -104,3 +115,49 @@ def handed_over(data: Mapping[str, Any], design: Design | None) -> Iterator[Mapp
         file = Path(scratch) / "design.toml"
         file.write_text(dumps(design), encoding="utf-8")
         yield {**data, "design": str(file)}
+
+
+def quick_tolerances(
+    design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
+) -> StudyResult:
+    """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them.
+
+    Raises
+    ------
+    InputError
+        The grade does not suit the design.
+    """
+    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress)
+
+
+def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
+    """The first look as its file would say it, without the design."""
+    data: dict[str, Any] = {
+        "name": f"first look, {GRADE} grade",
+        "question": QUESTION,
+        "grade": GRADE,
+        "seed": seed,
+        "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
+        "report": ["fill_factor", "kept_fraction", "sigma_z_mm"],
+        "goals": [{"metric": "centre_error_px", "max": CENTRE}],
+        "compensators": [{"place": "calibration"}],
+        "sobol_samples": 0,
+        "keep_worst": 0,
+        "keep_trials": 0,
+    }
+    plan, *_ = tolerance_plan(data, design)
+    goals: list[dict[str, Any]] = []
+    for column, nominal in zip(plan.columns, plan.nominal.tolist(), strict=True):
+        if not math.isfinite(nominal):
+            continue  # a field without light
+        at = {} if column.field is None else {"fields": [column.field]}
+        if column.metric == "centre_error_px":
+            goals.append({"metric": "centre_error_px", "max": CENTRE} | at)
+        elif column.metric == "fill_factor":
+            low, high = sorted(((1 - FILL) * nominal, (1 + FILL) * nominal))
+            goals.append({"metric": "fill_factor", "min": low, "max": high} | at)
+        elif column.metric == "kept_fraction":
+            goals.append({"metric": "kept_fraction", "min": max(0.0, nominal - KEPT)} | at)
+        elif column.metric == "sigma_z_mm":
+            goals.append({"metric": "sigma_z_mm", "max": (1 + DEPTH) * abs(nominal)})
+    return data | {"goals": goals, "report": []}

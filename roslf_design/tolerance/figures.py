@@ -22,7 +22,7 @@ from ..report.figures.style import (
     to_png,
     to_svg,
 )
-from ..report.words import in_words
+from ..words import in_words
 from .analyses import LimitYield
 from .metrics import METRICS
 from .places import short_name

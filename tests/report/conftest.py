@@ -2,7 +2,7 @@
 
 import pytest
 
-from roslf_design.report import content, quick_tolerances, story
+from roslf_design.report import design, story, studies
 from roslf_design.report.blocks import Figure
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
@@ -13,7 +13,7 @@ BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" h
 def without_figures(monkeypatch):
     """Blank figures in every design's report."""
     blank = {name: Figure(name, name, name, BLANK) for name in NAMES}
-    monkeypatch.setattr(content, "_figures", lambda *_: blank)
+    monkeypatch.setattr(design, "design_figures", lambda *_: blank)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def few_builds():
     """A first look at tolerances with a handful of builds, without the yields at other scales."""
     from roslf_design.tolerance import result
 
-    look = quick_tolerances.quick_tolerances
+    look = studies.quick_tolerances
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
         patch.setattr(

@@ -9,31 +9,15 @@ from roslf_design.design import load
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.of_design import real_field
 from roslf_design.report import sheets
-from roslf_design.report.content import design_report
 from roslf_design.report.figures.real_lens import (
     lens_curves,
     plot_lens_foci,
     plot_lens_image,
     plot_lens_images_over_field,
 )
-from roslf_design.report.html import render_html
 
 SINGLET = load("paper-singlet")
 CONVEX_FIRST = SINGLET.replace({"main_lens.reversed": False})
-
-
-def test_the_section_stands_in_the_report_and_only_there():
-    report = design_report(SINGLET)
-    titles = [section.title for section in report.sections]
-    assert "Real main lens" in titles
-    assert "Microlens images of the thin twin" in titles
-    page = render_html(report)
-    assert "Exact rays through LA1050-A reversed" in page
-    assert "its thin twin: an ideal lens" in page
-    assert "The main lens is ideal and thin" not in page
-    ideal = design_report(load("paper"))
-    assert "Real main lens" not in [section.title for section in ideal.sections]
-    assert "The main lens is ideal and thin" in render_html(ideal)
 
 
 def test_curves_are_the_traced_fields():

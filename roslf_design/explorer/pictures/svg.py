@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from html import escape
 
-from ...report.symbols import SYMBOL, typographic
+from ...words import SYMBOL, typographic
 from .theme import Theme
 
 Point = tuple[float, float]

@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..parts_list import length
+from ...words import length
 from .style import GREY, INK, LENS_COLOUR, SKY, STOP_COLOURS, new_axes
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from html import escape, unescape
 from typing import TYPE_CHECKING, Any
 
-from ..symbols import SYMBOL, typographic
+from ...words import SYMBOL, typographic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

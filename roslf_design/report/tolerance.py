@@ -1,57 +1,59 @@
-"""A study as a section of a design report, and the words that the terminal and the report share."""
+"""A tolerance study as a page and as a section of a design's report; the terminal shares its words."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
-from ..report.figures.style import to_svg
-from ..report.words import in_words
-from .analyses import LimitYield
-from .figures import PLOTS, drawn
-from .metrics import METRICS
-from .places import display, perturbable, short_name
-from .result import StudyResult
+from .. import words
+from ..tolerance.figures import PLOTS, drawn
+from ..tolerance.metrics import METRICS
+from ..tolerance.places import display, perturbable, short_name
+from ..tolerance.result import StudyResult
+from ..words import in_words
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .figures.style import to_svg
 
 TOP = 12
 """Rows of a ranking."""
 QUANTILES = 5
 """Columns of quantiles that fit on a page; the rest is in the results' file."""
-
 MOST_RATIO = 1e3
 """Above it the root sum of squares is noise of rounding."""
+number = partial(words.number, digits=4, zero=1e-9)
+
+
+def tolerance_report(result: StudyResult, command: str) -> Report:
+    """A study as a page of its own."""
+    plan = result.plan
+    return Report(f"Tolerances of {plan.question.design.name}", plan.name, (tolerance_section(result, command),))
 
 
 def tolerance_section(result: StudyResult, command: str = "") -> Section:
-    """A study as a section of a report.
-
-    Parameters
-    ----------
-    result : StudyResult
-        What the study found.
-    command : str
-        That reruns it; printed where given.
-    """
-    blocks: list[Block] = []
-    if result.study.question:
-        blocks.append(Paragraph(result.study.question))
+    """A study as a section of a report; the command that reruns it is printed where given."""
+    blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
     blocks.append(Statements(tuple(_statements(result))))
-    figures = {name: to_svg(figure, f"tolerance-{name}") for name, figure in drawn(result).items()}
     captions = _captions(result)
-    blocks += [Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg) for name, svg in figures.items()]
-    tables = [limits_table(result), quantiles_table(result), tolerances_table(result), rss_table(result)]
-    if result.sobol is not None:
-        tables.append(sobol_table(result))
-    blocks += [_worded(table) for table in tables]
+    for name, figure in drawn(result).items():
+        svg = to_svg(figure, f"tolerance-{name}")
+        blocks.append(Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg))
+    blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
+
+
+def tables(result: StudyResult, brief: bool = False) -> list[Table]:
+    """The tables of a study; `brief`: of each metric the field that fails most often."""
+    shown = [limits_table(result, brief), quantiles_table(result, brief), tolerances_table(result)]
+    shown.append(rss_table(result, brief))
+    return shown if result.sobol is None else [*shown, sobol_table(result)]
 
 
 def headline(result: StudyResult) -> str:
@@ -65,30 +67,28 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def sentence(result: StudyResult, times: bool = False) -> str:
-    """How sure the run is, in words; empty where nobody asked."""
-    if result.precision is None:
-        return ""
-    words = result.precision.accuracy.sentence(times)
-    return words[0].upper() + words[1:]
+def yield_statement(result: StudyResult, name: str = "") -> Statement:
+    """The yield as an answer, with what would mend it."""
+    target = result.study.yield_target
+    text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    misses = result.plan.nominal_misses()
+    if result.final.result.value >= target:
+        return Statement("good", text)
+    if misses:
+        named = ", ".join(in_words(label) for label in misses)
+        remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
+    elif result.scale_for_target is None:
+        remedy = "No tolerance is tight enough: change the nominal design or the limits."
+    else:
+        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
+    return Statement("bad", text, remedy)
 
 
 def _statements(result: StudyResult) -> Iterator[Statement]:
-    target = result.study.yield_target
-    good = result.final.result.value >= target
-    remedy = ""
-    if not good and result.scale_for_target is not None:
-        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
-    elif not good:
-        remedy = "No tolerance is tight enough: change the nominal design or the limits."
-    misses = result.plan.nominal_misses()
-    if misses and not good:
-        named = ", ".join(in_words(label) for label in misses)
-        remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
-    yield Statement("good" if good else "bad", f"{headline(result)}; wanted {100 * target:.4g} %.", remedy)
+    yield yield_statement(result)
     if result.precision is not None:
         accuracy = result.precision.accuracy
-        yield Statement("caution" if accuracy.kept is False else "plain", f"{sentence(result)}.")
+        yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
@@ -113,43 +113,44 @@ def ranking(result: StudyResult) -> list[tuple[str, float]]:
 
 
 def limits_table(result: StudyResult, brief: bool = False) -> Table:
-    """Yield of each limit alone, for every variant; `brief`: of each metric, the field that fails most often."""
-    names = [variant.name for variant in result.variants]
-    rows = []
-    shown = _worst_fields(result) if brief else {limit.label for limit in result.final.limits}
-    for index, limit in enumerate(result.final.limits):
-        if limit.label not in shown:
-            continue
-        held = [f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants]
-        rows.append((limit.label, *_edges(limit), *held))
-    whole = [f"{100 * variant.result.value:.2f}" for variant in result.variants]
-    rows.append(("all together", "", "", *whole))
-    heads = ("metric@field", "min", "max", *(f"{n} [%]" for n in names))
-    return Table(tuple(rows), "ldd" + "d" * len(names), heads, "Limits", _where(result))
+    """Yield of each limit alone, for every variant; `brief` as for `tables`."""
+    fields, shown = result.plan.question.fields, _shown(result, brief)
+    rows = [
+        (
+            limit.label,
+            *("" if math.isinf(edge) else number(edge) for edge in (limit.low, limit.high)),
+            *(f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants),
+        )
+        for index, limit in enumerate(result.final.limits)
+        if limit.label in shown
+    ]
+    rows.append(("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants)))
+    heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
+    places = ", ".join(f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(fields))
+    caption = f"Fields, by the position of their microlens [mm]: {places}." if places else ""
+    return Table(tuple(rows), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
 
 def quantiles_table(result: StudyResult, brief: bool = False) -> Table:
-    """Nominal value, mean, spread and quantiles of every metric, finally; `brief` as for `limits_table`."""
-    final = result.final.distributions
+    """Nominal value, mean, spread and quantiles of every metric, finally; `brief` as for `tables`."""
+    final, labels = result.final.distributions, _shown(result, brief)
     shown = _spread_out(len(final[0].probabilities))
-    heads = tuple(f"{100 * final[0].probabilities[index]:.4g} %" for index in shown)
     undefined = any(column.undefined for column in final)
-    rows = [
+    rows = tuple(
         (
             column.label,
-            _number(column.nominal),
-            _number(column.mean),
-            _number(column.deviation),
-            *(_number(column.quantiles[index]) for index in shown),
+            *(number(value) for value in (column.nominal, column.mean, column.deviation)),
+            *(number(column.quantiles[index]) for index in shown),
             *((str(column.undefined),) if undefined else ()),
         )
         for column in final
-        if not brief or column.label in _worst_fields(result)
-    ]
+        if column.label in labels
+    )
     caption = "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
-    caption = caption if undefined else ""
-    titles = ("metric@field", "nominal", "mean", "std. dev.", *heads, *(("undefined",) if undefined else ()))
-    return Table(tuple(rows), "l" + "r" * (len(titles) - 1), titles, f"Distributions, {result.final.name}", caption)
+    quantiles = (f"{100 * final[0].probabilities[index]:.4g} %" for index in shown)
+    heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
+    title = f"Distributions, {result.final.name}"
+    return Table(rows, "l" + "r" * (len(heads) - 1), heads, title, caption if undefined else "")
 
 
 def _spread_out(count: int) -> tuple[int, ...]:
@@ -187,21 +188,23 @@ def tolerances_table(result: StudyResult) -> Table:
 
 
 def rss_table(result: StudyResult, brief: bool = False) -> Table:
-    """Root sum of squares beside Monte Carlo; `brief` as for `limits_table`."""
-    rows = [
+    """Root sum of squares beside Monte Carlo; `brief` as for `tables`."""
+    shown = _shown(result, brief)
+    rows = tuple(
         (
             row.label,
-            _number(row.rss),
-            _number(row.monte_carlo),
-            _ratio(row.ratio),
-            _number(row.shift),
-            _linear(row.linear),
+            number(row.rss),
+            number(row.monte_carlo),
+            # A spread that is no first-order effect has no ratio worth its digits.
+            "none" if row.ratio > MOST_RATIO or math.isnan(row.ratio) else number(row.ratio),
+            number(row.shift),
+            "yes" if row.linear else "no: use Monte Carlo",
         )
         for row in result.rss
-        if not brief or row.label in _worst_fields(result)
-    ]
+        if row.label in shown
+    )
     heads = ("metric@field", "RSS", "Monte Carlo", "ratio", "mean shift", "linear")
-    return Table(tuple(rows), "lddddl", heads, "Standard deviations as built: RSS beside Monte Carlo")
+    return Table(rows, "lddddl", heads, "Standard deviations as built: RSS beside Monte Carlo")
 
 
 def sobol_table(result: StudyResult) -> Table:
@@ -224,8 +227,10 @@ def sobol_table(result: StudyResult) -> Table:
     return Table(tuple(rows), "lrr", heads, f"Sobol indices of {label}, {result.final.name}")
 
 
-def _worst_fields(result: StudyResult) -> set[str]:
-    """Of each metric, the label of the column that fails most often, else of the one that scatters most."""
+def _shown(result: StudyResult, brief: bool) -> set[str]:
+    """Labels of all columns; `brief`: of each metric the one that fails most often, else the one that scatters most."""
+    if not brief:
+        return {column.label for column in result.plan.columns}
     held = {limit.label: limit.result.passed for limit in result.final.limits}
     spread = {column.label: column.high - column.low for column in result.final.distributions}
     worst: dict[str, str] = {}
@@ -255,10 +260,6 @@ def _factor(name: str) -> str:
     return short_name(place) + ("" if place == name else ", own part")
 
 
-def _linear(yes: bool) -> str:
-    return "yes" if yes else "no: use Monte Carlo"
-
-
 def _worded(table: Table) -> Table:
     """For a page, where there is room: metrics in words, with their units."""
     rows = tuple((_label(first), *(in_words(cell) for cell in rest)) for first, *rest in table.rows)
@@ -269,27 +270,3 @@ def _worded(table: Table) -> Table:
 def _label(cell: str) -> str:
     metric = METRICS.get(cell.partition("@")[0])
     return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
-
-
-def _ratio(value: float) -> str:
-    """A spread that is no first-order effect has no ratio worth its digits."""
-    return "none" if value > MOST_RATIO or math.isnan(value) else _number(value)
-
-
-def _edges(limit: LimitYield) -> tuple[str, str]:
-    low, high = ("" if math.isinf(edge) else _number(edge) for edge in (limit.low, limit.high))
-    return low, high
-
-
-def _where(result: StudyResult) -> str:
-    """Where the fields are."""
-    places = [f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(result.plan.question.fields)]
-    return f"Fields, by the position of their microlens [mm]: {', '.join(places)}." if places else ""
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "not stated"
-    if math.isinf(value):
-        return "-inf" if value < 0 else "inf"
-    return "0" if abs(value) < 1e-9 else f"{value:.4g}"

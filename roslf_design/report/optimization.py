@@ -1,19 +1,20 @@
-"""A study as a section of a design report, and the words that the terminal and the report share."""
+"""An optimisation as a page and as a section of a design's report; the terminal shares its words."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..report.blocks import Block, Bullets, Code, Figure, Paragraph, Section, Statement, Statements, Table
-from ..report.figures.style import to_svg
-from ..report.words import in_words
-from .conflicts import Conflict
-from .figures import drawn
-from .pareto import Front
-from .problem import Constraint, Goal
-from .run import Result
-from .solve import Answer, optimum_accuracy
+from ..optimize.conflicts import Conflict
+from ..optimize.figures import drawn
+from ..optimize.pareto import Front
+from ..optimize.problem import Constraint, Goal
+from ..optimize.ranking import Ranking
+from ..optimize.run import Result
+from ..optimize.solve import Answer, optimum_accuracy
+from ..words import in_words, number, sentence
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .figures.style import to_svg
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -22,30 +23,25 @@ TITLES = {
 }
 
 
-def optimize_section(result: Result, command: str = "") -> Section:
-    """A study as a section of a report.
-
-    Parameters
-    ----------
-    result : Result
-        What the study found.
-    command : str
-        That reruns it; printed where given.
-    """
+def optimization_report(result: Result, command: str, version: str) -> Report:
+    """A study as a page of its own."""
     answer = result.answer
-    blocks: list[Block] = []
-    if answer.asked.question:
-        blocks.append(Paragraph(answer.asked.question))
-    blocks.append(Statements(tuple(statements(result))))
-    blocks += list(tables(result))
+    section = optimization_section(result, command)
+    return Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {version}")
+
+
+def optimization_section(result: Result, command: str = "") -> Section:
+    """A study as a section of a report; the command that reruns it is printed where given."""
+    asked, notes = result.answer.asked, result.answer.notes
+    blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
+    blocks += [Statements(tuple(statements(result))), *tables(result)]
     for name, figure in drawn(result).items():
-        title, caption = TITLES[name]
-        blocks.append(Figure(f"optimize-{name}", title, caption, to_svg(figure, f"optimize-{name}")))
-    if answer.notes:
-        blocks.append(Bullets(answer.notes))
+        blocks.append(Figure(f"optimize-{name}", *TITLES[name], to_svg(figure, f"optimize-{name}")))
+    if notes:
+        blocks.append(Bullets(notes))
     if command:
         blocks.append(Code(command, "Run again"))
-    return Section(f"Optimisation: {answer.asked.name}", tuple(blocks), "optimisation")
+    return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
 
 
 def statements(result: Result) -> Iterator[Statement]:
@@ -57,30 +53,9 @@ def statements(result: Result) -> Iterator[Statement]:
 def _statements(result: Result) -> Iterator[Statement]:
     answer = result.answer
     if answer.feasible:
-        reached = ", ".join(f"{goal.label} = {_value(answer, goal)}" for goal in answer.asked.goals)
-        yield Statement("good", f"A design holds every limit; best found: {reached}.")
-        yield _agreement(answer)
-        worth = optimum_accuracy(answer, result.study.settings)
-        if worth is not None and worth.asked is not None:
-            words = worth.sentence()
-            yield Statement("plain" if worth.kept else "caution", f"{words[0].upper()}{words[1:]}.")
-        loose = answer.loose()
-        if loose:
-            ranges = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in loose.items())
-            remedy = "Add a goal or a limit to decide between them."
-            yield Statement("caution", f"Equally good designs were met at different variables: {ranges}.", remedy)
+        yield from _about_optimum(result)
     elif answer.conflict is not None:
-        conflict = answer.conflict
-        ways = [_relaxation(r.label, r.limit, r.needed, r.unit) for r in conflict.relaxations if r.needed is not None]
-        lead = "This alone would do" if len(ways) == 1 else "Any one of these would do"
-        remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
-        if conflict.bounds:
-            remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
-        told = " and ".join(conflict.smallest)
-        shown = "" if conflict.complete else " (a smaller set was not excluded in the time given)"
-        yield Statement(
-            "bad", f"No design was found: within the bounds, these cannot hold together: {told}{shown}.", remedy.strip()
-        )
+        yield _about_conflict(answer.conflict)
     if result.bore is not None:
         yield _about_bore(result)
     if result.robust is not None:
@@ -97,6 +72,36 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += " They are ranked by the weighted goals, not by their order."
         late = f"{ranking.open} more were not settled in the time given; give more seconds." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+
+
+def _about_optimum(result: Result) -> Iterator[Statement]:
+    answer = result.answer
+    reached = ", ".join(f"{goal.label} = {number(answer.number(goal))}{_unit(goal)}" for goal in answer.asked.goals)
+    yield Statement("good", f"A design holds every limit; best found: {reached}.")
+    yield _agreement(answer)
+    accuracy = optimum_accuracy(answer, result.study.settings)
+    if accuracy is not None and accuracy.asked is not None:
+        yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
+    loose = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in answer.loose().items())
+    if loose:
+        remedy = "Add a goal or a limit to decide between them."
+        yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
+
+
+def _about_conflict(conflict: Conflict) -> Statement:
+    ways = [
+        f"{r.label} {number(r.needed)} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
+        for r in conflict.relaxations
+        if r.needed is not None
+    ]
+    lead = "This alone would do" if len(ways) == 1 else "Any one of these would do"
+    remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
+    if conflict.bounds:
+        remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
+    clash = " and ".join(conflict.smallest)
+    doubt = "" if conflict.complete else " (a smaller set was not excluded in the time given)"
+    text = f"No design was found: within the bounds, these cannot hold together: {clash}{doubt}."
+    return Statement("bad", text, remedy.strip())
 
 
 def _about_front(front: Front) -> Iterator[Statement]:
@@ -147,8 +152,7 @@ def _price(result: Result) -> Statement:
     costs = []
     for goal in answer.asked.goals:
         after = float(goal.values(answer.problem.cameras(robust.unit[None])).ravel()[0])
-        unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
-        costs.append(f"{goal.label} {answer.number(goal):.4g} → {after:.4g}{unit}")
+        costs.append(f"{goal.label} {number(answer.number(goal), 4)} → {number(after, 4)}{_unit(goal)}")
     text = (
         f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
         f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
@@ -175,23 +179,24 @@ def _tables(result: Result) -> Iterator[Table]:
     if answer.conflict is not None:
         yield _ways(answer.conflict)
     if result.ranking is not None and result.ranking.best:
-        yield _parts(result)
+        yield _parts(result.ranking)
 
 
 def _variables(result: Result) -> Table:
-    answer = result.answer
-    robust = result.robust
-    rows = []
+    answer, robust = result.answer, result.robust
     values = answer.variables()
-    for index, variable in enumerate(answer.problem.variables):
-        row = [variable.name, f"{variable.low:.5g}", f"{values[variable.name]:.5g}", f"{variable.high:.5g}"]
-        if robust is not None:
-            row.append(f"{float(answer.problem.values(robust.unit[None])[variable.place][0]):.5g}")
-        rows.append(tuple(row))
-        assert index < answer.problem.n
-    heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(["robust [mm]"] if robust is not None else []))
+    moved = {} if robust is None else answer.problem.values(robust.unit[None])
+    rows = tuple(
+        (
+            variable.name,
+            *(f"{value:.5g}" for value in (variable.low, values[variable.name], variable.high)),
+            *(() if robust is None else (f"{float(moved[variable.place][0]):.5g}",)),
+        )
+        for variable in answer.problem.variables
+    )
+    heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(() if robust is None else ("robust [mm]",)))
     title = "The design" if answer.feasible else "The least-violating point"
-    return Table(tuple(rows), "l" + "d" * (len(heads) - 1), heads, title)
+    return Table(rows, "l" + "d" * (len(heads) - 1), heads, title)
 
 
 def _held(answer: Answer) -> Table:
@@ -200,11 +205,10 @@ def _held(answer: Answer) -> Table:
     parts: list[Goal | Constraint] = [goal for goal in answer.asked.goals if goal.label not in limited]
     rows = []
     for part in [*parts, *answer.asked.constraints]:
-        low, high = (part.low, part.high) if isinstance(part, Constraint) else (None, None)
-        value = answer.number(part)
-        shown = "0" if abs(value) < 1e-9 else f"{value:.5g}"
-        limits = ["" if limit is None else f"{limit:.6g}" for limit in (low, high)]
-        rows.append((part.label, limits[0], shown, limits[1], part.quantity.unit, wanted.get(part.label, "")))
+        limits = (part.low, part.high) if isinstance(part, Constraint) else (None, None)
+        low, high = ("" if limit is None else f"{limit:.6g}" for limit in limits)
+        value = number(answer.number(part), zero=1e-9)
+        rows.append((part.label, low, value, high, part.quantity.unit, wanted.get(part.label, "")))
     return Table(tuple(rows), "ldddll", ("quantity", "min", "value", "max", "unit", "goal"), "Goals and limits")
 
 
@@ -220,8 +224,7 @@ def _active(answer: Answer) -> Table:
             buys = "nothing: touched, not pressed"
         elif single and active.goal_per_unit is not None:
             goal = answer.problem.goals[0]
-            unit = f" {goal.quantity.unit}" if goal.quantity.unit else ""
-            buys = f"{size * active.goal_per_unit:.4g}{unit} {per}"
+            buys = f"{size * active.goal_per_unit:.4g}{_unit(goal)} {per}"
         else:
             buys = f"{100 * size * active.merit_per_unit:.4g} % {per}"
         rows.append((active.label, f"{active.multiplier:.4g}", buys))
@@ -242,9 +245,7 @@ def _ways(conflict: Conflict) -> Table:
     return Table(tuple(rows), "lrrrl", heads, "What stands in the way")
 
 
-def _parts(result: Result) -> Table:
-    ranking = result.ranking
-    assert ranking is not None
+def _parts(ranking: Ranking) -> Table:
     problem = ranking.combinations.problem
     rows = []
     for place, ranked in enumerate(ranking.best, 1):
@@ -260,10 +261,5 @@ def _parts(result: Result) -> Table:
     return Table(tuple(rows), align, heads, "Parts")
 
 
-def _relaxation(label: str, limit: float, needed: float | None, unit: str) -> str:
-    return f"{label} {needed:.5g} instead of {limit:.5g}{f' {unit}' if unit else ''}"
-
-
-def _value(answer: Answer, part: Goal | Constraint) -> str:
-    unit = f" {part.quantity.unit}" if part.quantity.unit else ""
-    return f"{answer.number(part):.5g}{unit}"
+def _unit(part: Goal | Constraint) -> str:
+    return f" {part.quantity.unit}" if part.quantity.unit else ""

@@ -1,4 +1,4 @@
-"""A calibration's folder in a report: its numbers, its drawings, and what is no calibration."""
+"""A calibration in a report: the numbers and drawings of its folder, what is none, and plans that fit a design."""
 
 import json
 
@@ -7,13 +7,22 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.report.blocks import Figure, Report, Statements, Table
-from roslf_design.report.calibrated import calibrated_section, read_calibration
+from roslf_design.report.blocks import Report
+from roslf_design.report.calibration import (
+    CalibrationPart,
+    calibrated_section,
+    calibration_plan,
+    calibration_section,
+    captures_for,
+    field_at,
+    read_calibration,
+)
 from roslf_design.report.figures.style import standalone
 from roslf_design.report.html import render_html
-from roslf_design.report.story_file import read_story
+from roslf_design.report.story import read_story
 
-SHARES = {"images": 0.25, "f": 0.75, "q": 0.0, "d": 0.0, "board": 0.0}
+SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
 
 
 def row(estimate, sigma, unit):
@@ -39,7 +48,6 @@ DATA = {
     "images_used": ["a.tif", "b.tif"],
     "warnings": [],
 }
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
 
 
 def written(folder, **changes):
@@ -51,15 +59,12 @@ def written(folder, **changes):
 def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
     section = calibrated_section(load("paper"), read_calibration(written(tmp_path)))
     said, quantities, shares, figure = section.blocks
-    assert isinstance(said, Statements)
-    assert (
-        said.items[0].text == "Calibrated from 2 images: H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
-    )
+    text = "Calibrated from 2 images: H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
+    assert said.items[0].text == text
     assert [item.tone for item in said.items] == ["good", "good"]
-    assert isinstance(quantities, Table)
-    assert quantities.rows[1] == ("d_3", "120.5", "mm", "2.3", "118.116 to 122.796", "115.776 to 125.136")
-    assert shares.rows[0] == ("H", "25.0 %", "75.0 %", "0.0 %", "0.0 %", "0.0 %")
-    assert isinstance(figure, Figure)
+    expected = ("d_3", "120.5", "mm", "2.3", "118.1 to 122.8", "115.8 to 125.1", "1.0010", "2000")
+    assert quantities.rows[1] == expected
+    assert shares.rows[0] == ("H", "25.0 %", "70.0 %", "5.0 %")
     assert figure.content == SVG
     assert "ridge" in render_html(Report("a", "", (section,)))
 
@@ -83,8 +88,6 @@ def test_warnings_lost_convergence_and_another_design_are_told(tmp_path):
 def test_what_is_no_calibration_is_told(tmp_path, capsys, content, complaint):
     if content is not None:
         (tmp_path / "calibration.json").write_text(content)
-    with pytest.raises(InputError, match=complaint):
-        read_calibration(tmp_path)
     assert main(["report", "paper", "--calibration", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert complaint in said
@@ -99,3 +102,25 @@ def test_a_story_may_end_in_a_calibration(tmp_path):
     assert story.calibrations[0].data["quantities"]["d_3"]["sigma"] == 2.34
     with pytest.raises(InputError, match=r"story.toml: parts.0.calibrated: .*no such file"):
         read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
+
+
+@pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum"])
+def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
+    design = load(name)
+    captures = captures_for(design, CalibrationPart())
+    board = captures.board
+    sides = sorted((board.columns * board.cell, board.rows * board.cell))
+    seen = sorted(field_at(design, captures.distance - captures.distance_range / 2))
+    assert all(0.2 * field < side < field for side, field in zip(sides, seen, strict=True))
+
+
+def test_a_plan_tells_boards_too_large_and_captures_that_determine_nothing():
+    paper = load("paper")
+    part = CalibrationPart(board="6x5 90 mm", boards=3)
+    said = calibration_section(paper, calibration_plan(paper, part), "1 %").blocks[1].items
+    assert "the sensor sees only" in said[1].text
+    flat = calibration_plan(paper, CalibrationPart(boards=2, tilt=1e-9, range=1e-9))
+    assert isinstance(flat, str)
+    assert calibration_section(paper, flat, "1 %").blocks[0].items[0].text == f"No plan: {flat}."
+    with pytest.raises(InputError, match='f_sigma: "sharp" is not understood'):
+        calibration_plan(paper, CalibrationPart(f_sigma="sharp"))

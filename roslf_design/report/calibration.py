@@ -1,0 +1,466 @@
+"""A calibration, the folder of one, or the plan of one: sentences, tables and pages that the terminal shares."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
+from ..calibration import plan as planned
+from ..calibration.figures import PLOTS
+from ..calibration.result import LAPLACE, SHOWN, UNITS, Outcome
+from ..design.units import Angle, Length, parse_quantity
+from ..errors import InputError, Problem
+from ..words import length, rounded, sentence
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+
+if TYPE_CHECKING:
+    from ..calibration.diffraction import DiffractionCheck
+    from ..design import Design
+
+FILE, SCHEMA, PLAN_SCHEMA = "calibration.json", "roslf.calibration/", "roslf.calibration-plan/1"
+CELLS = (4, 5)
+ROOM = 0.8
+"""Share of the narrower field that a board of our own choosing may fill at its nearest."""
+SOURCES = {
+    "images": "images",
+    "f": "f",
+    "q": "pixel pitch",
+    "d": "microlens pitch",
+    "board": "board's scale",
+    "systematic": "systematic",
+}
+"""Where variance comes from, in words."""
+FROM = {"images": "the images", "board": "the board's scale", "systematic": "systematic errors of the corners"}
+"""Sources that are not of the data sheet."""
+ADVICE = {
+    "images": "show more boards, tilted further and over more distances",
+    "f": "have the focal length measured",
+    "q": "have the pixel pitch measured",
+    "d": "have the microlens pitch measured",
+    "board": "have the board's cells measured",
+    "systematic": "show the boards nearer the focal plane, where corners hardly move from view to view",
+}
+CAPTIONS = {
+    "residuals": "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+    "epi-lines": (
+        "Slopes of all corners in the epipolar-plane images. The line's slope gives d_2, its zero the focal plane, m/A;"
+        " points far off it are corners badly placed or a board badly posed."
+    ),
+    "posterior": (
+        "Dark and light regions hold 68 % and 95 %; dashed lines hold 68 %. A narrow ridge is a pair that the images"
+        " cannot tell apart: better knowledge of one is better knowledge of the other."
+    ),
+    "depth": (
+        "Error that this calibration puts into every depth measured with it, the same in all images: averaging does not"
+        " take it away. Ticks mark the boards; beyond them the calibration extrapolates."
+    ),
+}
+"""Of the drawings that a calibration leaves in its folder."""
+
+
+class CalibrationPart(BaseModel):
+    """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    board: str | None = None
+    """Cells across, cells down, size of one."""
+    boards: Annotated[int, Field(ge=2)] = 12
+    """Images of the board."""
+    tilt: Annotated[Angle, Field(gt=0, lt=1.5)] = math.radians(20)
+    """Largest tilt [rad]."""
+    distance: Length | None = None
+    """Mean distance of the boards from the main lens [mm]."""
+    range: Length | None = None
+    """Farthest minus nearest [mm]."""
+    noise: Annotated[float, Field(gt=0)] = 0.06
+    """Of a corner in one view [microlens pitches]."""
+    f_sigma: str = "1 %"
+    """How well f is known."""
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @field_validator("board")
+    @classmethod
+    def _readable(cls, text: str | None) -> str | None:
+        if text is not None:
+            try:
+                Board.parse(text)
+            except CalibrationError as error:
+                raise ValueError(str(error)) from None
+        return text
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What the folder of a calibration holds."""
+
+    data: Mapping[str, Any]
+    """Its calibration.json."""
+    drawings: Mapping[str, str]
+    """SVG text by name."""
+
+
+def read_calibration(place: Path) -> Calibrated:
+    """Read the folder of a calibration, or its calibration.json.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is something else.
+    """
+    file = place / FILE if place.is_dir() else place
+    data: dict[str, Any] = {}
+    message = ""
+    try:
+        data = json.loads(file.read_bytes())
+    except FileNotFoundError:
+        message = f"{file}: no such file; name the folder that roslf calibrate wrote"
+    except OSError as error:
+        message = f"{file} cannot be read: {error.strerror}"
+    except ValueError:
+        message = f"{file} is no JSON; roslf calibrate writes it anew"
+    else:
+        schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
+        if not schema.startswith(SCHEMA) or not isinstance(data.get("quantities"), dict):
+            message = f"{file} is no calibration (schema {schema!r}); name the folder that roslf calibrate wrote"
+    if message:
+        raise InputError((Problem("calibration", message),))
+    drawings = {name: file.with_name(f"{name}.svg") for name in CAPTIONS}
+    return Calibrated(data, {name: _inline(path.read_text()) for name, path in drawings.items() if path.is_file()})
+
+
+def calibrated_statement(found: Calibrated) -> Statement:
+    """What was found, in one sentence."""
+    warned = bool(found.data.get("warnings")) or found.data.get("converged") is False
+    images = len(found.data.get("images_used", ()))
+    return Statement("caution" if warned else "good", f"Calibrated from {images} images: {_pair(found.data)}.")
+
+
+def calibrated_section(design: Design, found: Calibrated) -> Section:
+    """Estimates with their intervals, where their variance comes from, drawings and warnings."""
+    data = found.data
+    said = [calibrated_statement(found)]
+    if data.get("posterior"):
+        text = f"Posterior {data['posterior']['message']}."
+        said.append(Statement("good" if data.get("converged") else "bad", text))
+    if data["design"] not in (design.name, f"{design.name}, calibrated") and not design.name.startswith(data["design"]):
+        text = f"The calibration is of a camera built to another design: {data['design']}."
+        said.append(Statement("caution", text))
+    shares = {name: row["variance_shares"] for name, row in data["quantities"].items()}
+    blocks: list[Block] = [Statements(tuple(said)), quantities_table(data), shares_table(shares)]
+    blocks += _drawings(found.drawings)
+    if data.get("warnings"):
+        blocks.append(Bullets(tuple(data["warnings"])))
+    return Section("Calibration", tuple(blocks))
+
+
+def calibration_report(result: Outcome, drawings: Mapping[str, str], command: str, version: str) -> Report:
+    """The page: answers, tables, figures (SVG text by name), how to run it again."""
+    board = result.board
+    answers = (Statements(tuple(statements(result))), quantities_table(result.to_dict()))
+    evidence: tuple[Block, ...] = (*_drawings(drawings), ways_table(result), shares_table(result.shares))
+    return Report(
+        f"Calibration of {result.design.name}",
+        f"from {len(result.calibration.observations.names)} images of a {board.columns} x {board.rows} board of "
+        f"{board.cell:g} mm cells",
+        (
+            Section("Answers", answers, "answers"),
+            Section("Evidence", evidence, "evidence"),
+            Section("How it was done", (Paragraph(_method(result)), Code(command, "Run again")), "how"),
+        ),
+        f"roslf_design {version}",
+    )
+
+
+def statements(result: Outcome) -> Iterator[Statement]:
+    """What an engineer came for."""
+    found = result.calibration
+    yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
+    images, total = len(found.observations.names), len(found.observations.names) + len(found.missing)
+    yield Statement(
+        "plain",
+        f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
+        f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
+    )
+    yield Statement("plain", f"{lenses_used(result)}.")
+    if result.diffraction is not None:
+        yield _diffraction(result, result.diffraction)
+    parts = {source: result.shares["d_3"][source] for source in SOURCES}
+    worst = max(parts, key=lambda source: parts[source])
+    source = FROM.get(worst, f"the data sheet's {SOURCES[worst]}")
+    text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
+    yield Statement("plain", text, f"To do better, {ADVICE[worst]}.")
+    if result.posterior is not None:
+        yield Statement("good" if result.posterior.converged else "bad", f"Posterior {result.posterior.message}.")
+    words = sentence(result.accuracy.sentence(times=False))
+    yield Statement("caution" if result.accuracy.kept is False else "plain", words)
+    for warning in result.warnings:
+        yield Statement("caution", sentence(warning))
+
+
+def lenses_used(result: Outcome) -> str:
+    """Which microlenses spoke for the lattice, and why others did not."""
+    centres, radius = result.centres, result.undistorted_radius
+    counts = [f"{number} {text}" for text, number in centres.counts().items() if text != Reason.USED.text]
+    text = f"{int(centres.used.sum())} of {len(centres.indices)} microlenses used"
+    text += f" (left out: {', '.join(counts)})" if counts else ""
+    if radius is None:
+        return text
+    if math.isinf(radius):
+        return f"{text}; by Eq. 6 the design cuts none of them"
+    return f"{text}; by Eq. 6 the design cuts none within {radius:.0f} px of the axis"
+
+
+def quantities_table(data: Mapping[str, Any]) -> Table:
+    """Every quantity of a calibration's JSON with its intervals."""
+    sampled = bool(data.get("posterior"))
+    rows = []
+    for name, row in data["quantities"].items():
+        ends = [[rounded(end, row["sigma"]) for end in row[key]] for key in ("interval_68", "interval_95")]
+        chains = (f"{row['r_hat']:.4f}", f"{row['ess']:.0f}") if sampled else ()
+        intervals = (f"{low} to {high}" for low, high in ends)
+        rows.append(
+            (name, rounded(row["estimate"], row["sigma"]), row["unit"], f"{row['sigma']:.2g}", *intervals, *chains)
+        )
+    heads = ("", "estimate", "", "sigma", "68 % interval", "95 % interval", *(("R-hat", "ESS") if sampled else ()))
+    source = "posterior" if sampled else "Laplace's approximation"
+    return Table(
+        tuple(rows),
+        "lrlrrr" + "r" * (len(heads) - 6),
+        heads,
+        f"Calibrated, with intervals of {'the ' * sampled}{source}",
+    )
+
+
+def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
+    """Where each quantity's variance comes from; sources that add nothing to any are left out."""
+    names = [name for name in SHOWN if name in shares]
+    sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
+    rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
+    note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
+    heads = ("", *(SOURCES[source] for source in sources))
+    caption = note if "systematic" in sources else ""
+    return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
+
+
+def ways_table(result: Outcome) -> Table:
+    """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
+    found, sheet = result.calibration, result.sheet
+    ways = {
+        "steps one and two": (found.second.camera, found.first.rms),
+        "joint fit": (found.joint.camera, found.joint.rms),
+    }
+    if result.diffraction is not None and result.diffraction.before is not None:
+        ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
+    lengths = [derived(camera.vector(), sheet, np.asarray(sheet.f)) for camera, _ in ways.values()]
+    rows = [
+        (name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name])
+        for name in ("A", "m", "d_2", "d_1", "d_f", "H", "d_3")
+    ]
+    rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
+    caption = "Step one's error is that of the central view, the others' that of all views."
+    return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
+
+
+def calibration_plan(design: Design, asked: CalibrationPart) -> CapturePlan | str:
+    """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
+    captures = captures_for(design, asked)
+    sheet = sheet_of(design, _relative(asked.f_sigma, design))
+    try:
+        return planned(camera_of(design), sheet, captures, seed=asked.seed)
+    except CalibrationError as error:
+        return " ".join(str(error).split())
+
+
+def captures_for(design: Design, asked: CalibrationPart) -> Captures:
+    """What to capture with a design: what is asked for, else what suits it."""
+    middle = design.d_f if asked.distance is None else asked.distance
+    spread = (design.d_f - design.d_3) / 4 if asked.range is None else asked.range
+    return Captures.for_design(
+        design,
+        board=fitting_board(design, middle - spread / 2) if asked.board is None else Board.parse(asked.board),
+        boards=asked.boards,
+        tilt=asked.tilt,
+        distance=middle,
+        distance_range=spread,
+        noise=asked.noise,
+    )
+
+
+def fitting_board(design: Design, nearest: float) -> Board:
+    """A board of 4 x 5 cells, their size 1, 2 or 5 times a power of ten, that the sensor sees whole at its nearest."""
+    columns, rows = CELLS
+    width, height = sorted(field_at(design, nearest))
+    largest = ROOM * min(width / columns, height / rows)
+    decade = 10.0 ** math.floor(math.log10(largest))
+    cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))
+    return Board(columns, rows, float(f"{cell:.3g}"))
+
+
+def field_at(design: Design, distance: float) -> tuple[float, float]:
+    """What the sensor sees of a plane, across and down [mm], by the middles of its pencils."""
+    scale = abs(distance - design.d_3) / camera_of(design).A
+    across, down = (size * scale for size in design.sensor_size)
+    return across, down
+
+
+def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> Section:
+    """A plan as a section, f as well known as `known` says; a text tells why captures cannot determine the camera."""
+    if isinstance(plan, str):
+        none = Statement("caution", f"No plan: {plan}.")
+        return Section("Calibration plan", (Statements((none,)),))
+    c = plan.captures
+    text = (
+        f"Before any capture: {c.boards} images of a {c.board.columns} x {c.board.rows} board of "
+        f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
+        f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
+        f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
+        f"to {known}, microlens pitch and board to 0.1 %. Standard deviations are from the Fisher matrix, medians over "
+        "random sets of poses."
+    )
+    answers = [plan_statement(plan)]
+    field = sorted(field_at(design, c.distance - c.distance_range / 2))
+    sides = sorted((c.board.columns * c.board.cell, c.board.rows * c.board.cell))
+    if any(side > seen for side, seen in zip(sides, field, strict=True)):
+        large = (
+            f"The board measures {sides[0]:.3g} x {sides[1]:.3g} mm, but the sensor sees only {field[0]:.3g} x "
+            f"{field[1]:.3g} mm at its nearest, and the plan counts every corner as seen."
+        )
+        answers.append(Statement("caution", large, "Choose a smaller board."))
+    board = f"{c.board.columns}x{c.board.rows} {c.board.cell:g} mm"
+    command = f'roslf calibrate CAPTURES --design design.toml --board "{board}" -o calibration'
+    again = Code(command, "Once images are captured, with the design below as design.toml")
+    return Section("Calibration plan", (Paragraph(text), Statements(tuple(answers)), *plan_blocks(plan), again))
+
+
+def plan_statement(plan: CapturePlan) -> Statement:
+    """What the plan promises, in one sentence."""
+    sigma = plan.expected.sigma
+    text = (
+        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
+        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
+    )
+    return Statement("plain", text, plan_advice(plan))
+
+
+def plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
+    """A plan's promise and its changes, as tables."""
+    before = plan.expected
+    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    changes = tuple(
+        (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
+        for c in plan.changes
+    )
+    return (
+        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
+        shares_table(before.shares),
+        Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
+        Bullets((plan_advice(plan),)),
+    )
+
+
+def plan_advice(plan: CapturePlan) -> str:
+    """The change that helps most, as a sentence; where none helps, that."""
+    if not plan.changes or plan.changes[0].gain(plan.expected) < 1.02:
+        return "No single change helps by more than 2 %."
+    return sentence(plan.advice)
+
+
+def plan_to_dict(plan: CapturePlan, design: str, seed: int, distortion: int) -> dict[str, object]:
+    """A plan as JSON's types."""
+    s, before = plan.captures, plan.expected
+    return {
+        "schema": PLAN_SCHEMA,
+        "design": design,
+        "captures": {
+            "board": {"columns": s.board.columns, "rows": s.board.rows, "cell_mm": s.board.cell},
+            "boards": s.boards,
+            "distance_mm": s.distance,
+            "range_mm": s.distance_range,
+            "tilt_deg": math.degrees(s.tilt),
+            "offset_mm": s.offset,
+            "noise_pitches": s.noise,
+            "views_across": s.views,
+            "reach_px": s.reach,
+        },
+        "expected_sigma": {name: before.sigma[name] for name in SHOWN},
+        "variance_shares": before.shares,
+        "condition_number": before.condition,
+        "correlation_A_inverse_d_2": before.correlation,
+        "changes": [
+            {
+                "change": c.what,
+                "expected_sigma": {name: c.expected.sigma[name] for name in SHOWN},
+                "gain_d_3": c.gain(before),
+            }
+            for c in plan.changes
+        ],
+        "advice": plan_advice(plan),
+        "distortion_coefficients": distortion,
+        "seed": seed,
+    }
+
+
+def _relative(text: str, design: Design) -> float:
+    """Relative standard deviation of f from text such as "1 %" or "0.5 mm"."""
+    try:
+        if text.strip().endswith("%"):
+            return float(text.strip()[:-1]) / 100
+        return parse_quantity(text, "length") / design.f
+    except ValueError:
+        raise InputError((Problem("f_sigma", f'"{text}" is not understood; give "1 %" or "0.5 mm"'),)) from None
+
+
+def _pair(data: Mapping[str, Any]) -> str:
+    """H and d_3 of a calibration's JSON with their standard deviations."""
+    rows = {name: data["quantities"][name] for name in ("H", "d_3")}
+    values = (
+        f"{name} = {rounded(row['estimate'], row['sigma'])} ± {row['sigma']:.2g} {row['unit']}".strip()
+        for name, row in rows.items()
+    )
+    return f"{', '.join(values)} (standard deviations)"
+
+
+def _diffraction(result: Outcome, found: DiffractionCheck) -> Statement:
+    if not found.corrected:
+        return Statement("plain", f"{found.reason}.")
+    taken = f"{found.reason}: up to {found.largest:.2g} pitches from a corner."
+    if found.before is None:
+        return Statement("plain", taken, "Left in, it would leave no calibration at all.")
+    best = derived(found.before.vector(), result.sheet, np.asarray(result.sheet.f))
+    changes = ", ".join(
+        f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
+        for name in ("d_2", "m", "H", "d_3")
+    )
+    return Statement("plain", taken, f"Left in, it would change the results by {changes}.")
+
+
+def _method(result: Outcome) -> str:
+    lattice, sheet = result.centres.lattice, result.sheet
+    return (
+        f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
+        f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
+        " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
+        f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
+        f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
+        f" {100 * sheet.cell_sigma:.2g} %. Radial distortion coefficients fitted: {result.distortion}."
+        + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
+    )
+
+
+def _drawings(drawings: Mapping[str, str]) -> list[Figure]:
+    return [Figure(f"calibration-{name}", PLOTS[name][0], CAPTIONS[name], svg) for name, svg in drawings.items()]
+
+
+def _inline(svg: str) -> str:
+    """A drawing of a file of its own as text for a page."""
+    return re.sub(r"\s*<style>.*?</style>", "", svg[svg.index("<svg") :], count=1, flags=re.DOTALL).strip()

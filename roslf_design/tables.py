@@ -1,0 +1,120 @@
+"""The one kind of table: rows of text, which pages, the PDF and the terminal print each in its own way."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+NUMBER = re.compile(r"([-+−]?\d[\d ]*|[-−]?∞)(.*)", re.DOTALL)
+"""What stands before the decimal point, and the rest with its unit."""
+LEAST_WORDS = 16
+"""Letters that a column of words keeps on a narrow terminal."""
+
+
+class Cell(NamedTuple):
+    """One cell, split at the decimal point where its column is aligned on it."""
+
+    align: str
+    """l, r or d."""
+    text: str
+    """All of it."""
+    whole: str
+    """Of a number aligned on the decimal point: what stands before the point; else empty."""
+    rest: str
+    """The point and all behind it."""
+    room: int
+    """Characters that the widest `whole` of the column takes."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text.
+
+    Raises
+    ------
+    ValueError
+        A row or `widths` not as long as `align`.
+    """
+
+    rows: tuple[tuple[str, ...], ...]
+    align: str
+    """One letter a column: l left, r right, d on the decimal point."""
+    headings: tuple[str, ...] = ()
+    title: str = ""
+    caption: str = ""
+    faint: tuple[int, ...] = ()
+    """Rows that matter less."""
+    widths: tuple[float, ...] = ()
+    """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
+
+    def __post_init__(self) -> None:
+        wrong = [row for row in (*self.rows, *filter(None, [self.headings])) if len(row) != len(self.align)]
+        if wrong:
+            raise ValueError(f"table {self.title!r}: {len(self.align)} columns are aligned, but a row has {wrong[0]}")
+        if self.widths and len(self.widths) != len(self.align):
+            raise ValueError(f"table {self.title!r}: {len(self.align)} columns have {len(self.widths)} widths")
+
+    def cells(self) -> tuple[tuple[Cell, ...], ...]:
+        """The body, ready to be set; what is no number in a column of numbers stands left."""
+        splits = [
+            [NUMBER.fullmatch(text) if kind == "d" else None for kind, text in zip(self.align, row, strict=True)]
+            for row in self.rows
+        ]
+        rooms = [
+            max((len(m[1].rstrip()) for row in splits if (m := row[i])), default=0) for i in range(len(self.align))
+        ]
+
+        def cell(kind: str, text: str, match: re.Match[str] | None, room: int) -> Cell:
+            if match is None:
+                return Cell("l" if kind == "d" else kind, text, "", "", room)
+            whole = match[1].rstrip()
+            return Cell(kind, text, whole, text[len(whole) :], room)
+
+        return tuple(
+            tuple(cell(*parts) for parts in zip(self.align, row, split, rooms, strict=True))
+            for row, split in zip(self.rows, splits, strict=True)
+        )
+
+
+def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ()) -> None:
+    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
+
+    Parameters
+    ----------
+    block : Table
+    console : Console
+    leave_out : tuple of str
+        Headings of columns that a terminal has no room for.
+    """
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    headings = block.headings or ("",) * len(block.align)
+    kept = [index for index, heading in enumerate(headings) if heading not in leave_out or not heading]
+    grid = Grid(
+        title=block.title or None,
+        title_justify="left",
+        box=None,
+        header_style="bold",
+        pad_edge=False,
+        show_header=bool(block.headings),
+    )
+    needed = 2 * len(kept)
+    for index in kept:
+        cells = [row[index] for row in block.rows]
+        # Numbers and names stay whole; headings and sentences wrap between their words.
+        words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]
+        widest = max(map(len, cells), default=1)
+        longest = max(map(len, [*words, *headings[index].split()]), default=1)
+        least = max(longest, min(widest, LEAST_WORDS))
+        side: Literal["left", "right"] = "left" if block.align[index] == "l" else "right"
+        grid.add_column(Text(headings[index]), justify=side, min_width=least)
+        needed += least
+    for row in block.rows:
+        grid.add_row(*(Text(row[index]) for index in kept))
+    console.print()
+    console.print(grid, width=max(console.width, needed), crop=False)

@@ -1,0 +1,267 @@
+"""A design's report as a whole: complete, self-contained, reproducible; its parts list; designs side by side."""
+
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import pytest
+
+from roslf_design.cli import main
+from roslf_design.commands import report as command
+from roslf_design.design import load
+from roslf_design.errors import InputError
+from roslf_design.optimize.parts import Catalogue, load_catalogue
+from roslf_design.report import viewer
+from roslf_design.report.blocks import Figure, Report, Section, Table
+from roslf_design.report.compare import comparison_report
+from roslf_design.report.design import design_report
+from roslf_design.report.html import render_html
+from roslf_design.report.parts_list import array_match, lens_match, parts_section, sensor_match
+from roslf_design.report.sheets import picture_sheet
+from roslf_design.report.story import full_report
+from tests.report.test_figures import DESIGNS
+
+SECTIONS = (
+    *("summary", "the-design", "parts-list", "evaluation", "rays", "microlens-images", "design-space", "effects"),
+    *("tolerances", "calibration-plan", "accuracy", "assumptions-and-what-was-left-out", "how-this-report-was-made"),
+)
+
+
+class Page(HTMLParser):
+    """What a page refers to, and what it holds."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.anchors, self.tags, self.open = [], [], set(), []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.links += [v for name, v in attrs if name in ("src", "href", "xlink:href", "srcset", "data", "action")]
+        self.anchors += [value for name, value in attrs if name == "id" and value]
+        if tag not in ("meta", "img", "br", "col"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def text(few_builds):
+    return render_html(full_report(load("paper"), command="roslf report paper -o report-paper"))
+
+
+def blocks(report, kind):
+    return [block for section in report.sections for block in section.blocks if isinstance(block, kind)]
+
+
+def test_page_is_well_formed_self_contained_and_whole(text):
+    page = Page(text)
+    assert page.open == []
+    assert [link for link in page.links if not link.startswith(("#", "data:image/png;base64,"))] == []
+    assert not page.tags & {"link", "iframe", "object", "embed"}
+    assert not re.search(r"<script[^>]* src=|url\((?!#)|@import", text)
+    assert [anchor for anchor in page.anchors if anchor in SECTIONS] == list(SECTIONS)
+    assert len(page.anchors) == len(set(page.anchors))
+    assert {link[1:] for link in page.links if link.startswith("#")} <= set(page.anchors)
+
+
+def test_page_tells_command_and_design_and_no_date_and_text_in_drawings_is_text(text):
+    assert "roslf report paper -o report-paper" in text
+    assert "focal_plane = &#34;350 mm&#34;" in text
+    assert not re.search(r"20\d\d-\d\d-\d\d|<dc:date>", text)
+    start = text.index('id="figure-rays"')
+    drawing = text[text.index("<svg", start) : text.index("</svg>", start)]
+    assert ">main lens</text>" in drawing
+    assert "font-family" not in drawing
+
+
+@pytest.mark.parametrize("name", ["mismatched-borescope", "vignetted", "strange"])
+def test_difficult_designs_have_whole_reports(name):
+    report = design_report(DESIGNS[name])
+    assert len({figure.name for figure in report.figures}) == len(report.figures) == 10
+    assert all("nan" not in figure.content.lower().split("base64")[0] for figure in report.figures)
+    assert "% in the geometric disc" in next(f.caption for f in report.figures if f.name == "waves")
+    Page(render_html(report))
+
+
+def test_a_real_lens_has_its_own_section():
+    report, ideal = design_report(load("paper-singlet")), design_report(load("paper"))
+    titles = [section.title for section in report.sections]
+    assert {"Real main lens", "Microlens images of the thin twin"} <= set(titles)
+    page = render_html(report)
+    assert "Exact rays through LA1050-A reversed" in page
+    assert "its thin twin: an ideal lens" in page
+    assert "The main lens is ideal and thin" not in page
+    assert "Real main lens" not in [section.title for section in ideal.sections]
+    assert "The main lens is ideal and thin" in render_html(ideal)
+
+
+def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    command.report("paper")
+    assert (tmp_path / "report-paper" / "index.html").read_text() == text
+    assert [path.name for path in (tmp_path / "report-paper").iterdir()] == ["index.html"]
+    assert capsys.readouterr().err == ""
+
+
+def test_figures_as_files(tmp_path, monkeypatch):
+    made = design_report(load("rigid-scope"))
+    monkeypatch.setattr(command, "maker", lambda *_: lambda **_: made)
+    with pytest.raises(InputError, match="'ray' is not here; there are all, dimensions, rays, cells"):
+        command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
+    assert not (tmp_path / "out").exists()
+    command.report("rigid-scope", output=tmp_path / "out", figure=["rays", "plane"])
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["index.html", "plane.svg", "rays.svg"]
+    root = ElementTree.parse(tmp_path / "out" / "rays.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "main lens" in "".join(root.itertext())
+
+
+def test_a_missing_library_leaves_the_picture_and_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(viewer, "find_spec", lambda name: None)
+    viewer.library.cache_clear()
+    try:
+        sheet = picture_sheet(load("paper"))
+        page = render_html(Report("a", "", (Section("Rays", (sheet,)),)))
+    finally:
+        viewer.library.cache_clear()
+    assert "pip install trame-vtk" in sheet.caption
+    assert "<script" not in page
+    assert sheet.content.startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["{folder}/bad.toml"], "bad.toml"),
+        (["{folder}/none.toml"], "none.toml: no such file"),
+        (["paper", "-o", "{folder}/bad.toml/deeper"], "bad.toml is a file, not a folder"),
+        (["paper", "--seed", "-1"], "--seed: -1 is negative"),
+        (["paper", "pipe-bore"], "add --compare"),
+        (["--compare", "paper"], "two or three"),
+        (["--compare", "paper", "paper", "paper", "paper"], "two or three"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, arguments, complaint):
+    (tmp_path / "bad.toml").write_text("name = 'x'\n")
+    words = [word.format(folder=tmp_path) for word in arguments]
+    assert main(["report", *words, *([] if "-o" in words else ["-o", str(tmp_path / "out")])]) == 2
+    assert complaint in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def test_a_pdf_without_typst_tells_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match="pip install typst"):
+        command.report("paper", output=tmp_path / "out", pdf=True)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [("designs/my scope.toml", "my-scope"), ("paper", "paper"), ("..", "design"), ("/a/b.c.toml", "b.c")],
+)
+def test_folder_names(given, expected):
+    assert command.folder_name(given) == expected
+
+
+def test_every_part_of_a_design_is_listed_once_and_numbered():
+    rows = parts_section(DESIGNS["strange"]).blocks[0].rows
+    assert [row[0] for row in rows] == list("123456")
+    names = ["main lens", "FAP, front stop", "stop 1", "stop 2", "microlens array", "image sensor"]
+    assert [row[1] for row in rows] == names
+    assert rows[3][2] == "opening 14 mm"
+
+
+def test_parts_of_the_catalogue_are_found_again():
+    """A design made of catalogue parts lists just these."""
+    known = load_catalogue()
+    for array in known.microlens_arrays:
+        changed = load("paper").replace(
+            {
+                "microlens_array.pitch": array.pitch,
+                "microlens_array.focal_length": array.focal,
+                "microlens_array.size": array.size,
+                "microlens_array.layout": array.layout,
+                "microlens_array.lens_shape": array.lens_shape,
+            }
+        )
+        for sensor in known.sensors:
+            both = changed.replace({"sensor.pixel": sensor.pixel, "sensor.size": sensor.size})
+            assert array_match(both, known)[1] == array
+            assert sensor_match(both, known)[1] == sensor
+            assert "the same as" in array_match(both, known)[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"microlens_array.pitch": 0.07}, "pitch 63 um"),
+        ({"microlens_array.focal_length": 2.1}, "focal length 2 mm"),
+        ({"microlens_array.lens_shape": "circular"}, "square, square lenses"),
+        ({"microlens_array.size": (40.0, 30.0), "sensor.size": (30.0, 20.0)}, "only 23 mm x 23 mm"),
+    ],
+)
+def test_what_differs_from_the_nearest_part_is_named(changes, said):
+    text, nearest = array_match(load("paper").replace(changes), load_catalogue())
+    assert text.startswith("to be made; nearest is paper 63 um / 2 mm: ")
+    assert said in text
+    assert nearest.part == "paper 63 um / 2 mm"
+
+
+def test_larger_sensors_far_parts_and_real_lenses():
+    known = load_catalogue()
+    design = load("mismatched-borescope")  # IMX250; a larger one, read out in part, is the same
+    assert sensor_match(design.replace({"sensor.size": (4.0, 3.0)}), known)[0] == "the same as Sony IMX250"
+    assert "only 2448 x 2048 px" in sensor_match(design.replace({"sensor.size": (8.6, 7.2)}), known)[0]
+    assert lens_match(load("rigid-scope"), known) == ("to be made; the catalogue has nothing near", None)
+    assert lens_match(load("paper-singlet"), known) == ("LA1050-A reversed, as prescribed", None)
+    assert lens_match(load("paper"), Catalogue()) == ("the catalogue has none", None)
+
+
+def differences(designs):
+    section = next(s for s in comparison_report(designs).sections if s.title == "What differs")
+    return {(table.title, row[1]): row for table in section.blocks if isinstance(table, Table) for row in table.rows}
+
+
+def test_differences_are_marked():
+    rows = differences([load("paper"), load("paper-mismatched")])
+    name = "FAP in front of the lens, d_3"
+    assert rows["Parameters", name] == ("≠", name, "120 mm", "20 mm")
+    assert rows["f-number", "fill factor"][0] == "≠"
+    assert all((len(set(row[2:])) > 1) == bool(row[0]) for row in rows.values())
+    assert not any(row[0] for row in differences([load("pipe-bore")] * 2).values())
+
+
+def test_a_real_lens_beside_an_ideal_one():
+    rows = differences([load("paper"), load("paper-singlet")])
+    assert rows["Parameters", "main lens"][2:] == ("ideal", "LA1050-A reversed")
+    traced = [row for (title, _), row in rows.items() if title.startswith("Real main lens")]
+    assert len(traced) == 5
+    assert all(row[2] == "-" and row[0] for row in traced)
+
+
+def test_stops_misalignments_and_effects_are_compared_one_by_one():
+    paper = load("paper")
+    one = paper.replace({"stops": [{"diameter": 10.0, "distance": 60.0}]})
+    other = paper.replace({"stops": [{"diameter": 11.0, "distance": 60.0}], "sensor.decentre": (0.1, 0.0)})
+    rows = differences([one, other, paper])
+    assert rows["Parameters", "stop 1"] == ("≠", "stop 1", "10 mm at 60 mm", "11 mm at 60 mm", "-")
+    assert rows["Parameters", "misalignments"][2:] == ("none", "sensor 0.1 mm, 0 mm", "none")
+    effects = {name: row for (title, name), row in rows.items() if title.startswith("Effects")}
+    assert effects["microlens diffraction"][0] == ""
+    assert effects["decentres"][0] == "≠"
+
+
+def test_three_designs_of_different_scale_and_stops_fit_and_one_is_refused():
+    report = comparison_report([load("rigid-scope"), DESIGNS["strange"], DESIGNS["vignetted"]])
+    assert [figure.name for figure in blocks(report, Figure)] == ["rays-A", "rays-B", "rays-C", "images", "depth"]
+    assert "https:" not in render_html(report)
+    with pytest.raises(ValueError, match="two or three"):
+        comparison_report([load("paper")])

@@ -1,0 +1,166 @@
+"""Blocks, tables, symbols and numbers, and the printers that set them: HTML, PDF, terminal."""
+
+import io
+import shutil
+import subprocess
+import zlib
+
+import pytest
+from rich.console import Console
+
+from roslf_design.design import PATHS, load
+from roslf_design.report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from roslf_design.report.pdf import render_pdf
+from roslf_design.report.sheets import dimensions_sheet
+from roslf_design.report.terminal import print_blocks
+from roslf_design.tables import print_table
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.tolerance.metrics import METRICS
+from roslf_design.words import WORDS, in_words, length, number, rounded, sentence, spans, to_html
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'
+NASTY = '#panic("no") $x$ *a* _b_ \\ "quoted" <label> @ref #eval("1") [c]'
+LIMITS = (
+    ("centre_error_px@2", "-0.00012345", "measured with a gauge that lies about, in words that may wrap", "0"),
+    ("non_distortion_room_mm@0", "1.00506", "by hand", "12"),
+    ("all together", "", "", "1"),
+)
+HEADINGS = ("metric@field", "std. dev.", "where it comes from", "undefined")
+
+
+def report(text="plain"):
+    blocks = (
+        Paragraph(text),
+        Statements((Statement("good", text, text), Statement("caution", "mind"))),
+        Table((("a", "1.5 mm", text), ("b", "-", "")), "ldl", ("x", "y", "z"), text, text, faint=(1,)),
+        Table((("a", "1.5 mm", text),), "ldl"),
+        Figure("drawing", text, text, SVG, text),
+        Bullets((text,)),
+        Code(text, text),
+    )
+    return Report(text, text, (Section(text, blocks),), text)
+
+
+def pages(report, tmp_path, paper="a4"):
+    """Words of each page as a reader would select them."""
+    pytest.importorskip("typst", reason="the typst package is not installed")
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext; on Debian: apt-get install poppler-utils")
+    (tmp_path / "report.pdf").write_bytes(render_pdf(report, paper))
+    command = ["pdftotext", "-layout", tmp_path / "report.pdf", "-"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\f")[:-1]
+
+
+def printed(block, width=80, **options):
+    shown = io.StringIO()
+    print_table(block, Console(file=shown, width=width), **options)
+    return shown.getvalue()
+
+
+def test_numbers_lengths_and_sentences():
+    assert [number(v) for v in (0.0, 1 / 3, 123456, 1e-7, float("inf"), -float("inf"), float("nan"))] == [
+        *("0", "0.33333", "1.2346e+05", "1e-07", "∞", "-∞", "not stated")
+    ]
+    assert number(1e-12, 4, zero=1e-9) == "0"
+    assert [length(v) for v in (0.0, 0.063, 0.00155, 0.1, 140.0, 22.272000000000002)] == [
+        *("0 mm", "63 um", "1.55 um", "0.1 mm", "140 mm", "22.272 mm")
+    ]
+    assert [rounded(*pair) for pair in ((1.52345, 0.0123), (120.456, 23.4), (2.0, 0.0))] == ["1.523", "120", "2.000000"]
+    assert [sentence(t) for t in ("", "so", "d_3 off?", "f-number met.", "a rim")] == [
+        *("", "So.", "d_3 off?", "f-number met.", "A rim.")
+    ]
+
+
+def test_every_quantity_that_is_no_symbol_has_words_and_they_are_put_in_once():
+    assert {name for name in QUANTITIES if name not in PATHS} <= set(WORDS)
+    assert set(METRICS) <= set(WORDS)
+    for name, words in WORDS.items():
+        said = in_words(f"{name} at 40 mm = 3, f_number_microlens >= 2")
+        assert said == in_words(said) == f"{words} at 40 mm = 3, microlens f-number d_2/d ≥ 2"
+    assert in_words("hold fill_factor@2, d_3 <= 6 mm, magnification_of_something") == (
+        "hold fill factor at field 2, d_3 ≤ 6 mm, magnification_of_something"
+    )
+
+
+def test_symbols_are_set_and_text_is_escaped():
+    assert to_html("d_2/d < f_ml") == "<var>d</var><sub>2</sub>/<var>d</var> &lt; <var>f</var><sub>ml</sub>"
+    assert to_html("sigma_Z 3 um, array_2, a_b.toml") == "<var>σ</var><sub>Z</sub> 3 µm, array_2, a_b.toml"
+    assert (to_html("album"), to_html("d")) == ("album", "<var>d</var>")
+    assert spans("d_2/d um") == [("symbol", "d"), ("sub", "2"), ("plain", "/"), ("symbol", "d"), ("plain", " µm")]
+    assert spans("") == []
+
+
+def test_decimal_columns_split_at_the_point_and_keep_every_character():
+    table = Table((("a", "12.5 mm"), ("b", "-0.02"), ("c", "∞ mm"), ("d", "-")), "ld")
+    cells = [row[1] for row in table.cells()]
+    assert [(cell.whole, cell.rest) for cell in cells[:3]] == [("12", ".5 mm"), ("-0", ".02"), ("∞", " mm")]
+    assert cells[3].align == "l"
+    assert all(cell.room == 2 for cell in cells)
+    with pytest.raises(ValueError, match="3 columns"):
+        Table((("a", "b"),), "lll")
+
+
+@pytest.mark.parametrize("width", [20, 60, 80, 200])
+def test_no_number_and_no_name_is_cut_on_a_terminal(width):
+    text = printed(Table(LIMITS, "ldlr", HEADINGS, "Limits"), width)
+    assert "…" not in text
+    for row in LIMITS[:2]:
+        line = next(line for line in text.splitlines() if row[0] in line)
+        assert row[1] in line
+        assert row[3] in line.split()
+    assert "undefined" in text
+
+
+def test_columns_are_left_out_brackets_are_no_markup_and_headings_may_be_missing():
+    text = printed(Table(LIMITS, "ldlr", HEADINGS, "Limits"), 200, leave_out=("where it comes from",))
+    assert "1.00506" in text
+    assert "gauge" not in text
+    assert "[red]f[/red]" in printed(Table((("[red]f[/red]", "1"),), "lr", ("what [mm]", "n")))
+    assert "1.5 mm" in printed(Table((("a", "1.5 mm"),), "ld"))
+
+
+def test_blocks_on_a_terminal():
+    shown = io.StringIO()
+    blocks = (Statements((Statement("bad", "It fails.", "Mend it."),)), Bullets(("one",)), Code("left out"))
+    print_blocks(blocks, Console(file=shown, width=80))
+    assert shown.getvalue() == "✗ It fails. Mend it.\n\none\n"
+
+
+def test_same_report_same_bytes_and_text_is_never_code():
+    pytest.importorskip("typst", reason="the typst package is not installed")
+    assert render_pdf(report()).startswith(b"%PDF")
+    assert render_pdf(report(NASTY)) == render_pdf(report(NASTY))
+
+
+@pytest.mark.parametrize(("paper", "height"), [("a4", b"841.8"), ("letter", b"792")])
+def test_paper_sizes(paper, height):
+    pytest.importorskip("typst", reason="the typst package is not installed")
+    pdf = render_pdf(report(), paper)
+    streams = [part.split(b"endstream")[0].strip(b"\r\n") for part in pdf.split(b"stream\n")[1:]]
+    assert height in pdf + b"".join(zlib.decompress(s) for s in streams if s[:1] == b"x")
+
+
+def test_text_can_be_selected_in_drawings_too(tmp_path):
+    (page,) = pages(Report("A title", "", (Section("Drawing", (dimensions_sheet(load("paper")),)),)), tmp_path)
+    for words in ("A title", "Drawing", "object plane", "overall 262 mm", "= 120 mm"):
+        assert words in page
+
+
+def test_long_tables_repeat_their_header_on_every_page(tmp_path):
+    rows = tuple((f"row {n}", str(n)) for n in range(150))
+    table = Table(rows, "ld", ("some quantity", "its value"), "A long table")
+    found = pages(Report("t", "", (Section("s", (table,)),)), tmp_path)
+    assert len(found) > 2
+    assert all("some quantity" in page and "its value" in page for page in found)
+    assert [sum(f"row {n} " in page for page in found) for n in (0, 75, 149)] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("paper", ["a4", "letter"])
+def test_wide_tables_stay_on_the_page(tmp_path, paper):
+    """Every cell is whole: columns that do not fit break their lines instead."""
+    long = "a rather long remark that says where a figure comes from and how far it can be trusted"
+    rows = tuple((f"parameter {n}", "0.123 mm", "1.0", "1.00 mm", "fill factor", long) for n in range(5))
+    table = Table(rows, "lrdrll", ("parameter", "tolerance", "share", "alone", "limited by", "source"))
+    text = " ".join(" ".join(pages(Report("t", "", (Section("s", (table,)),)), tmp_path, paper)).split())
+    assert text.count("0.123 mm") == text.count("trusted") == 5
+    assert "parameter 4 0.123 mm 1.0 1.00 mm fill factor" in text
