@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.theory.test_against_rays import numbers
 
 import roslf_design as roslf
 from roslf_design import theory
@@ -25,7 +26,6 @@ from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods
 from studies.accuracy.waves import light_at
 from tests.theory.designs import arguments, random_designs
-from tests.theory.test_against_rays import numbers
 
 PAPER = roslf.load("paper")
 SEEDS = st.integers(0, 10**6)
