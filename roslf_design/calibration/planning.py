@@ -55,8 +55,6 @@ class Captures:
                 raise CalibrationError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.tilt < math.pi / 2:
             raise CalibrationError(f"boards cannot be tilted by {math.degrees(self.tilt):g} degrees; stay below 90")
-        if self.distance_range < 0:
-            raise CalibrationError(f"a range of distances is not negative, got {self.distance_range:g} mm")
 
     @classmethod
     def for_design(
@@ -89,6 +87,8 @@ class Captures:
         CalibrationError
             A number out of range.
         """
+        if distance_range is not None and distance_range < 0:
+            raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
         depth = middle - design.d_3
         image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_f, design.d_3)))

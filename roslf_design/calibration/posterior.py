@@ -52,6 +52,7 @@ def sample_posterior(
     *,
     seed: int,
     ensembles: int = 4,
+    walkers: int | None = None,
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
     ess: float = DEFAULT_ESS,
@@ -59,7 +60,7 @@ def sample_posterior(
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
-    Ensembles (of four walkers for each parameter, 24 at least) start apart, spread 1.5 times as wide as the Fisher
+    Ensembles start apart, spread 1.5 times as wide as the Fisher
     matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and bulk
     and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
     `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
@@ -74,6 +75,8 @@ def sample_posterior(
         Same seed, same draws.
     ensembles : int
         Separate ensembles, at least 4.
+    walkers : int, optional
+        In each ensemble, even; four for each parameter and at least 24 where not given.
     chunk : int
         Steps between checks.
     most_steps : int
@@ -94,7 +97,7 @@ def sample_posterior(
         raise CalibrationError(f"convergence is judged between at least 4 ensembles, got {ensembles}")
     target = _Target(fit, sheet)
     dimension = len(target.names)
-    size = max(24, 4 * dimension)
+    size = max(24, 4 * dimension) if walkers is None else walkers
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
     seeds = np.random.SeedSequence(seed).spawn(ensembles + 1)
     samplers, states = [], []
