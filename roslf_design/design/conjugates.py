@@ -35,7 +35,7 @@ def mla_distance(focal_length: ArrayLike, focal_plane_distance: ArrayLike) -> Ar
 
 
 def focal_plane_distance(focal_length: ArrayLike, mla_distance: ArrayLike) -> Array:
-    """Distance d_f from the main lens to the focal plane, the conjugate of the array: `mla_distance` again."""
+    """Distance d_f [mm] from the main lens to the focal plane: `mla_distance` again; inf at ``d_1 = f``."""
     f, d1 = floats(focal_length, mla_distance)
     return f * ratio(d1, d1 - f)
 

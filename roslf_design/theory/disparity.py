@@ -41,19 +41,19 @@ def pupil_shear(c: Camera, depth: ArrayLike) -> Array:
 
 
 def epi_slope(c: Camera, depth: ArrayLike) -> Array:
-    """Microlenses that a point at Z_F = `depth` [mm] moves by from one view to the next, Du/Ds'. Eq. 12."""
+    """Microlenses that a point at Z_F = `depth` [mm] moves by from view to view, Du/Ds'. Eq. 12; inf at 0."""
     d, q, d2 = floats(c.d, c.q, c.d_2)
     return product(pupil_shear(c, depth), ratio(q / d * c.A, d2))
 
 
 def rim_disparity(c: Camera, depth: ArrayLike) -> Array:
-    """Disparity of a point at Z_F = `depth` [mm] between the views from opposite rims of the FAP [pitches]."""
+    """Disparity of a point at Z_F = `depth` [mm] between the FAP's opposite rims [pitches]; inf at 0."""
     de, d = floats(c.D_F, c.d)
     return product(-de / d, pupil_shear(c, depth))
 
 
 def disparity_rate(c: Camera, depth: ArrayLike) -> Array:
-    """Change of the rim disparity per millimetre of depth, ``D_F A/(d Z_F^2)`` [pitches per mm], a positive number."""
+    """Change of the rim disparity per millimetre of depth, ``D_F A/(d Z_F^2)`` [pitches per mm], inf at Z_F = 0."""
     z, de, d = floats(depth, c.D_F, c.d)
     return product(de / d, ratio(ratio(c.A, z), z))
 

@@ -85,6 +85,11 @@ def centre_deviation(c: Camera, index: ArrayLike) -> Array:
     c : Camera
     index : array_like
         Microlens index ``x - x_0``, counted from the axis.
+
+    Returns
+    -------
+    ndarray
+        Broadcast; inf at ``d_3 = d_f``.
     """
     (x,) = floats(index)
     return product(x, centre_shift_per_microlens(c))

@@ -30,7 +30,7 @@ def pupil_f_number(c: Camera) -> Array:
 
 
 def main_lens_f_number(c: Camera) -> Array:
-    """Working f-number ``d_1/D`` of the whole main lens, the right side of Eq. 9."""
+    """Working f-number ``d_1/D`` of the whole main lens, the right side of Eq. 9; inf at d_1 = inf."""
     diameter, d1 = floats(c.D, c.d_1)
     return ratio(d1, diameter)
 
@@ -42,13 +42,16 @@ def inverse_fill_factor(c: Camera) -> Array:
 
 
 def fill_factor(c: Camera) -> Array:
-    """Microlens-image diameter over pitch, exactly: 1 where Eq. 7 holds. ``D_F d_2 / (d (A + d_2 (f - d_3)/f))``."""
+    """Microlens-image diameter over pitch, exactly: 1 where Eq. 7 holds.
+
+    ``D_F d_2 / (d (A + d_2 (f - d_3)/f))``; inf where the images have no pitch.
+    """
     de, d, d2, f, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_3)
     return ratio(de * d2, d * (c.A + d2 * ((f - d3) / f)))
 
 
 def approximate_fill_factor(c: Camera) -> Array:
-    """Microlens-image diameter over the microlens's own pitch: 1 where Eq. 8 holds."""
+    """Microlens-image diameter over the microlens's own pitch: 1 where Eq. 8 holds; inf at d_3 = d_f."""
     (d,) = floats(c.d)
     return microlens_image_diameter(c) / d
 
@@ -60,7 +63,7 @@ def traditional_fill_factor(c: Camera) -> Array:
 
 
 def mismatch_px(c: Camera) -> Array:
-    """Microlens-image diameter minus pitch [px]: overlap above 0, gap below."""
+    """Microlens-image diameter minus pitch [px]: overlap above 0, gap below; inf at d_3 = d_f."""
     (q,) = floats(c.q)
     return (microlens_image_diameter(c) - microlens_image_pitch(c)) / q
 

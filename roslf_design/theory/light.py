@@ -24,12 +24,12 @@ def fresnel_number(c: Camera) -> Array:
 
 
 def independent_views(c: Camera) -> Array:
-    """Views per axis that diffraction leaves independent, 4 N_F, whatever the pixel count."""
+    """Views per axis that diffraction leaves independent, 4 N_F, whatever the pixel count; inf at d_2 = 0."""
     return 4 * fresnel_number(c)
 
 
 def geometric_views(c: Camera) -> Array:
-    """Pixels across an uncut microlens image: the views per axis that ray optics promises."""
+    """Pixels across an uncut microlens image, the views per axis that ray optics promises; inf at d_3 = d_f."""
     (q,) = floats(c.q)
     return microlens_image_diameter(c) / q
 
@@ -46,7 +46,7 @@ def airy_radius(c: Camera) -> Array:
 
 
 def pupil_airy_radius(c: Camera) -> Array:
-    """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]."""
+    """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]; inf at D_F = 0."""
     de, wave = floats(c.D_F, c.wavelength)
     return AIRY * wave * ratio(c.A, de)
 
@@ -58,19 +58,22 @@ def microlens_defocus(c: Camera) -> Array:
 
 
 def microlens_defocus_blur(c: Camera) -> Array:
-    """Width of the geometric blur by defocus of a microlens, ``d d_2 |1/f_ml - 1/d_2 - 1/L|`` [mm]."""
+    """Width of the ray blur by defocus of a microlens, ``d d_2 |1/f_ml - 1/d_2 - 1/L|`` [mm]; inf at d_3 = d_f."""
     (d,) = floats(c.d)
     return d * np.abs(microlens_defocus(c))
 
 
 def microlens_defocus_waves(c: Camera) -> Array:
-    """Wavefront error at the middle of a square microlens's edge, ``(d^2/8 lambda) |1/f_ml - 1/d_2 - 1/L|`` [waves]."""
+    """Wavefront error at the middle of a square microlens's edge [waves].
+
+    ``(d^2/8 lambda) |1/f_ml - 1/d_2 - 1/L|``; inf at d_2 = 0 and at d_3 = d_f.
+    """
     d, d2, wave = floats(c.d, c.d_2, c.wavelength)
     return ratio(np.abs(microlens_defocus(c)), d2) * (d / wave * (d / 8))
 
 
 def object_sample(c: Camera) -> Array:
-    """Footprint ``d d_f/d_1`` of one microlens on the focal plane: the lateral sampling step in the scene [mm]."""
+    """Footprint ``d d_f/d_1`` of one microlens on the focal plane: the lateral sampling step [mm]; inf at d_f = inf."""
     (d,) = floats(c.d)
     return product(d, c.inverse_m)
 
@@ -96,7 +99,7 @@ def lateral_samples(c: Camera) -> Array:
 
 
 def view_baseline(c: Camera) -> Array:
-    """Distance on the FAP between the views of two neighbouring pixels, ``q A/d_2 = q d_1/(H d_2)`` [mm]."""
+    """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
     q, d2 = floats(c.q, c.d_2)
     return ratio(q * c.A, d2)
 

@@ -27,13 +27,13 @@ from ..camera import Camera
 
 
 def pixel_to_pupil(c: Camera, pixel: ArrayLike) -> Array:
-    """Coordinate S' [mm] on the FAP that the pixel s' looks at, ``-(q A/d_2) s'``. Eq. 2; Eq. 1 is d_3 = 0."""
+    """Coordinate S' [mm] on the FAP that the pixel s' looks at, ``-(q A/d_2) s'``; inf at d_2 = 0. Eqs. 1, 2."""
     s, q, d2 = floats(pixel, c.q, c.d_2)
     return ratio(-product(s, q * c.A), d2)
 
 
 def pupil_to_pixel(c: Camera, coordinate: ArrayLike) -> Array:
-    """Pixel s' of a microlens image that looks at the coordinate S' [mm] of the FAP, ``-S' d_2/(q A)``."""
+    """Pixel s' that looks at the coordinate S' [mm] of the FAP, ``-S' d_2/(q A)``; inf at d_3 = d_f."""
     at, q, d2 = floats(coordinate, c.q, c.d_2)
     return -ratio(d2 * at, q * c.A)
 
