@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from roslf_design.lenses.trace import trace
 
 from roslf_design.design import load
 from roslf_design.effects import plan
@@ -23,14 +24,12 @@ from roslf_design.imaging.grid import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.trace import Sampling, Tracer
 from roslf_design.lenses.camera import LensCamera, mounted
-from roslf_design.lenses.fields import field_map
-from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.images import real_images
+from roslf_design.lenses.images import field_map, real_images
 from roslf_design.lenses.lens_file import load_lens
-from roslf_design.lenses.prescription import Prescription, Surface
+from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.lenses.surrogate import fitted
-from roslf_design.lenses.trace import Rays, trace
+from roslf_design.lenses.tracer import Rays
 from roslf_design.scenes import Checkerboard, Plane, Scene
 
 Floats = NDArray[np.float64]

@@ -13,10 +13,11 @@ R, T, OBJECT, IMAGE, PUPIL, HEIGHT, WAVE_UM = 103.29, 7.0, 350.0, 136.0, 10.0, 2
 
 def here():
     import numpy as np
+    from roslf_design.lenses.trace import trace
 
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.lenses.trace import Rays, trace
+    from roslf_design.lenses.tracer import Rays
 
     lens = Prescription((Surface(1 / R, 15.0, T, find_glass("N-BK7")), Surface(-1 / R, 15.0)))
     rings = [ring / 6 * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, 7)]
