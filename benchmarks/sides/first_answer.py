@@ -13,7 +13,6 @@ R, T, OBJECT, IMAGE, PUPIL, HEIGHT, WAVE_UM = 103.29, 7.0, 350.0, 136.0, 10.0, 2
 
 def here():
     import numpy as np
-    from roslf_design.lenses.trace import trace
 
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
@@ -24,7 +23,7 @@ def here():
     points = PUPIL / 2 * np.concatenate([[0.0], *rings])
     pupil = np.stack([points.real, points.imag, 0 * points.real])
     rays = Rays.between(np.array([[0.0], [-HEIGHT], [-OBJECT]]), pupil)
-    x, y, _ = trace(lens, rays, WAVE_UM * 1e-3, plane=T + IMAGE, clip=False).rays.position
+    x, y, _ = lens.trace(rays, WAVE_UM * 1e-3, plane=T + IMAGE, clip=False).rays.position
     return float(np.sqrt(((x - x.mean()) ** 2 + (y - y.mean()) ** 2).mean()))
 
 

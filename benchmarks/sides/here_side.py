@@ -16,8 +16,6 @@ def _slanted(inputs):
 
 def singlet(inputs, options):
     """Ready-made rays through the singlet to a plane behind it, every ray with its fate."""
-    from roslf_design.lenses.trace import trace
-
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
 
@@ -27,7 +25,7 @@ def singlet(inputs, options):
     rays, plane, state = _slanted(inputs), thickness + float(inputs["behind"]), {}
 
     def run():
-        state["found"] = trace(lens, rays, wavelength, plane=plane)
+        state["found"] = lens.trace(rays, wavelength, plane=plane)
 
     def result():
         found = state["found"]
