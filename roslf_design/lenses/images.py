@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._points import sunflower
 from ..design import Design
 from ..errors import InputError
-from .._points import sunflower
 from ..theory.field import FieldBound, nondistortion_bound
 from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 from .tracer import KEPT, MISSED, Passed, describe

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from ..errors import Problem
 from .._points import recurrence
+from ..errors import Problem
 from .camera import LensCamera, chief_slope, sensor_of_pupil
 from .prescription import LensError
 from .tracer import KEPT
