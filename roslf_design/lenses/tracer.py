@@ -330,7 +330,8 @@ def meet_conic(
         shrink = 1.0 / sqrt(size2 if size2 > 0 else 1.0)
         hit = met and nz >= 0
         moves, ex, ey, ez, fate = settle(
-            hit, r2, limit, -c * hx * shrink, -c * hy * shrink, nz * shrink, root * shrink, mu, s, dx, dy, dz, buffer[6 * BLOCK + i], code
+            hit, r2, limit, -c * hx * shrink, -c * hy * shrink, nz * shrink, root * shrink, mu, s,
+            dx, dy, dz, buffer[6 * BLOCK + i], code,
         )  # fmt: skip
         buffer[i] = hx + vx if moves else x + vx
         buffer[BLOCK + i] = hy + vy if moves else y + vy
