@@ -22,15 +22,13 @@ from roslf_design.effects import plan
 from roslf_design.imaging.grid import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.trace import Sampling, Tracer
-from roslf_design.lenses.camera import LensCamera, mounted
-from roslf_design.lenses.fields import field_map
-from roslf_design.lenses.first_order import first_order
+from roslf_design.lenses.camera import LensCamera, Rim
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.images import real_images
+from roslf_design.lenses.images import field_map, real_images
 from roslf_design.lenses.lens_file import load_lens
-from roslf_design.lenses.prescription import Prescription, Surface
+from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.lenses.surrogate import fitted
-from roslf_design.lenses.trace import Rays, trace
+from roslf_design.lenses.tracer import Rays
 from roslf_design.scenes import Checkerboard, Plane, Scene
 
 Floats = NDArray[np.float64]
@@ -124,9 +122,10 @@ def optiland() -> float | None:
 def bench(name: str, field: float) -> tuple[LensCamera, float]:
     """The paper's bench with a real lens, and its field."""
     lens = load_lens(name)
-    focus = 3.5 * first_order(lens, GREEN).focal_length
-    camera = mounted(lens, GREEN, pupil_diameter=2.9, pupil_distance=120.0, sensor_distance=2.0, focal_plane=focus)
-    return camera, field
+    constants = first_order(lens, GREEN)
+    f, front = constants.focal_length, constants.front_principal
+    mla = constants.rear_principal + f * 3.5 / 2.5
+    return LensCamera(lens, GREEN, (Rim(2.9, front - 120.0),), front - 3.5 * f, mla, mla + 2.0), field
 
 
 def show(what: str, count: int, took: float, note: str = "") -> None:
@@ -139,7 +138,7 @@ def main() -> None:
     glass = find_glass("N-BK7")
     singlet = Prescription((Surface(1 / radius, 25.4, thickness, glass), Surface(0.0, 25.4)))
     rays, plane = rays_in(RAYS), thickness + behind
-    ours = seconds(partial(trace, singlet, rays, GREEN, plane=plane))
+    ours = seconds(partial(singlet.trace, rays, GREEN, plane=plane))
     index = float(glass.index(GREEN))
     by_hand = seconds(partial(plain_numpy, rays, index), 5)
     peer = optiland()
@@ -156,7 +155,7 @@ def main() -> None:
         ("conic singlet", Prescription((conic, flat))),
         ("aspheric singlet", Prescription((replace(conic, asphere=(0.0, 1e-7)), flat))),
     ):
-        show(what, RAYS, seconds(partial(trace, lens, rays, GREEN, plane=plane), 5))
+        show(what, RAYS, seconds(partial(lens.trace, rays, GREEN, plane=plane), 5))
     surrogates()
     rendering()
     maps()

@@ -16,14 +16,14 @@ def here():
 
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.lenses.trace import Rays, trace
+    from roslf_design.lenses.tracer import Rays
 
     lens = Prescription((Surface(1 / R, 15.0, T, find_glass("N-BK7")), Surface(-1 / R, 15.0)))
     rings = [ring / 6 * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, 7)]
     points = PUPIL / 2 * np.concatenate([[0.0], *rings])
     pupil = np.stack([points.real, points.imag, 0 * points.real])
     rays = Rays.between(np.array([[0.0], [-HEIGHT], [-OBJECT]]), pupil)
-    x, y, _ = trace(lens, rays, WAVE_UM * 1e-3, plane=T + IMAGE, clip=False).rays.position
+    x, y, _ = lens.trace(rays, WAVE_UM * 1e-3, plane=T + IMAGE, clip=False).rays.position
     return float(np.sqrt(((x - x.mean()) ** 2 + (y - y.mean()) ** 2).mean()))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def _slanted(inputs):
-    from roslf_design.lenses.trace import Rays
+    from roslf_design.lenses.tracer import Rays
 
     s, t = inputs["s"], inputs["t"]
     n = 1 / np.sqrt(1 + s * s + t * t)
@@ -18,7 +18,6 @@ def singlet(inputs, options):
     """Ready-made rays through the singlet to a plane behind it, every ray with its fate."""
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.lenses.trace import trace
 
     semi, thickness = float(inputs["D"]) / 2, float(inputs["thickness"])
     glass, wavelength = find_glass("N-BK7"), float(inputs["wavelength_um"]) * 1e-3
@@ -26,7 +25,7 @@ def singlet(inputs, options):
     rays, plane, state = _slanted(inputs), thickness + float(inputs["behind"]), {}
 
     def run():
-        state["found"] = trace(lens, rays, wavelength, plane=plane)
+        state["found"] = lens.trace(rays, wavelength, plane=plane)
 
     def result():
         found = state["found"]
@@ -47,8 +46,8 @@ def _pupil(inputs):
 def spot_problem(inputs):
     """A biconvex lens missed at eight places: from deviations (8, trials) to spot sizes (trials, fields) [mm]."""
     from roslf_design.lenses.aim import spot_radii
-    from roslf_design.lenses.builds import lens_builds
     from roslf_design.lenses.glass import find_glass
+    from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
 
     r, t, near, far = (float(inputs[name]) for name in ("radius", "thickness", "object", "image"))

@@ -108,7 +108,7 @@ def focal_length_at(lens: Prescription, wavelength: float) -> float:
     InputError
         The wavelength is outside a glass's range.
     """
-    from ..lenses.first_order import first_order
+    from ..lenses.prescription import first_order
 
     return first_order(lens, wavelength).focal_length
 

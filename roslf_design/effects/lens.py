@@ -42,8 +42,8 @@ class Faults(NamedTuple):
 def faults(design: Design, x_ml: float) -> Faults:
     """Trace a design's main lens out to the microlens radius `x_ml` [mm]."""
     # Only designs behind a real lens pay for importing the tracer.
-    from ..lenses.of_design import real_field
-    from ..lenses.trace import KEPT
+    from ..lenses.images import real_field
+    from ..lenses.tracer import KEPT
 
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
@@ -72,9 +72,9 @@ def _cone(design: Design) -> float:
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
     """How far wavelengths part on the array at `x_ml`: lateral and axial colour added [mm]."""
-    from ..lenses.fields import field_map
-    from ..lenses.first_order import first_order
-    from ..lenses.of_design import camera_of
+    from ..lenses.camera import camera_of
+    from ..lenses.images import field_map
+    from ..lenses.prescription import first_order
 
     camera = camera_of(design)
     waves = (design.wavelength, *wavelengths)

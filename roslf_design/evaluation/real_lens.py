@@ -36,7 +36,8 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     """
     if design.lens is None:
         return None
-    from ..lenses.of_design import camera_of, measured_bound
+    from ..lenses.camera import camera_of
+    from ..lenses.images import measured_bound
 
     camera = camera_of(design)
     constants = camera.first_order
@@ -63,7 +64,7 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
 
 
 def _turned_bound(design: Design) -> float | None:
-    from ..lenses.of_design import measured_bound
+    from ..lenses.images import measured_bound
     from ..lenses.prescription import LensError
 
     try:
@@ -75,8 +76,8 @@ def _turned_bound(design: Design) -> float | None:
 def _fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[RealLensField, ...]:
     if not axes:
         return ()
-    from ..lenses.of_design import real_field
-    from ..lenses.trace import KEPT
+    from ..lenses.images import real_field
+    from ..lenses.tracer import KEPT
 
     found = real_field(design, axes)
     images, maps = found.images, found.maps

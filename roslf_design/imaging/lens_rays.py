@@ -75,7 +75,7 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
     """
     if design.lens is None or not any(plan.on(name) for name in LENS_EFFECTS):
         return None
-    from ..lenses.of_design import tilted_parts
+    from ..lenses.camera import tilted_parts
 
     seen = straightened(design, plan)
     off = "switch off " + ", ".join(f"-{name}" for name in LENS_EFFECTS) + " to take the lens as thin"
@@ -135,7 +135,7 @@ class RealLensTracer:
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
         """For a design without tilts of other parts than the main lens, a plan and a scene."""
-        from ..lenses.of_design import camera_of, microlenses
+        from ..lenses.camera import camera_of, microlenses
 
         camera = camera_of(design)
         lattice = ImageLattice.of(design.thin_twin)
@@ -269,10 +269,10 @@ def _on_array(lattice: ImageLattice) -> Floats:
 
 def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
     """A fast polynomial twin of the lens where it is symmetric and smooth enough, else the lens itself."""
-    from ..lenses.of_design import camera_of
+    from ..lenses.camera import camera_of
     from ..lenses.prescription import LensError
     from ..lenses.surrogate import fitted
-    from ..lenses.trace import KEPT, Rays, trace
+    from ..lenses.tracer import KEPT
 
     camera = camera_of(design)
     pixel = design.q * min(design.d_f - design.d_3, design.d_f) / design.d_2  # coarser than any ray needs
@@ -290,25 +290,16 @@ def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
         pass
 
     def exactly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
-        at_x, at_y, along_x, along_y = np.broadcast_arrays(x, y, slope_x, slope_y)
-        size = np.sqrt(1 + along_x**2 + along_y**2)
-        start = np.stack([at_x, at_y, np.full(at_x.shape, camera.mla)])
-        rays = Rays(start, np.stack([-along_x, -along_y, -np.ones_like(along_x)]) / size)
-        traced = trace(camera.lens, rays, wavelength, backward=True, plane=camera.fap.z, clip=False, room=True)
-        assert traced.room is not None
-        lost = traced.state != KEPT
-        way = traced.rays.direction
-        down = np.where(lost, -1.0, way[2])
-        x_out, y_out = traced.rays.position[:2]
-        return ObjectRays(x_out, y_out, way[0] / down, way[1] / down, np.where(lost, -1.0, traced.room))
+        there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.mla, end=camera.fap.z)
+        room = np.where(there.state == KEPT, there.room, -1.0)
+        return ObjectRays(*there.height, *there.slope, room)
 
     return exactly
 
 
 def _boxes(design: Design, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
     """Where light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
-    from ..lenses.camera import views
-    from ..lenses.of_design import camera_of
+    from ..lenses.camera import camera_of, views
 
     camera = camera_of(design)
     half = 0.6 * camera.lens_diameter * camera.d_2 / camera.d_1

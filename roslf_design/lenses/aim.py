@@ -1,38 +1,237 @@
-"""Microlens images of many builds of a camera, from aimed exact rays: where they lie, how large, what is cut.
+"""Rays through many builds of a camera, each ray aimed: image points, spots.
 
-Everything is traced through every build's own lens. Only the shape of an image is interpolated: by Fourier series
-along its rim, by polynomials of the fifth degree where rims cut it.
+A ray from a microlens is wanted that meets the flexible angular plane (FAP) at a given point. Its slope is found by
+Broyden's method from the nominal camera's slope and Jacobian: builds differ little, so two to five rays do, and no
+derivative is ever taken. Everything is traced through every build's own lens, the rays of one build together.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import THREADS
-from .build_kernels import aim, land, spots, spots_on_all_threads
-from .builds import LensBuilds
-from .camera import LensCamera, views
-from .images import sensor_of_pupil
-from .kernels import BLOCK
-from .outline_kernels import DEGREE, cut_images, whole_images
+from .._jit import THREADS, kernel, prange
+from .camera import LensCamera, sensor_of_pupil, views
+from .manufacture import LensBuilds
+from .tracer import BLOCK, COLUMNS, ROWS, Rays, pass_surfaces
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RIM = 16
-"""Rays along the FAP's rim; the outline's area converges exponentially in them."""
-HARMONICS = 6
-"""Of a ray's squared height on a surface, along the FAP's rim."""
-RINGS = ((0.5, 8), (0.8, 8))
-"""Radii and rays of the rings inside, where rims cut."""
+PIECE = 64
+"""Builds that a thread takes at once."""
+LOST = 1e300
+"""Size of the miss of a ray that did not come through the lens."""
 TOLERANCE, CORRECTIONS = 1e-11, 12
 """How near the FAP's point rays must come, in its radius, and after how many corrections at most they are given up."""
-POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
-"""Of the polynomials over the FAP's disc."""
-_NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(10))
+
+
+@kernel()
+def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> tuple[float, float]:
+    """Where the line through a point with slopes dx/dz, dy/dz crosses a plane, in the plane's own coordinates."""
+    ox, oy, oz = x - plane[0], y - plane[1], z - plane[2]
+    lean = plane[9] * sx + plane[10] * sy + plane[11]
+    step = -(plane[9] * ox + plane[10] * oy + plane[11] * oz) / lean
+    hx, hy, hz = ox + step * sx, oy + step * sy, oz + step
+    return plane[3] * hx + plane[4] * hy + plane[5] * hz, plane[6] * hx + plane[7] * hy + plane[8] * hz
+
+
+@kernel()
+def aim(
+    trial: Any, begin: Any, table: Any, count: int, media: Any, array: Any, sensor: Any, rims: Any, half: Any,
+    base: Any, offset: Any, target: Any, start: Any, inverse: Any, tolerance: float, most: int, landed: Any,
+    heights: Any, miss: Any,
+) -> None:  # fmt: skip
+    """Aim rays of N jobs, n <= BLOCK rays each, and tell where they meet the sensor and every rim.
+
+    Parameters
+    ----------
+    trial, begin : (N,)
+        The build of each job, and its first ray in the lists of rays.
+    table, media, array, sensor, rims : (T, ...)
+        The builds: lens, planes of 12 numbers, rims (R of 13, the FAP first).
+    half : (T,)
+        Half the microlens pitch.
+    base, offset : (rays, 2)
+        Where a ray meets the array, in its own coordinates: base plus offset times half.
+    target : (rays, 2)
+        Where it is to meet the FAP, in its own coordinates and units of its radius.
+    start, inverse : (rays, 2), (rays, 4)
+        Slopes to begin with, and the inverse of d(target)/d(slope).
+    tolerance, most
+        In the target's units, and how many corrections at most.
+    landed : (N, n, 2)
+        Gets sensor points, in the sensor's own coordinates.
+    heights : (N, n, S + R - 1)
+        Gets squared heights over those of the rims: of each surface, then of the further stops.
+    miss : (N, n)
+        Gets what is left between ray and target; `LOST` for a ray that does not come through.
+    """
+    n = landed.shape[1]
+    stops = rims.shape[1]
+    buffer, radii = np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
+    px, py, pz = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    sx, sy, ex, ey = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    dx, dy, left = np.zeros(BLOCK), np.zeros(BLOCK), np.empty(BLOCK)
+    a, b, c, d = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    for job in range(len(trial)):
+        t, first = trial[job], begin[job]
+        lens, index, plane = table[t], media[t], array[t]
+        fap = rims[t, 0]
+        unit = 1.0 / fap[12]
+        for i in range(n):
+            u = base[first + i, 0] + offset[first + i, 0] * half[t]
+            v = base[first + i, 1] + offset[first + i, 1] * half[t]
+            px[i] = plane[0] + u * plane[3] + v * plane[6]
+            py[i] = plane[1] + u * plane[4] + v * plane[7]
+            pz[i] = plane[2] + u * plane[5] + v * plane[8]
+            sx[i], sy[i] = start[first + i, 0], start[first + i, 1]
+            a[i], b[i] = inverse[first + i, 0], inverse[first + i, 1]
+            c[i], d[i] = inverse[first + i, 2], inverse[first + i, 3]
+            left[i] = LOST
+        for step in range(most + 1):
+            for i in range(n):
+                shrink = 1.0 / sqrt(1.0 + sx[i] * sx[i] + sy[i] * sy[i])
+                buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = px[i], py[i], pz[i]
+                buffer[3 * BLOCK + i] = -sx[i] * shrink
+                buffer[4 * BLOCK + i] = -sy[i] * shrink
+                buffer[5 * BLOCK + i] = -shrink
+                buffer[6 * BLOCK + i] = 0.0
+            pass_surfaces(buffer, n, lens, index, count, True, False, radii)
+            worst = 0.0
+            for i in range(n):
+                down = buffer[5 * BLOCK + i]
+                ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+                hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, fap)
+                fx, fy = hx * unit - target[first + i, 0], hy * unit - target[first + i, 1]
+                done = left[i] <= tolerance
+                gx, gy = fx - ex[i], fy - ey[i]
+                wx, wy = a[i] * gx + b[i] * gy, c[i] * gx + d[i] * gy
+                size = dx[i] * wx + dy[i] * wy
+                if step > 0 and not done and size != 0.0:  # the inverse that explains the step just made
+                    rx, ry = (dx[i] - wx) / size, (dy[i] - wy) / size
+                    va, vb = dx[i] * a[i] + dy[i] * c[i], dx[i] * b[i] + dy[i] * d[i]
+                    a[i], b[i], c[i], d[i] = a[i] + rx * va, b[i] + rx * vb, c[i] + ry * va, d[i] + ry * vb
+                ex[i], ey[i] = fx, fy
+                far = max(abs(fx), abs(fy))
+                left[i] = far if buffer[6 * BLOCK + i] == 0.0 and far < LOST else LOST
+                worst = max(worst, left[i] if left[i] < LOST else 0.0)
+            if worst <= tolerance or step == most:
+                break
+            for i in range(n):
+                moves = left[i] > tolerance and left[i] < LOST
+                dx[i] = -(a[i] * ex[i] + b[i] * ey[i]) if moves else 0.0
+                dy[i] = -(c[i] * ex[i] + d[i] * ey[i]) if moves else 0.0
+                sx[i] += dx[i]
+                sy[i] += dy[i]
+        for i in range(n):
+            for k in range(count):
+                heights[job, i, k] = radii[k * BLOCK + i] / lens[k * COLUMNS + 5]
+            down = buffer[5 * BLOCK + i]
+            ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+            for k in range(1, stops):
+                rim = rims[t, k]
+                hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rim)
+                heights[job, i, count + k - 1] = (hx * hx + hy * hy) / (rim[12] * rim[12])
+            miss[job, i] = left[i]
+            # What is left of the miss is undone to first order: no ray is spent on the last digits.
+            tx, ty = sx[i] - (a[i] * ex[i] + b[i] * ey[i]), sy[i] - (c[i] * ex[i] + d[i] * ey[i])
+            landed[job, i, 0], landed[job, i, 1] = crossing(px[i], py[i], pz[i], tx, ty, sensor[t])
+
+
+@kernel()
+def send(
+    t: int, table: Any, count: int, media: Any, rims: Any, world: Any, point: Any, pupil: Any, first: int, m: int,
+    buffer: Any, radii: Any, cut: Any,
+) -> None:  # fmt: skip
+    """Send `m` rays of build `t` from object points through FAP points and the lens; `cut` tells what rims stop."""
+    lens, fap, stops = table[t], rims[t, 0], rims.shape[1]
+    for i in range(m):
+        u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[12]
+        x = fap[0] + u * fap[3] + v * fap[6]
+        y = fap[1] + u * fap[4] + v * fap[7]
+        z = fap[2] + u * fap[5] + v * fap[8]
+        ax, ay = x - (point[first + i, 0] + world[t, 0]), y - (point[first + i, 1] + world[t, 1])
+        az = z - (point[first + i, 2] + world[t, 2])
+        shrink = 1.0 / sqrt(ax * ax + ay * ay + az * az)
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = ax * shrink, ay * shrink, az * shrink
+        buffer[6 * BLOCK + i] = 0.0
+        cut[i] = 0.0
+    for k in range(1, stops):
+        rim = rims[t, k]
+        for i in range(m):
+            x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+            up = buffer[5 * BLOCK + i]
+            hx, hy = crossing(x, y, z, buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up, rim)
+            cut[i] = 1.0 if hx * hx + hy * hy > rim[12] * rim[12] else cut[i]
+    pass_surfaces(buffer, m, lens, media[t], count, False, False, radii)
+    for k in range(count):
+        for i in range(m):
+            cut[i] = 1.0 if radii[k * BLOCK + i] > lens[k * COLUMNS + 5] else cut[i]
+
+
+@kernel()
+def spots(
+    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
+    size: Any, low: int, high: int,
+) -> None:  # fmt: skip
+    """Root-mean-square radii on a plane of the light from object points, about its centroid, builds `low` to `high`.
+
+    Parameters
+    ----------
+    table, media, plane, rims : (T, ...)
+        As for `aim`; `plane` is where the spots are seen.
+    world : (T, 3)
+        What the object points' frame is shifted by against the lens's.
+    point, pupil : (F * P, 3), (F * P, 2)
+        Rays, the P of each object point together.
+    weight : (P,)
+        Of the rays; those that a rim stops do not count.
+    size : (T, F)
+        Gets the radii [mm]; nan where no ray comes through.
+    """
+    buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
+    lx, ly = np.empty(len(point)), np.empty(len(point))
+    each, total = len(weight), len(point)
+    for t in range(low, high):
+        for first in range(0, total, BLOCK):
+            m = min(BLOCK, total - first)
+            send(t, table, count, media, rims, world, point, pupil, first, m, buffer, radii, cut)
+            for i in range(m):
+                up = buffer[5 * BLOCK + i]
+                ox, oy = buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up
+                x, y = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, plane[t])
+                stopped = cut[i] != 0.0 or buffer[6 * BLOCK + i] != 0.0
+                lx[first + i], ly[first + i] = (LOST, LOST) if stopped else (x, y)
+        for field in range(total // each):
+            begin = field * each
+            share, mx, my = 0.0, 0.0, 0.0
+            for i in range(each):
+                w = weight[i] if lx[begin + i] < LOST else 0.0
+                share += w
+                mx += w * (lx[begin + i] if w != 0.0 else 0.0)
+                my += w * (ly[begin + i] if w != 0.0 else 0.0)
+            mx, my = mx / share, my / share
+            square = 0.0
+            for i in range(each):
+                x, y = lx[begin + i] - mx, ly[begin + i] - my
+                square += weight[i] * (x * x + y * y) if lx[begin + i] < LOST else 0.0
+            size[t, field] = sqrt(square / share)
+
+
+@kernel(parallel=True)
+def spots_on_all_threads(
+    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
+    size: Any,
+) -> None:  # fmt: skip
+    """`spots` with the builds shared out over threads; the same numbers."""
+    for piece in prange((len(size) + PIECE - 1) // PIECE):
+        low, high = piece * PIECE, min(len(size), (piece + 1) * PIECE)
+        spots(table, count, media, plane, rims, world, point, pupil, weight, size, low, high)
 
 
 class Planes(NamedTuple):
@@ -71,17 +270,6 @@ class Aimed(NamedTuple):
     """What is left between ray and target, in the FAP's radius, (N, n)."""
 
 
-def pupil_points() -> tuple[Array, Array]:
-    """FAP points along its rim, (RIM, 2), and inside it with its middle first, (..., 2), in units of its radius."""
-    rings = [radius * _circle(count) for radius, count in RINGS]
-    return _circle(RIM), np.concatenate([np.zeros((1, 2)), *rings])
-
-
-def _circle(count: int) -> Array:
-    turns = 2 * np.pi * np.arange(count) / count
-    return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-
-
 def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)) -> Aims:
     """Find rays in the nominal camera.
 
@@ -92,12 +280,10 @@ def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, o
     base, offset, target : array_like, (n, 2) or (2,)
         As `Aims` has them.
     there : ndarray, (n, 2)
-        Those places of the array in the camera's own counting (`of_design.microlenses`).
+        Those places of the array in the camera's own counting (`camera.microlenses`).
     """
-    a = np.broadcast_to(np.asarray(target, float), there.shape)
-    fap = camera.fap
-    wanted = np.array([fap.x, fap.y]) + fap.diameter / 2 * a
-    found = sensor_of_pupil(camera, there, wanted)
+    a, fap = np.broadcast_to(np.asarray(target, float), there.shape), camera.fap
+    found = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * a)
     lens_at = camera.array.lifted(there, camera.mla)
 
     def slopes(p: Array) -> Array:
@@ -147,54 +333,6 @@ def aimed(lens: LensBuilds, planes: Planes, half: Array, wanted: Aims, trial: In
     return Aimed(landed, heights, miss)
 
 
-class Outlines(NamedTuple):
-    """Microlens images of N build-and-field pairs as if nothing cut them, from `RIM` rays each."""
-
-    shape: Array
-    """Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6)."""
-    peaks: Array
-    """Largest squared height of the pencil over that of each rim, (N, S + R - 1): above 1 where it is cut."""
-    turns: Array
-    """Where on the FAP's rim [rad], likewise."""
-
-
-def outlines(rim: Aimed) -> Outlines:
-    """Areas, moments and largest heights from rays along the FAP's rim."""
-    count, rims = rim.landed.shape[0], rim.heights.shape[2]
-    found = Outlines(np.empty((count, 6)), np.empty((count, rims)), np.empty((count, rims)))
-    points = rim.landed.shape[1]
-    waves = np.cos(2 * np.pi * np.arange(points) / points)
-    whole_images.compiled(rim.landed, rim.heights, _periodic_slopes(points), waves, HARMONICS, *found)
-    return found
-
-
-def _periodic_slopes(count: int) -> Array:
-    """Weights of the derivative of a periodic function from its evenly spaced values, an even number of them."""
-    k = np.arange(1, count)
-    return np.concatenate([[0.0], 0.5 * (-1.0) ** k / np.tan(np.pi * k / count)])
-
-
-def cut_shapes(rim: Aimed, inner: Aimed, found: Outlines) -> tuple[Array, Array]:
-    """Lit shapes (N, 6) and seen parts of the FAP (N,) of images that rims cut, from rays all over the FAP.
-
-    nan where the lens loses some of those rays altogether.
-    """
-    outer_points, inner_points = pupil_points()
-    places = np.concatenate([inner_points, outer_points])
-    fit = np.ascontiguousarray(np.linalg.pinv(np.prod(places[:, None, :] ** POWERS, axis=-1)))
-    landed = np.concatenate([inner.landed, rim.landed], axis=1)
-    heights = np.concatenate([inner.heights, rim.heights], axis=1)
-    shape, share = np.full((len(landed), 6), np.nan), np.full(len(landed), np.nan)
-    whole = np.flatnonzero(~np.any(np.isnan(landed[:, :, 0]), axis=1))
-    size, part = np.empty((len(whole), 6)), np.empty(len(whole))
-    cut_images.compiled(
-        landed[whole], heights[whole], found.peaks[whole], found.turns[whole], places, fit, _NODES + 0.5, _WEIGHTS,
-        size, part,
-    )  # fmt: skip
-    shape[whole], share[whole] = size, part
-    return shape, share
-
-
 def landings(lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
     """Where rays from object points through FAP points meet the array, then the sensor, in their own coordinates.
 
@@ -214,13 +352,23 @@ def landings(lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, p
     ndarray
         Points (T, n, 4) [mm], nan for a ray that does not come through; rims stop none.
     """
-    x, a = np.ascontiguousarray(point, float), np.ascontiguousarray(pupil, float)
-    trials, n = len(world), len(x)
-    landed, lost = np.empty((trials, n, 4)), np.empty((trials, n), bool)
-    count = lens.media.shape[1] - 1
-    land.compiled(lens.table, count, lens.media, planes.array, planes.sensor, planes.rims, world, x, a, landed, lost)
-    landed[lost] = np.nan
+    fap, aside = planes.rims[:, 0], np.asarray(pupil, float)[None] * planes.rims[:, :1, 12:]
+    through = fap[:, None, :3] + aside[..., :1] * fap[:, None, 3:6] + aside[..., 1:] * fap[:, None, 6:9]
+    start = np.asarray(point, float) + world[:, None]
+    run = through - start
+    way = run / np.sqrt(np.sum(np.square(run), axis=-1, keepdims=True))
+    found = lens.stack.trace(Rays(np.moveaxis(through, -1, 0), np.moveaxis(way, -1, 0)), clip=False)
+    place, way = (np.moveaxis(part, 0, -1) for part in found.rays)
+    landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
+    landed[~found.kept] = np.nan
     return landed
+
+
+def crossings(point: Array, way: Array, plane: Array) -> Array:
+    """Where lines through points along ways (..., 3) cross planes (..., 12), in their own coordinates, (..., 2)."""
+    off, normal = point - plane[..., :3], plane[..., 9:12]
+    hit = off - way * (np.sum(off * normal, axis=-1) / np.sum(way * normal, axis=-1))[..., None]
+    return np.stack([np.sum(hit * plane[..., 3:6], axis=-1), np.sum(hit * plane[..., 6:9], axis=-1)], axis=-1)
 
 
 def spot_radii(
@@ -264,20 +412,5 @@ def spot_radii(
         with THREADS:
             spots_on_all_threads.compiled(*arguments)
     else:
-        spots.compiled(*arguments)
+        spots.compiled(*arguments, 0, len(world))
     return size
-
-
-__all__ = [
-    "Aimed",
-    "Aims",
-    "Outlines",
-    "Planes",
-    "aimed",
-    "aims",
-    "cut_shapes",
-    "landings",
-    "outlines",
-    "pupil_points",
-    "spot_radii",
-]

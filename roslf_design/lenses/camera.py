@@ -1,30 +1,81 @@
 """A light-field camera behind a real lens: where everything stands, and the backward ray from sensor to scene.
 
-The lens keeps its frame (first vertex at z = 0). The paper's distances count from the principal planes, where the thin
-lens splits: d_f and d_3 from the object-side one, d_1 from the image-side one, so that to first order the camera is
-the thin-lens camera of the same numbers. A ruler cannot reach a principal plane: with ``reference="vertex"`` d_f and
-d_3 count from the first vertex and d_1 from the last.
+The lens keeps its frame (first vertex at z = 0); its decentre is taken up by what is around it. The paper's distances
+count from the principal planes, where the thin lens splits: d_f, d_3 and further stops from the object-side one, d_1
+from the image-side one, so that to first order the camera is the thin-lens camera of the same numbers.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..design import Design, Stop
+from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
-from ..microlens.discs import DiscIntersection
-from ..microlens.images import microlens_images
-from .first_order import FirstOrder, first_order, focused
-from .kernels import STOPPED
-from .perturb import rotation
-from .prescription import LensError, Prescription
-from .trace import KEPT, Rays, trace
+from .manufacture import turned
+from .prescription import FirstOrder, LensError, Prescription, first_order, rotation
+from .tracer import KEPT, STOPPED
 
 Array = NDArray[np.float64]
+
+NEWTON_STEPS = 25
+
+
+class Plane(NamedTuple):
+    """How a plane of the camera stands: upright where its tilt is zero.
+
+    Points on it count as if it stood upright.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    """What it is turned about [mm]."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """About x, then about y [rad]."""
+
+    @property
+    def axes(self) -> Array:
+        """Its own x, y and normal in the lens's frame, one a row, (3, 3)."""
+        return rotation(*self.tilt).T
+
+    def lifted(self, point: ArrayLike, z: float) -> Array:
+        """Points (..., 2) of the plane in space, (3, ...) [mm]; `z` is the pivot's."""
+        p = np.asarray(point, float)
+        if self.tilt == (0.0, 0.0):
+            return np.stack([p[..., 0], p[..., 1], np.full(p.shape[:-1], z)])
+        across, along, _ = self.axes
+        off = p - [self.x, self.y]
+        there = np.array([self.x, self.y, z]) + off[..., :1] * across + off[..., 1:] * along
+        return np.moveaxis(there, -1, 0)
+
+    def crossed(self, place: Array, slope: Array, ahead: float) -> Array:
+        """Where rays cross the plane, (2, ...) [mm].
+
+        Parameters
+        ----------
+        place, slope : ndarray, shape (2, ...)
+            The rays' heights on some upright plane [mm], and dx/dz, dy/dz.
+        ahead : float
+            From that plane to the pivot, along z [mm].
+        """
+        if self.tilt == (0.0, 0.0):
+            return place + slope * ahead if ahead else place
+        across, along, normal = self.axes
+        x, y = place[0] - self.x, place[1] - self.y
+        lean = normal[0] * slope[0] + normal[1] * slope[1] + normal[2]
+        step = -(normal[0] * x + normal[1] * y - normal[2] * ahead) / lean
+        hit = np.stack([x + step * slope[0], y + step * slope[1], step - ahead])
+        return np.stack([np.tensordot(across, hit, axes=1) + self.x, np.tensordot(along, hit, axes=1) + self.y])
+
+
+UPRIGHT = Plane()
 
 
 @dataclass(frozen=True)
@@ -41,53 +92,15 @@ class Rim:
     tilt: tuple[float, float] = (0.0, 0.0)
     """About x, then about y, about its centre [rad]."""
 
-
-class Plane(NamedTuple):
-    """How a plane of the camera stands: upright where its tilt is zero."""
-
-    x: float = 0.0
-    y: float = 0.0
-    """What it is turned about [mm]."""
-    tilt: tuple[float, float] = (0.0, 0.0)
-    """About x, then about y [rad]."""
+    @property
+    def centre(self) -> Array:
+        """(2,) [mm]."""
+        return np.array([self.x, self.y])
 
     @property
-    def axes(self) -> Array:
-        """Its own x, y and normal in the lens's frame, one a row, (3, 3)."""
-        return rotation(*self.tilt).T
-
-    def lifted(self, point: ArrayLike, z: float) -> Array:
-        """Points (..., 2) of the plane, counted as if it stood upright, in space, (3, ...) [mm]; `z` is the pivot's."""
-        p = np.asarray(point, float)
-        if self.tilt == (0.0, 0.0):
-            return np.stack([p[..., 0], p[..., 1], np.full(p.shape[:-1], z)])
-        across, along, _ = self.axes
-        off = p - [self.x, self.y]
-        there = np.array([self.x, self.y, z]) + off[..., :1] * across + off[..., 1:] * along
-        return np.moveaxis(there, -1, 0)
-
-    def crossed(self, place: Array, slope: Array, ahead: float) -> Array:
-        """Where rays cross the plane, (2, ...) [mm], counted as if it stood upright.
-
-        Parameters
-        ----------
-        place, slope : ndarray, shape (2, ...)
-            The rays' heights on some upright plane [mm], and dx/dz, dy/dz.
-        ahead : float
-            From that plane to the pivot, along z [mm].
-        """
-        if self.tilt == (0.0, 0.0):
-            return place + slope * ahead if ahead else place
-        across, along, normal = self.axes
-        x, y = place[0] - self.x, place[1] - self.y
-        lean = normal[0] * slope[0] + normal[1] * slope[1] + normal[2]
-        step = -(normal[0] * x + normal[1] * y - normal[2] * ahead) / lean
-        hit = np.stack([x + step * slope[0], y + step * slope[1], step - ahead])
-        mine = [np.tensordot(axis, hit, axes=1) for axis in (across, along)]
-        return np.stack([mine[0] + self.x, mine[1] + self.y])
-
-
-UPRIGHT = Plane()
+    def plane(self) -> Plane:
+        """How it stands."""
+        return Plane(self.x, self.y, self.tilt)
 
 
 @dataclass(frozen=True)
@@ -106,7 +119,12 @@ class LensCamera:
         Places along z of the plane in focus, the microlens array and the sensor [mm]; where these are tilted, of what
         they turn about.
     array, detector : Plane
-        How the microlens array and the sensor stand. Points on them count as if they stood upright.
+        How the microlens array and the sensor stand.
+
+    Raises
+    ------
+    LensError
+        Parts that collide: a stop or the array inside the lens.
     """
 
     lens: Prescription
@@ -120,8 +138,6 @@ class LensCamera:
 
     def __post_init__(self) -> None:
         problems = []
-        if not self.rims:
-            problems.append(Problem("aperture", "is missing; the first rim is the flexible angular plane"))
         if any(self.focal_plane >= rim.z for rim in self.rims):
             problems.append(Problem("focal_plane", "must lie in front of the flexible angular plane and every stop"))
         for rim in self.rims:
@@ -158,8 +174,7 @@ class LensCamera:
     @property
     def is_upright(self) -> bool:
         """Whether nothing around the lens is tilted."""
-        around = (*(rim.tilt for rim in self.rims), self.array.tilt, self.detector.tilt)
-        return all(tilt == (0.0, 0.0) for tilt in around)
+        return all(part.tilt == (0.0, 0.0) for part in (*self.rims, self.array, self.detector))
 
     @property
     def first_order(self) -> FirstOrder:
@@ -188,75 +203,53 @@ class LensCamera:
 
     @property
     def lens_diameter(self) -> float:
-        """Smallest clear diameter of the lens [mm]: D of its thin twin."""
-        return 2 * min(surface.semi_diameter for surface in self.lens.surfaces)
-
-    def with_lens(self, lens: Prescription) -> LensCamera:
-        """The same camera with another lens (a perturbed one), nothing refocused."""
-        return replace(self, lens=lens)
-
-    def thin_images(self, microlens: ArrayLike) -> DiscIntersection:
-        """Microlens images by the thin-lens model of the same first-order numbers, for microlenses (..., 2) [mm]."""
-        constants = self.first_order
-        return microlens_images(
-            microlens,
-            [*(rim.diameter for rim in self.rims), self.lens_diameter],
-            [*(constants.front_principal - rim.z for rim in self.rims), 0.0],
-            [*((rim.x, rim.y) for rim in self.rims), (0.0, 0.0)],
-            focal_length=constants.focal_length,
-            focal_plane=self.d_f,
-            mla_distance=self.d_1,
-            sensor_distance=self.d_2,
-        )
+        """D of the thin twin [mm]."""
+        return self.lens.clear_diameter
 
 
-def mounted(
-    lens: Prescription,
-    wavelength: float,
-    *,
-    pupil_diameter: float,
-    pupil_distance: float,
-    sensor_distance: float,
-    focal_plane: float | None = None,
-    mla_distance: float | None = None,
-    stops: tuple[Rim, ...] = (),
-    reference: str = "principal",
-) -> LensCamera:
-    """Focus a camera with a real lens.
+@lru_cache(maxsize=64)
+def camera_of(design: Design) -> LensCamera:
+    """The traced camera of a design with a real main lens.
 
-    Parameters
-    ----------
-    lens, wavelength
-        The lens as mounted (`Prescription.reversed` for the other way round), and the wavelength to focus [mm].
-    pupil_diameter, pupil_distance : float
-        D_F and d_3 of the flexible angular plane [mm].
-    sensor_distance : float
-        d_2 [mm].
-    focal_plane, mla_distance : float
-        d_f or d_1 [mm]: one of them; the other follows from the lens.
-    stops : tuple of Rim
-        Further rims, placed in the lens's frame.
-    reference : {"principal", "vertex"}
-        What d_f, d_3 and d_1 count from.
+    A tilt of the main lens turns it about the middle of its principal planes, one of any other part about its centre.
 
     Raises
     ------
     LensError
-        Parts that collide, or a focus that does not exist.
+        Parts that collide: a stop or the array inside the lens.
+    ValueError
+        The design's main lens is ideal.
     """
-    if reference not in ("principal", "vertex"):
-        raise LensError((Problem("reference", f"{reference!r} is not known; write 'principal' or 'vertex'"),))
-    constants = first_order(lens, wavelength)
-    by_vertex = reference == "vertex"
-    front = 0.0 if by_vertex else constants.front_principal
-    rear = lens.length if by_vertex else constants.rear_principal
-    d_f = None if focal_plane is None else focal_plane - front + constants.front_principal
-    d_1 = None if mla_distance is None else mla_distance + rear - constants.rear_principal
-    d_f, d_1 = focused(lens, wavelength, focal_plane=d_f, mla=d_1)
-    mla = constants.rear_principal + d_1
-    fap = Rim(pupil_diameter, front - pupil_distance)
-    rims = (fap, *stops)
-    return LensCamera(lens, wavelength, rims, constants.front_principal - d_f, mla, mla + sensor_distance)
+    lens = design.lens
+    if lens is None:
+        raise ValueError(f"{design.name} has an ideal main lens; there is nothing to trace")
+    constants = first_order(lens, design.wavelength)
+    front, rear = constants.front_principal, constants.rear_principal
+    if design.main_lens.tilt != (0.0, 0.0):
+        lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
+
+    def stands(part: Stop | MicrolensArray | Sensor) -> Plane:
+        x, y = np.subtract(part.decentre, design.main_lens.decentre)
+        return Plane(float(x), float(y), part.tilt)
+
+    mla = rear + design.d_1
+    rims = tuple(Rim(stop.diameter, front - stop.distance, *stands(stop)) for stop in design.all_stops)
+    planes = [stands(part) if part.tilt != (0.0, 0.0) else UPRIGHT for part in (design.microlens_array, design.sensor)]
+    return LensCamera(lens, design.wavelength, rims, front - design.d_f, mla, mla + design.d_2, *planes)
+
+
+def tilted_parts(design: Design) -> tuple[str, ...]:
+    """Parts around the main lens that are tilted."""
+    tilts = {"FAP": design.aperture.tilt, "microlens array": design.microlens_array.tilt, "sensor": design.sensor.tilt}
+    tilts |= {f"stop {number}": stop.tilt for number, stop in enumerate(design.stops, start=1)}
+    return tuple(name for name, tilt in tilts.items() if tilt != (0.0, 0.0))
+
+
+def microlenses(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> Array:
+    """Microlens axes (..., 2), given in the array's own frame, in the lens's [mm]; as if the array stood upright."""
+    cosine, sine = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
+    there = np.asarray(axes, float) @ np.array([[cosine, sine], [-sine, cosine]])
+    return np.asarray(there + np.subtract(design.microlens_array.decentre, design.main_lens.decentre))
 
 
 class Views(NamedTuple):
@@ -269,7 +262,7 @@ class Views(NamedTuple):
     slope: Array
     """dx/dz and dy/dz in object space, (..., 2)."""
     state: NDArray[np.int16]
-    """What became of the ray (`trace.describe`), (...)."""
+    """What became of the ray (`tracer.describe`), (...)."""
     fap_room: Array
     """1 - r^2/(D_F/2)^2 about the FAP's centre, (...): positive inside."""
     room: Array
@@ -298,26 +291,18 @@ def views(
         [mm]; the camera's own by default.
     clip : bool
         Whether clear diameters, the FAP and the stops stop rays; otherwise only `room` and `fap_room` tell.
-
-    Returns
-    -------
-    Views
     """
     c, p = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(sensor, float))
-    shape = c.shape[:-1]
     start, end = camera.detector.lifted(p, camera.sensor), camera.array.lifted(c, camera.mla)
+    run = end - start
     colour = camera.wavelength if wavelength is None else wavelength
-    rays = Rays(end, Rays.between(start, end).direction)
-    traced = trace(camera.lens, rays, colour, backward=True, plane=camera.fap.z, clip=clip, room=True)
-    assert traced.room is not None
-    lost = traced.state != KEPT
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(lost, 0.0, traced.rays.direction[:2] / traced.rays.direction[2])
-    place, room, state = traced.rays.position[:2], traced.room, traced.state.copy()
+    found = camera.lens.through(end[:2], run[:2] / run[2], colour, start=end[2], end=camera.fap.z, clip=clip)
+    place, slope, room, state = found.height, found.slope, found.room, found.state.copy()
+    lost = found.state != KEPT
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
-        crossing = Plane(rim.x, rim.y, rim.tilt).crossed(place, slope, rim.z - camera.fap.z)
-        at = crossing - np.reshape([rim.x, rim.y], (2, *(1,) * len(shape)))
+        crossing = rim.plane.crossed(place, slope, rim.z - camera.fap.z)
+        at = crossing - rim.centre.reshape(2, *(1,) * lost.ndim)
         left = np.where(lost, -1.0, 1 - np.sum(np.square(at), axis=0) / (rim.diameter / 2) ** 2)
         if number == 0:
             pupil, fap_room = crossing, left
@@ -325,8 +310,7 @@ def views(
             room = np.minimum(room, left)
         if clip:
             state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
-    at_fap, ahead, along = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
-    return Views(at_fap, ahead, along, state, fap_room, room)
+    return Views(*(np.moveaxis(part, 0, -1) for part in (pupil, place, slope)), state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:
@@ -338,3 +322,68 @@ def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> A
         message = "the flexible angular plane is imaged onto the microlens array; move one of them"
         raise LensError((Problem("aperture.distance", message),))
     return np.asarray((slope * np.asarray(microlens, float) - np.asarray(pupil, float)) / reach)
+
+
+class SensorPoints(NamedTuple):
+    """Sensor points that see given points of the FAP's plane."""
+
+    sensor: Array
+    """[mm], (..., 2)."""
+    views: Views
+    """Their backward rays, apertures not counted."""
+    ok: NDArray[np.bool_]
+    """Whether the point was found, (...); elsewhere the nearest approach."""
+
+
+def sensor_of_pupil(
+    camera: LensCamera,
+    microlens: ArrayLike,
+    pupil: ArrayLike,
+    wavelength: float | None = None,
+    *,
+    start: ArrayLike | None = None,
+) -> SensorPoints:
+    """Sensor points behind microlenses that see given points of the FAP's plane; inverse of `views`.
+
+    Parameters
+    ----------
+    camera : LensCamera
+        The camera.
+    microlens, pupil : array_like
+        Microlens axes c and points a on the FAP's plane [mm], (..., 2), broadcast.
+    wavelength : float, optional
+        [mm]; the camera's own by default.
+    start : array_like, optional
+        First guess; first order by default.
+
+    Returns
+    -------
+    SensorPoints
+        To 1e-12 of the FAP's diameter by Newton's method, apertures left aside (`views.room` tells of them).
+    """
+    c, a = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(pupil, float))
+    p = c + camera.d_2 * chief_slope(camera, c, a) if start is None else np.array(np.broadcast_to(start, c.shape))
+    origin = c + camera.d_2 * chief_slope(camera, c, np.zeros(2))
+    nudge = 1e-3 * camera.d_2 * float(np.abs(chief_slope(camera, np.zeros(2), [camera.fap.diameter / 2, 0.0])[0]))
+    tolerance = 1e-12 * camera.fap.diameter
+    steps = np.array([[0.0, 0.0], [nudge, 0.0], [0.0, nudge]])
+    best, miss = p.copy(), np.full(c.shape[:-1], np.inf)
+    for _ in range(NEWTON_STEPS):
+        at = views(camera, c[..., None, :], p[..., None, :] + steps, wavelength, clip=False)
+        met = np.all(at.state == KEPT, axis=-1)
+        error = at.pupil[..., 0, :] - a
+        size = np.where(met, np.hypot(error[..., 0], error[..., 1]), np.inf)
+        better = size < miss
+        best, miss = np.where(better[..., None], p, best), np.where(better, size, miss)
+        if np.all(miss <= tolerance):
+            break
+        (xx, xy), (yx, yy) = np.moveaxis((at.pupil[..., 1:, :] - at.pupil[..., :1, :]) / nudge, (-1, -2), (0, 1))
+        x, y = error[..., 0], error[..., 1]
+        stretch = xx * yy - xy * yx
+        step = np.stack([yy * x - xy * y, xx * y - yx * x], axis=-1)
+        full = step * np.divide(1.0, stretch, where=stretch != 0, out=np.zeros_like(stretch))[..., None]
+        # Where a ray misses the lens, or things get worse, come back half way to the best so far, at first to the axis.
+        back = np.where(np.isfinite(miss)[..., None], best, origin)
+        p = np.where((met & better)[..., None], p - full, (p + back) / 2)
+    final = views(camera, c, best, wavelength, clip=False)
+    return SensorPoints(best, final, np.asarray(miss <= 1e3 * tolerance))

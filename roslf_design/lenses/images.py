@@ -1,28 +1,42 @@
-"""Microlens images behind a real lens: the outline that each microlens's image of the FAP really has.
+"""What a real lens does over the field: microlens images as they really are, and the aberrations that make them so.
 
 A microlens at c sees the flexible angular plane (FAP) through the lens; its image is the set of sensor points whose
 backward ray passes the FAP, every surface and every further stop. The map from sensor point to FAP point is smooth, so
 the FAP's rim is carried back to the sensor by Newton's method, and what the lens cuts off is found along spokes.
 Only a strongly aberrated lens folds the map; such images are found out on a grid and integrated on a finer one.
+
+The chief ray, through the centre of the FAP, says which object point X on the focal plane the microlens looks at. From
+X the pencil that fills the FAP is traced forward to the array: the FAP stands in front of the lens, so these rays need
+no aiming.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._points import sunflower
-from .camera import LensCamera, Views, chief_slope, views
-from .trace import KEPT
+from ..design import Design
+from ..errors import InputError
+from ..theory.field import FieldBound, nondistortion_bound
+from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
+from .tracer import KEPT, MISSED, Passed, describe
 
 Array = NDArray[np.float64]
 
-NEWTON_STEPS = 25
 HALVINGS = 44
 CHUNK = 64
 FOLD_GRID, QUADRATURE_GRID, PUPIL_SAMPLES = 33, 257, 400
+PENCIL = 1e-3
+"""Size of the pencil about the chief ray that field curvature is measured with, as a part of the FAP."""
+SPOT_RAYS = 200
+RIM_POINTS = 32
+VISIBLE = (486.1e-6, 656.3e-6)
+"""F and C lines [mm]: lateral colour is told between them."""
 DARK, CLIPPED, FULL, FOLDED = 0, 1, 2, 3
 """Status of an image: no light, cut, whole, or folded.
 
@@ -31,75 +45,10 @@ caustic of the pupil lies in it, and it is no longer a distorted disc.
 """
 
 
-class Found(NamedTuple):
-    """Sensor points that see given points of the FAP's plane."""
-
-    sensor: Array
-    """[mm], (..., 2)."""
-    views: Views
-    """Their backward rays, apertures not counted."""
-    ok: NDArray[np.bool_]
-    """Whether the point was found, (...); elsewhere the nearest approach."""
-
-
-def sensor_of_pupil(
-    camera: LensCamera,
-    microlens: ArrayLike,
-    pupil: ArrayLike,
-    wavelength: float | None = None,
-    *,
-    start: ArrayLike | None = None,
-) -> Found:
-    """Sensor points behind microlenses that see given points of the FAP's plane; inverse of `views`.
-
-    Parameters
-    ----------
-    camera : LensCamera
-        The camera.
-    microlens, pupil : array_like
-        Microlens axes c and points a on the FAP's plane [mm], (..., 2), broadcast.
-    wavelength : float, optional
-        [mm]; the camera's own by default.
-    start : array_like, optional
-        First guess; first order by default.
-
-    Returns
-    -------
-    Found
-        To 1e-12 of the FAP's diameter, apertures left aside (`views.room` tells of them).
-    """
-    c, a = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(pupil, float))
-    p = c + camera.d_2 * chief_slope(camera, c, a) if start is None else np.array(np.broadcast_to(start, c.shape))
-    origin = c + camera.d_2 * chief_slope(camera, c, np.zeros(2))
-    nudge = 1e-3 * camera.d_2 * float(np.abs(chief_slope(camera, np.zeros(2), [camera.fap.diameter / 2, 0.0])[0]))
-    tolerance = 1e-12 * camera.fap.diameter
-    steps = np.array([[0.0, 0.0], [nudge, 0.0], [0.0, nudge]])
-    best, miss = p.copy(), np.full(c.shape[:-1], np.inf)
-    for _ in range(NEWTON_STEPS):
-        at = views(camera, c[..., None, :], p[..., None, :] + steps, wavelength, clip=False)
-        met = np.all(at.state == KEPT, axis=-1)
-        error = at.pupil[..., 0, :] - a
-        size = np.where(met, np.hypot(error[..., 0], error[..., 1]), np.inf)
-        better = size < miss
-        best, miss = np.where(better[..., None], p, best), np.where(better, size, miss)
-        if np.all(miss <= tolerance):
-            break
-        jacobian = np.swapaxes(at.pupil[..., 1:, :] - at.pupil[..., :1, :], -1, -2) / nudge
-        full = _solved(jacobian, error)
-        # Where a ray misses the lens, or things get worse, come back half way to the best so far, at first to the axis.
-        back = np.where(np.isfinite(miss)[..., None], best, origin)
-        p = np.where((met & better)[..., None], p - full, (p + back) / 2)
-    final = views(camera, c, best, wavelength, clip=False)
-    return Found(best, final, np.asarray(miss <= 1e3 * tolerance))
-
-
-def _solved(jacobian: Array, error: Array) -> Array:
-    (a, b), (c, d) = np.moveaxis(jacobian, (-2, -1), (0, 1))
-    size = a * d - b * c
-    safe = np.where(size == 0, 1.0, size)
-    x, y = error[..., 0], error[..., 1]
-    step = np.stack([d * x - b * y, a * y - c * x], axis=-1) / safe[..., None]
-    return np.asarray(np.where((size != 0)[..., None], step, 0.0))
+def circle(count: int, first: float = 0.0) -> Array:
+    """Points evenly spaced on the unit circle from the angle `first` on, (count, 2)."""
+    turns = first + 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
 class MicrolensImages(NamedTuple):
@@ -114,7 +63,7 @@ class MicrolensImages(NamedTuple):
     """Boundary of what light reaches [mm], (..., K, 2); where dark, K times the chief point; where folded, only of the
     part about its roomiest point."""
     whole_area: Array
-    """Area inside `outline` [mm^2], (...); to first order where part of the rim is out of the lens's sight."""
+    """Area inside `outline` [mm^2], (...); nan where part of the rim is out of the lens's sight."""
     area: Array
     """Lit area [mm^2], (...)."""
     centroid: Array
@@ -172,15 +121,12 @@ def real_images(
 
 def _images(camera: LensCamera, c: Array, wavelength: float | None, points: int) -> MicrolensImages:
     fap = camera.fap
-    angles = 2 * np.pi * np.arange(points) / points
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    centre = np.array([fap.x, fap.y])
-    middle = sensor_of_pupil(camera, c, centre, wavelength)
-    rim = sensor_of_pupil(camera, c[:, None, :], centre + fap.diameter / 2 * circle, wavelength)
+    middle = sensor_of_pupil(camera, c, fap.centre, wavelength)
+    rim = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points), wavelength)
     outline, chief = rim.sensor - c[:, None, :], middle.sensor - c
     whole, centroid, moments = polygon_moments(outline)
     seen = middle.ok & np.all(rim.ok, axis=-1)
-    whole = np.where(seen, whole, camera.thin_images(np.zeros(2)).area)
+    whole = np.where(seen, whole, math.nan)
     cut = ~(seen & np.all(rim.views.room >= 0, axis=-1))
     folded = _folded(camera, c, wavelength)
     status = np.where(cut, CLIPPED, FULL).astype(np.int8)
@@ -238,7 +184,7 @@ def _quadrature(camera: LensCamera, c: Array, wavelength: float | None) -> tuple
 def _seen_share(camera: LensCamera, c: Array, sensor: Array, pupil: Array, wavelength: float | None) -> float:
     """Share of the FAP that a microlens sees at all, from lit sensor points and the FAP points they see."""
     fap = camera.fap
-    wanted = np.array([fap.x, fap.y]) + fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
+    wanted = fap.centre + fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
     nearest = np.argmin(np.sum(np.square(wanted[:, None] - pupil), axis=-1), axis=1)
     found = sensor_of_pupil(camera, c, wanted, wavelength, start=sensor[nearest])
     return float(np.mean(found.ok & (found.views.room >= 0)))
@@ -267,8 +213,7 @@ def _cut_boundary(
         hub = around[np.arange(n), np.argmax(room(around), axis=1)]
         reach = reach / 2
     lit = room(hub[:, None])[:, 0] > 0
-    angles = 2 * np.pi * np.arange(points) / points
-    spoke = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    spoke = circle(points)
     low, high = np.zeros((n, points)), np.broadcast_to(2.5 * size[:, None], (n, points))
     for _ in range(HALVINGS):
         half = (low + high) / 2
@@ -304,3 +249,240 @@ def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
     xy = np.sum(x * x * y * dy, axis=-1) / 2 / safe
     moments = np.stack([xx - mx * mx, xy - mx * my, yy - my * my], axis=-1)
     return np.asarray(area * turn), start[..., 0, :] + np.stack([mx, my], axis=-1), moments
+
+
+class FieldMap(NamedTuple):
+    """Aberrations by microlens; leading axes of the microlenses, then of wavelengths where there are several."""
+
+    microlens: Array
+    """c [mm], (..., 2)."""
+    object_point: Array
+    """X on the focal plane that the chief ray comes from [mm], (..., 2)."""
+    distortion: Array
+    """(|c| - |c_1|)/|c_1|, c_1 where first order would image X; (...), 0 on the axis."""
+    tangential_focus: Array
+    sagittal_focus: Array
+    """Where pencils in and across the meridional plane focus, behind the array [mm], (...); negative before it."""
+    blur: Array
+    """Root-mean-square radius of the light from X on the array, about its centroid [mm], (...)."""
+    spread: Array
+    """Largest extents of that light along and across the meridional plane [mm], (..., 2)."""
+    colours: Array
+    """Wavelengths [mm], (W,)."""
+    lateral_colour: Array
+    """Where the chief ray from X meets the array in each colour, from where it does in the camera's own [mm], (..., W,
+    2); 0 where it does not come through."""
+    status: NDArray[np.int16]
+    """State of the chief ray (`trace.describe`), (...); where it is not 0, the numbers above are 0."""
+
+
+def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ()) -> FieldMap:
+    """Distortion, field curvature, blur and lateral colour for microlenses.
+
+    Parameters
+    ----------
+    camera : LensCamera
+        The camera, focused at its own wavelength.
+    microlens : array_like
+        Axes on the array [mm], (..., 2).
+    colours : array_like
+        Further wavelengths for lateral colour [mm], (W,).
+    """
+    c = np.asarray(microlens, float)
+    fap, waves = camera.fap, np.atleast_1d(np.asarray(colours, float))
+    chief = sensor_of_pupil(camera, c, fap.centre)
+    # A chief ray that Newton's method did not find has the state of its nearest approach, else it missed.
+    unfound = np.where(chief.views.state == KEPT, 8 + MISSED, chief.views.state)
+    state = np.where(chief.ok, chief.views.state, unfound).astype(np.int16)
+    good = state == KEPT
+    point = chief.views.at(fap.z - camera.focal_plane)
+    ideal, real = np.hypot(*np.moveaxis(-point * camera.d_1 / camera.d_f, -1, 0)), np.hypot(*np.moveaxis(c, -1, 0))
+    away = good & (ideal > 1e-9 * fap.diameter)
+    distortion = np.divide(real - ideal, ideal, where=away, out=np.zeros_like(ideal))
+    along = np.where(real[..., None] > 0, c / np.where(real > 0, real, 1.0)[..., None], np.array([1.0, 0.0]))
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    foci = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
+    blur, spread = _spot(camera, point, along, across)
+    lateral = np.zeros((*c.shape[:-1], waves.size, 2))
+    own = _forward(camera, point, fap.centre, camera.wavelength)
+    for index, wave in enumerate(waves):
+        other = _forward(camera, point, fap.centre, float(wave))
+        both = (own.state == KEPT) & (other.state == KEPT)
+        lateral[..., index, :] = np.where(both[..., None], np.moveaxis(other.height - own.height, 0, -1), 0.0)
+    spread = np.where(good[..., None], spread, 0.0)
+    return FieldMap(c, point, distortion, *foci, np.where(good, blur, 0.0), spread, waves, lateral, state)
+
+
+def _forward(camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False) -> Passed:
+    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array, in its own frame."""
+    x, a = np.broadcast_arrays(point, pupil)
+    end = camera.fap.plane.lifted(a, camera.fap.z)
+    run = end - np.stack([x[..., 0], x[..., 1], np.full(x.shape[:-1], camera.focal_plane)])
+    there = camera.lens.through(
+        end[:2], run[:2] / run[2], wavelength, start=end[2], end=camera.mla, backward=False, clip=clip
+    )
+    if camera.array.tilt == (0.0, 0.0):
+        return there
+    way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones_like(there.slope[0])]), axes=1)
+    return there._replace(height=camera.array.crossed(there.height, there.slope, 0.0), slope=way[:2] / way[2])
+
+
+def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
+    """Where a thin pencil spread along `axis` on the FAP comes together along it, behind the array [mm]."""
+    offset = PENCIL * camera.fap.diameter / 2 * np.array([[-1.0], [1.0]])
+    rays = _forward(camera, point[..., None, :], camera.fap.centre + offset * axis[..., None, :], camera.wavelength)
+    towards = np.moveaxis(axis, -1, 0)[..., None]
+    height, slope = np.sum(rays.height * towards, axis=0), np.sum(rays.slope * towards, axis=0)
+    closing, gap = slope[..., 1] - slope[..., 0], height[..., 1] - height[..., 0]
+    return np.asarray(np.divide(-gap, closing, where=closing != 0, out=np.zeros_like(gap)))
+
+
+def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tuple[Array, Array]:
+    """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
+    disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1) * camera.fap.diameter / 2
+    pupil = camera.fap.centre + disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :]
+    rays = _forward(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
+    place, kept = np.moveaxis(rays.height, 0, -1), rays.state == KEPT
+    even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
+    count = np.maximum(np.sum(even, axis=-1), 1)
+    mean = np.sum(place * even[..., None], axis=-2) / count[..., None]
+    off = np.where(kept[..., None], place - mean[..., None, :], 0.0)
+    blur = np.sqrt(np.sum(np.square(off) * even[..., None], axis=(-1, -2)) / count)
+    sides = np.stack([np.sum(off * axis[..., None, :], axis=-1) for axis in (along, across)], axis=-1)
+    return blur, np.max(sides, axis=-2) - np.min(sides, axis=-2)
+
+
+def undistorted_field(camera: LensCamera, wavelength: float | None = None, angle: float = 0.0) -> FieldBound:
+    """Non-distortion bound measured on the real lens: how far off axis a microlens still sees the whole FAP.
+
+    Parameters
+    ----------
+    camera : LensCamera
+        The camera.
+    wavelength : float, optional
+        [mm]; the camera's own by default.
+    angle : float
+        Direction on the array [rad].
+
+    Returns
+    -------
+    FieldBound
+        Radii on the focal plane and on the array [mm]; 0 where even the axis is clipped. Twin of Eq. 6, which knows
+        only the thin lens. The search ends at twice the lens's diameter.
+    """
+    way = np.array([np.cos(angle), np.sin(angle)])
+    centre = camera.fap.centre
+    rim = centre + camera.fap.diameter / 2 * circle(RIM_POINTS, angle)
+
+    def room(radius: float) -> float:
+        """Least room of the FAP's rim, between the points looked at as well; -1 where some of it is out of sight."""
+        found = sensor_of_pupil(camera, radius * way, rim, wavelength)
+        if not np.all(found.ok & (found.views.room > -1)):
+            return -1.0
+        low = int(np.argmin(found.views.room))
+        left, least, right = (float(found.views.room[(low + step) % RIM_POINTS]) for step in (-1, 0, 1))
+        bend = left - 2 * least + right
+        return least - (right - left) ** 2 / (8 * bend) if bend > 0 else least
+
+    thin = nondistortion_bound(
+        camera.lens_diameter, camera.fap.diameter, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
+    )
+    low, high = 0.0, min(float(thin.mla_radius), camera.lens_diameter)
+    inside, outside = room(low), room(high)
+    if inside < 0:
+        return FieldBound(np.asarray(0.0), np.asarray(0.0))
+    while outside >= 0 and high < 2 * camera.lens_diameter:
+        low, inside, high = high, outside, 1.25 * high
+        outside = room(high)
+    radius = high if outside >= 0 else _root(room, low, high, inside, outside)
+    edge = sensor_of_pupil(camera, radius * way, centre, wavelength)
+    point = edge.views.at(camera.fap.z - camera.focal_plane)
+    return FieldBound(np.asarray(np.hypot(*point)), np.asarray(radius))
+
+
+def _root(room: Callable[[float], float], low: float, high: float, inside: float, outside: float) -> float:
+    """Largest radius found with room, between one with and one without: secant steps kept inside the bracket."""
+    stayed = 0
+    for _ in range(80):
+        smooth = outside > -1  # else part of the rim was out of sight and the number says only that
+        share = inside / (inside - outside) if smooth else 0.5
+        middle = low + (high - low) * min(max(share, 1e-3), 1 - 1e-3)
+        value = room(middle)
+        if value >= 0:  # Illinois: an end that stays twice must not hold the steps back
+            low, inside, outside = middle, value, outside / 2 if stayed == 1 and smooth else outside
+            stayed = 1
+        else:
+            high, outside, inside = middle, value, inside / 2 if stayed == -1 and value > -1 else inside
+            stayed = -1
+        if high - low <= 1e-12 * high or 0 <= value <= 1e-13:
+            break
+    return low
+
+
+class RealField(NamedTuple):
+    """What a real lens does to microlenses (N); lengths in mm, nan where there is no light to tell it by."""
+
+    microlens: Array
+    """In the lens's frame, (N, 2)."""
+    images: MicrolensImages
+    thin_centre: Array
+    """Image of the FAP's centre by the thin twin, relative to the microlens axis, (N, 2)."""
+    thin_diameter: float
+    shift: Array
+    """Image centres against the thin twin's, (N, 2)."""
+    widening: Array
+    """Diameter over the thin twin's, less 1, (N); of what is lit where the image is folded, nan where part of the FAP's
+    rim is out of the lens's sight."""
+    rim_shift: Array
+    """Farthest that a point of the FAP's rim is imaged from where the thin twin images it, (N); nan likewise."""
+    maps: FieldMap
+    lateral_colour: Array
+    """Between the F and the C line on the array, (N); nan outside the glasses' range."""
+    chief: tuple[str, ...]
+    """What became of each chief ray."""
+
+
+def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> RealField:
+    """Microlens images and aberrations at microlenses of a design (N, 2), in its array's frame [mm]."""
+    camera = camera_of(design)
+    fap = camera.fap
+    c = microlenses(design, axes).reshape(-1, 2)
+    images = real_images(camera, c)
+    rim = fap.centre + fap.diameter / 2 * circle(images.outline.shape[-2])
+    thin_centre = camera.d_2 * chief_slope(camera, c, fap.centre)
+    thin_rim = camera.d_2 * chief_slope(camera, c[:, None], rim)
+    thin_diameter = fap.diameter * abs(float(camera.d_2 * chief_slope(camera, [0.0, 0.0], [1.0, 0.0])[0]))
+    try:
+        maps = field_map(camera, c, VISIBLE)
+        colour = np.hypot(*np.moveaxis(maps.lateral_colour[:, 1] - maps.lateral_colour[:, 0], -1, 0))
+    except InputError:  # a glass that is not known so far
+        maps = field_map(camera, c)
+        colour = np.full(len(c), math.nan)
+    own = np.where(images.status == FOLDED, 2 * np.sqrt(images.area / np.pi), images.diameter)
+    lost = maps.status != KEPT
+    guessed = lost | ((images.status == CLIPPED) & np.isnan(images.whole_area))
+    return RealField(
+        c,
+        images,
+        thin_centre,
+        thin_diameter,
+        np.where(lost[:, None], math.nan, images.chief - thin_centre),
+        np.where(guessed, math.nan, own / thin_diameter - 1),
+        np.where(guessed, math.nan, np.max(np.hypot(*np.moveaxis(images.outline - thin_rim, -1, 0)), axis=-1)),
+        maps,
+        np.where(lost, math.nan, colour),
+        tuple(describe(int(state)) for state in maps.status),
+    )
+
+
+def measured_bound(design: Design) -> tuple[float, float]:
+    """Undistorted half-field measured on the traced lens, on the focal plane and on the array [mm].
+
+    Twin of Eq. 6's bound; where parts are off axis, the least of eight directions.
+    """
+    camera = camera_of(design)
+    centred = camera.lens.is_centred and camera.is_upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
+    turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
+    found = [undistorted_field(camera, angle=turn) for turn in turns]
+    least = min(found, key=lambda bound: float(bound.mla_radius))
+    return float(least.object_radius), float(least.mla_radius)

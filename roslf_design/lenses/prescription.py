@@ -1,20 +1,24 @@
-"""A lens as its maker prints it: surfaces in order, curvatures, thicknesses, glasses, clear diameters.
+"""A lens as its maker prints it: surfaces in order, curvatures, thicknesses, glasses, clear diameters; its first order.
 
-Surfaces run from the scene to the microlens array, the first vertex at z = 0, air before and after. A surface holds
-its curvature rather than its radius, so that a plane is 0 and nothing is infinite.
+Surfaces run from the scene to the microlens array, the first vertex at z = 0, +z from scene to sensor, air before and
+after. A surface holds its curvature rather than its radius, so that a plane is 0 and nothing is infinite.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import lru_cache
+from itertools import accumulate, pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
+from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
 
 Array = NDArray[np.float64]
 
@@ -87,6 +91,12 @@ class Surface:
             total = total + a * square**power
         return np.asarray(total)
 
+    @property
+    def axis(self) -> Array:
+        """Unit vector along the surface's own axis, image side."""
+        alpha, beta = self.tilt
+        return np.array([math.sin(beta), -math.sin(alpha) * math.cos(beta), math.cos(alpha) * math.cos(beta)])
+
     def reversed(self, glass: Glass, thickness: float) -> Surface:
         """The surface mirrored in z, as light from the other side meets it, before `glass` and `thickness`."""
         (x, y, z), (alpha, beta) = self.shift, self.tilt
@@ -135,11 +145,7 @@ class Prescription:
     @property
     def vertices(self) -> tuple[float, ...]:
         """Place of each nominal vertex along z [mm], the first 0."""
-        z, found = 0.0, []
-        for surface in self.surfaces:
-            found.append(z)
-            z += surface.thickness
-        return tuple(found)
+        return tuple(accumulate((surface.thickness for surface in self.surfaces[:-1]), initial=0.0))
 
     @property
     def length(self) -> float:
@@ -149,20 +155,38 @@ class Prescription:
     @property
     def elements(self) -> tuple[tuple[int, ...], ...]:
         """Pieces that move as one: runs of surfaces joined by glass (a cemented doublet is one piece of three)."""
-        groups: list[list[int]] = []
-        joined = False
-        for index, surface in enumerate(self.surfaces):
-            if joined:
-                groups[-1].append(index)
-            else:
-                groups.append([index])
-            joined = surface.glass != AIR
-        return tuple(tuple(group) for group in groups)
+        ends = [index + 1 for index, surface in enumerate(self.surfaces) if surface.glass == AIR]
+        return tuple(tuple(range(start, end)) for start, end in pairwise([0, *ends]))
+
+    @property
+    def clear_diameter(self) -> float:
+        """Smallest clear diameter of its surfaces [mm]: D of its thin twin."""
+        return 2 * min(surface.semi_diameter for surface in self.surfaces)
 
     @property
     def is_centred(self) -> bool:
         """Every surface's axis is the z axis, so that the lens is symmetric about it."""
         return all(s.tilt == (0.0, 0.0) and s.shift[:2] == (0.0, 0.0) for s in self.surfaces)
+
+    def at(self, wavelength: ArrayLike) -> SurfaceStack:
+        """The lens in numbers at one wavelength, or as one build for each of several (T,) [mm].
+
+        Raises
+        ------
+        InputError
+            A wavelength outside a glass's range.
+        """
+        waves = np.atleast_1d(np.asarray(wavelength, float))
+        media = np.stack([np.ones(len(waves)), *(surface.glass.index(waves) for surface in self.surfaces)], axis=-1)
+        return SurfaceStack(np.broadcast_to(surface_table(self), (len(waves), len(self.surfaces) * COLUMNS)), media)
+
+    def trace(self, rays: Rays, wavelength: float, **options: Any) -> Traced:
+        """Exact rays through the lens at a wavelength [mm]; options as of `SurfaceStack.trace`."""
+        return self.at(wavelength).trace(rays, **options)
+
+    def through(self, height: Pair, slope: Pair, wavelength: float, **options: Any) -> Passed:
+        """Heights and slopes before the lens to those behind it; options as of `SurfaceStack.through`."""
+        return self.at(wavelength).through(height, slope, **options)
 
     def reversed(self) -> Prescription:
         """The lens mounted the other way round; its new first vertex is at z = 0."""
@@ -232,3 +256,100 @@ def _gap_faults(number: int, front: Surface, rear: Surface) -> list[Problem]:
     what = front.glass.name if front.glass != AIR else "air gap"
     message = f"the {what} is {gap[worst]:.3g} mm thick at height {heights[worst]:.3g} mm: the surfaces cross"
     return [Problem(f"surfaces.{number}.thickness", f"{message}; increase the thickness or reduce the diameters")]
+
+
+@lru_cache(maxsize=128)
+def surface_table(lens: Prescription) -> Array:
+    """A lens's surfaces as the kernels want them: `COLUMNS` numbers each, flat."""
+    table = np.zeros((len(lens.surfaces), COLUMNS))
+    for row, surface, z in zip(table, lens.surfaces, lens.vertices, strict=True):
+        row[0:3] = np.add(surface.shift, (0.0, 0.0, z))
+        row[3:6] = surface.curvature, 1 + surface.conic, surface.semi_diameter**2
+        row[6] = SPHERE if surface.conic == 0 or surface.curvature == 0 else CONIC
+        row[6] = ASPHERE if any(surface.asphere) else row[6]
+        row[7] = surface.tilt != (0.0, 0.0)
+        row[8:17] = (rotation(surface.tilt[0], 0.0) @ rotation(0.0, surface.tilt[1])).reshape(-1)
+        row[17 : 17 + len(surface.asphere)] = surface.asphere
+        heights = np.linspace(0, surface.semi_diameter, 257)
+        row[25] = 1.1 * np.max(np.abs(surface.sag(heights))) + 1e-6 * surface.semi_diameter
+    table.setflags(write=False)
+    return table.reshape(-1)
+
+
+def rotation(alpha: ArrayLike, beta: ArrayLike) -> Array:
+    """Matrices that turn by alpha about x, then by beta about y [rad], (..., 3, 3)."""
+    a, b = np.broadcast_arrays(np.asarray(alpha, float), np.asarray(beta, float))
+    (ca, sa), (cb, sb) = (np.cos(a), np.sin(a)), (np.cos(b), np.sin(b))
+    rows = [[cb, sa * sb, ca * sb], [0 * a, ca, -sa], [-sb, sa * cb, ca * cb]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+class FirstOrder(NamedTuple):
+    """Gaussian constants at one wavelength, in air on both sides; misaligned surfaces count as centred.
+
+    Their first-order effect is a shift of the image, not of its focus. Distances along z are in the lens's frame.
+    """
+
+    power: float
+    """1/f [1/mm]; 0 for an afocal lens."""
+    matrix: Array
+    """ABCD from the first vertex plane to the last: (height, slope) after = matrix @ (height, slope) before, (2, 2)."""
+    length: float
+    """First to last vertex [mm]."""
+
+    @property
+    def focal_length(self) -> float:
+        """Effective focal length f [mm], infinite for an afocal lens."""
+        return 1 / self.power if self.power else math.inf
+
+    @property
+    def back_focal_length(self) -> float:
+        """Last vertex to the image-side focus [mm]."""
+        return float(self.matrix[0, 0]) * self.focal_length
+
+    @property
+    def front_principal(self) -> float:
+        """Place of the object-side principal plane along z [mm]."""
+        return (1 - float(self.matrix[1, 1])) * self.focal_length
+
+    @property
+    def rear_principal(self) -> float:
+        """Place of the image-side principal plane along z [mm]."""
+        return self.length + (float(self.matrix[0, 0]) - 1) * self.focal_length
+
+    def image_of(self, z: float) -> tuple[float, float]:
+        """Place along z of the image of an axial point of the scene's side, and the transverse magnification.
+
+        `z` [mm] may be -inf; for a point at the front focus both are infinite.
+        """
+        (a, b), (c, d) = self.matrix
+        if math.isinf(z):
+            return self.length + self.back_focal_length, 0.0
+        slope = c * -z + d  # of the ray that leaves the axis at z with unit slope
+        if slope == 0:
+            return math.inf, math.inf
+        return self.length - float((a * -z + b) / slope), float(1 / slope)
+
+
+def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
+    """Gaussian constants of a lens: its vertex curvatures (with r^2 terms), thicknesses and indices count.
+
+    Raises
+    ------
+    InputError
+        The wavelength [mm, in air] is outside a glass's range.
+    """
+    media = [1.0, *(float(surface.glass.index(wavelength)) for surface in lens.surfaces)]
+    curvatures, gaps = ([getattr(s, name) for s in lens.surfaces] for name in ("vertex_curvature", "thickness"))
+    matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)
+    return FirstOrder(-float(matrix[1, 0]), matrix, lens.length)
+
+
+def abcd(curvatures: Sequence[Any], gaps: Sequence[Any], media: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+    """ABCD of surfaces, each followed by its gap, in media before, between and after them; numbers or arrays (T,)."""
+    a, b, c, d = 1.0 + 0 * media[0], 0.0 * media[0], 0.0 * media[0], 1.0 + 0 * media[0]
+    for curvature, gap, before, after in zip(curvatures, gaps, media[:-1], media[1:], strict=True):
+        bend = -(after - before) / after * curvature
+        c, d = bend * a + before / after * c, bend * b + before / after * d
+        a, b = a + gap * c, b + gap * d
+    return a, b, c, d

@@ -3,36 +3,96 @@
 A ray meets the array at x with slope s. To first order it comes from ``a_1 = slope x - reach s`` on the plane of the
 flexible angular plane (FAP); the microlens's own chief ray has ``a_1 = K x``. With ``y = a_1 - K x`` the true map of a
 lens of revolution is ``a = P x + Q y`` and ``o = R x + S y``, where P, Q, R, S and K are smooth functions of the
-invariants |x|^2, x.y and |y|^2 alone. They are fitted as polynomials on exact rays; others, held out, give the error.
+invariants u = |x|^2, v = x.y and w = |y|^2 alone. They are fitted as polynomials ``sum_t c_t(u) m_t`` on exact rays,
+with the nine products m_t of v and w 1, v, w, v^2, v w, w^2, v^3, v^2 w, v^4; other rays, held out, give the error.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._jit import kernel
 from .._points import recurrence
 from ..errors import Problem
-from .camera import LensCamera, chief_slope
-from .images import sensor_of_pupil
+from .camera import LensCamera, chief_slope, sensor_of_pupil
 from .prescription import LensError
-from .surrogate_kernel import TERMS, evaluate
-from .trace import KEPT, Rays, trace
+from .tracer import KEPT
 
 Array = NDArray[np.float64]
 
 FIT_RAYS, HELD_OUT = 2000, 4000
-MOST_ORDER = 12
+MOST_ORDER, TERMS = 12, 9
 CHIEF_TERMS = 8
 MARGIN = 1.02
 """How much wider than the FAP and the field the map is fitted."""
-INTERPRETED_BELOW = 300
 TIGHT = 0.1
 """Surfaces that leave more room than this to every ray of the fit cannot clip, and are left out of `room`."""
+
+
+@kernel()
+def horner(coefficients: Any, begin: int, count: int, u: float) -> float:
+    """Polynomial in `u` whose `count` coefficients, lowest power first, begin at `begin`."""
+    total = 0.0
+    for term in range(begin + count - 1, begin - 1, -1):
+        total = total * u + coefficients[term]
+    return total
+
+
+@kernel()
+def combine(a: Any, v: float, w: float) -> float:
+    """Sum of the nine products with the weights `a`."""
+    square = v * v
+    low: float = a[0] + a[1] * v + a[2] * w + a[3] * square + a[4] * (v * w) + a[5] * (w * w)
+    high: float = square * (a[6] * v + a[7] * w + a[8] * square)
+    return low + high
+
+
+@kernel()
+def evaluate(
+    x: Any, y: Any, sx: Any, sy: Any, m: int, slope: float, reach: float, chief: Any, coefficients: Any, order: int,
+    field: float, pupil: float, work: Any, out_x: Any, out_y: Any, out_sx: Any, out_sy: Any, room: Any,
+) -> None:  # fmt: skip
+    """Object-side rays of `m` image-side ones from each point of the array.
+
+    What depends on the microlens is computed once for each of them; the inner loops have no branches and no calls, so
+    that the compiler takes several rays at once. `coefficients` holds P, Q, R, S and then rooms, nine times
+    ``order + 1`` numbers each; `field` and `pupil` scale x and y; `work` has room for nine numbers a polynomial.
+    """
+    length = TERMS * (order + 1)
+    polynomials = len(coefficients) // length
+    p, q, r, s = work[0:9], work[9:18], work[18:27], work[27:36]
+    for row in range(len(x)):
+        hx, hy = x[row] / field, y[row] / field
+        u = hx * hx + hy * hy
+        for term in range(TERMS * polynomials):
+            work[term] = horner(coefficients, term * (order + 1), order + 1, u)
+        k = horner(chief, 0, len(chief), u)
+        ax, ay = (slope - k) * x[row] / pupil, (slope - k) * y[row] / pupil
+        scale = reach / pupil
+        first, last = row * m, row * m + m
+        bx, by = sx[first:last], sy[first:last]
+        ox, oy, osx, osy = out_x[first:last], out_y[first:last], out_sx[first:last], out_sy[first:last]
+        rooms = room[first:last]
+        for i in range(m):
+            px, py = ax - scale * bx[i], ay - scale * by[i]
+            v, w = hx * px + hy * py, px * px + py * py
+            sp, sq = combine(p, v, w), combine(q, v, w)
+            sr, ss = combine(r, v, w), combine(s, v, w)
+            ox[i] = sp * hx + sq * px
+            oy[i] = sp * hy + sq * py
+            osx[i] = sr * hx + ss * px
+            osy[i] = sr * hy + ss * py
+            rooms[i] = 1.0
+        for number in range(4, polynomials):
+            a = work[TERMS * number : TERMS * (number + 1)]
+            for i in range(m):
+                px, py = ax - scale * bx[i], ay - scale * by[i]
+                rooms[i] = min(rooms[i], combine(a, hx * px + hy * py, px * px + py * py))
 
 
 class SurrogateRays(NamedTuple):
@@ -95,24 +155,15 @@ class Surrogate:
             Right to the stated errors for rays that fill the FAP; others are extrapolated.
         """
         inputs = [np.asarray(part, float) for part in (x, y, slope_x, slope_y)]
-        shape = np.broadcast_shapes(*(part.shape for part in inputs))
+        shape, domain = np.broadcast_shapes(*(part.shape for part in inputs)), self._domain
         together = bool(shape) and all(part.ndim == 0 or part.shape[-1] == 1 for part in inputs[:2])
-        m = shape[-1] if together else 1
-        places = [np.broadcast_to(part, (*shape[:-1], 1) if together else shape).reshape(-1) for part in inputs[:2]]
-        slopes = [np.broadcast_to(part, shape).reshape(-1) for part in inputs[2:]]
-        outs = [np.empty(slopes[0].size) for _ in range(5)]
-        constants = (self._domain.slope, self._domain.reach)
-        terms = self._coefficients.size // (self.order + 1)
-        arrays: list[Any] = [*map(np.ascontiguousarray, (*places, *slopes)), self._domain.chief, self._coefficients]
-        arrays += [np.empty(terms), *outs]
-        compiled = slopes[0].size >= INTERPRETED_BELOW
-        if not compiled:
-            arrays = [memoryview(array) for array in arrays]
-        run = evaluate.compiled if compiled else evaluate.interpreted
-        scales = (self._domain.field, self._domain.pupil)
-        from_x, from_y, along_x, along_y, chief, coefficients, work, *results = arrays
-        size = (places[0].size, m, *constants)
-        run(from_x, from_y, along_x, along_y, *size, chief, coefficients, self.order, *scales, work, *results)
+        shapes = [(*shape[:-1], 1) if together else shape] * 2 + [shape] * 2
+        flat = [np.broadcast_to(part, size).ravel() for part, size in zip(inputs, shapes, strict=True)]
+        outs = [np.empty(flat[2].size) for _ in range(5)]
+        evaluate.compiled(
+            *flat, shape[-1] if together else 1, domain.slope, domain.reach, domain.chief, self._coefficients,
+            self.order, domain.field, domain.pupil, np.empty(self._coefficients.size // (self.order + 1)), *outs,
+        )  # fmt: skip
         return SurrogateRays(*(out.reshape(shape) for out in outs))
 
 
@@ -231,28 +282,9 @@ def _samples(camera: LensCamera, domain: _Domain, colour: float, count: int, *, 
     k = np.polynomial.polynomial.polyval(radius**2, domain.chief)
     place = domain.field * x
     s = ((domain.slope - k)[:, None] * place - domain.pupil * y) / domain.reach
-    size = np.sqrt(1 + np.sum(np.square(s), axis=-1))
-    rays = Rays(
-        np.stack([place[:, 0], place[:, 1], np.full(count, camera.mla)]),
-        np.stack([-s[:, 0], -s[:, 1], -np.ones(count)]) / size,
-    )
-    traced = trace(camera.lens, rays, colour, backward=True, plane=camera.fap.z, clip=False)
-    good = traced.state == KEPT
-    way = traced.rays.direction[:, good]
-    rooms = _surface_rooms(camera, rays, colour)[good]
-    return _Samples(x[good], y[good], traced.rays.position[:2, good].T, (way[:2] / way[2]).T, rooms)
-
-
-def _surface_rooms(camera: LensCamera, rays: Rays, colour: float) -> Array:
-    """Room that each surface leaves, (n, S): the ray up to a surface does not know what comes before it."""
-    rooms = []
-    lens = camera.lens
-    for number, z in enumerate(lens.vertices):
-        rear = replace(lens, surfaces=lens.surfaces[number:])
-        moved = Rays(rays.position - np.array([[0.0], [0.0], [z]]), rays.direction)
-        end = trace(rear, moved, colour, backward=True, clip=False).rays.position
-        rooms.append(1 - (end[0] ** 2 + end[1] ** 2) / lens.surfaces[number].semi_diameter ** 2)
-    return np.stack(rooms, axis=-1)
+    there = camera.lens.through(place.T, s.T, colour, start=camera.mla, end=camera.fap.z)
+    good = there.state == KEPT
+    return _Samples(x[good], y[good], there.height[:, good].T, there.slope[:, good].T, 1 - there.heights[:, good].T)
 
 
 def _terms(samples: _Samples, order: int) -> Array:

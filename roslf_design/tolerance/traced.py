@@ -20,25 +20,13 @@ from ..camera.frames import frame
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError
-from ..lenses.aim import (
-    Aimed,
-    Aims,
-    Outlines,
-    Planes,
-    aimed,
-    aims,
-    cut_shapes,
-    landings,
-    outlines,
-    pupil_points,
-    spot_radii,
-)
-from ..lenses.builds import LensBuilds, lens_builds
-from ..lenses.first_order import first_order
-from ..lenses.images import FOLDED, real_images, sensor_of_pupil
-from ..lenses.kernels import BLOCK
-from ..lenses.manufacture import as_made
-from ..lenses.of_design import camera_of, microlenses
+from ..lenses.aim import Aimed, Aims, Planes, aimed, aims, landings, spot_radii
+from ..lenses.camera import camera_of, microlenses, sensor_of_pupil
+from ..lenses.images import FOLDED, real_images
+from ..lenses.manufacture import LensBuilds, as_made, lens_builds
+from ..lenses.outlines import Outlines, cut_shapes, outlines, pupil_points
+from ..lenses.prescription import first_order
+from ..lenses.tracer import BLOCK
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, stops_of
 

@@ -18,7 +18,7 @@ from roslf_design.accuracy.table import QUANTITIES, Choice, Row, Table, current_
 from roslf_design.design import Design
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
-from roslf_design.lenses.kernels import trace_rays
+from roslf_design.lenses.tracer import trace_rays
 from roslf_design.scenes import Scene
 from roslf_design.shapes.coverage import coverage
 

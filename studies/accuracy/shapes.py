@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from roslf_design.camera import Camera
 from roslf_design.design import Design
-from roslf_design.lenses.of_design import camera_of
+from roslf_design.lenses.camera import camera_of
 from roslf_design.lenses.prescription import LensError
 from roslf_design.lenses.surrogate import Surrogate, fitted
-from roslf_design.lenses.trace import Rays, trace
+from roslf_design.lenses.tracer import Rays
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.disparity import depth_sigma
@@ -347,7 +347,7 @@ def _traced(job: Job, level: int, seed: int) -> Floats:
     place, slope = microlens_rays(job.design, job.axis)
     start = np.stack([*place, np.full(RAYS, camera.mla)])
     rays = Rays(start, np.stack([-slope[0], -slope[1], -np.ones(RAYS)]) / np.sqrt(1 + (slope**2).sum(0)))
-    ends = trace(camera.lens, rays, camera.wavelength, backward=True, plane=camera.focal_plane, clip=False)
+    ends = camera.lens.trace(rays, camera.wavelength, backward=True, plane=camera.focal_plane, clip=False)
     return np.asarray(ends.rays.position[:2].T.ravel())
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 from roslf_design.design import Design, load
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
-from roslf_design.lenses.manufacture import sensitivity
+from roslf_design.lenses.camera import camera_of, microlenses
+from roslf_design.lenses.images import real_images
+from roslf_design.lenses.manufacture import as_made, lens_values
 from roslf_design.report.figures.real_lens import LensCurves, lens_curves, plot_lens_image
 from roslf_design.report.figures.style import drawing
 
@@ -99,16 +102,20 @@ MADE = {
 
 def made(design: Design) -> dict[str, dict[str, float]]:
     """What each of them does to images at the left and right edge [px], and how much it grows them [%]."""
-    found = sensitivity(design, MADE, [(-SEEN_EDGE, 0.0), (SEEN_EDGE, 0.0)])
-    return {
-        place: {
-            "shift_left_px": float(one.shift[0, 0]) / design.q,
-            "shift_right_px": float(one.shift[1, 0]) / design.q,
-            "growth_left_percent": 100 * float(one.growth[0]),
-            "growth_right_percent": 100 * float(one.growth[1]),
+    camera, c = camera_of(design), microlenses(design, [(-SEEN_EDGE, 0.0), (SEEN_EDGE, 0.0)])
+    nominal, drawn = real_images(camera, c), lens_values(camera.lens, design.wavelength)
+    found = {}
+    for place, miss in MADE.items():
+        lens = as_made(camera.lens, {place: drawn[place] + miss}, design.wavelength)
+        images = real_images(replace(camera, lens=lens), c)
+        shift, growth = images.chief - nominal.chief, images.diameter / nominal.diameter - 1
+        found[place] = {
+            "shift_left_px": float(shift[0, 0]) / design.q,
+            "shift_right_px": float(shift[1, 0]) / design.q,
+            "growth_left_percent": 100 * float(growth[0]),
+            "growth_right_percent": 100 * float(growth[1]),
         }
-        for place, one in found.items()
-    }
+    return found
 
 
 def field_figure(curves: dict[str, LensCurves]) -> Figure:

@@ -16,8 +16,8 @@ from roslf_design.imaging.grid import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
-from roslf_design.lenses.camera import views
-from roslf_design.lenses.of_design import camera_of, microlenses, real_field
+from roslf_design.lenses.camera import camera_of, microlenses, views
+from roslf_design.lenses.images import real_field
 from roslf_design.scenes import WHITE_FIELD, Checkerboard, Plane, Points, Scene, Sinusoid, Sphere
 
 # A small sensor far off the axis keeps the array, and so the test, small.

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from roslf_design.lenses import perturb
-from roslf_design.lenses.camera import LensCamera, Rim, mounted, views
-from roslf_design.lenses.first_order import first_order
-from roslf_design.lenses.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images, sensor_of_pupil
+from roslf_design.lenses.camera import LensCamera, Rim, chief_slope, sensor_of_pupil, views
+from roslf_design.lenses.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images
 from roslf_design.lenses.lens_file import load_lens
-from roslf_design.lenses.prescription import LensError
-from roslf_design.lenses.trace import describe
+from roslf_design.lenses.manufacture import as_made
+from roslf_design.lenses.prescription import LensError, first_order
+from roslf_design.lenses.tracer import describe
 
 GREEN = 550e-6
 
@@ -19,21 +20,24 @@ GREEN = 550e-6
 def bench(name, *, reverse=False, scale=1.0, stops=(), pupil=2.9, distance=120.0):
     """The paper's bench with a real lens in place of the ideal one; `scale` shrinks the FAP."""
     lens = load_lens(name)
-    lens = lens.reversed() if reverse else lens
-    f = first_order(lens, GREEN).focal_length
-    return mounted(
-        lens,
-        GREEN,
-        pupil_diameter=pupil * scale,
-        pupil_distance=distance,
-        sensor_distance=2.0,
-        focal_plane=3.5 * f,
-        stops=stops,
-    )
+    return mounted(lens.reversed() if reverse else lens, pupil * scale, distance, stops=stops)
 
 
-def area_moments(thin):
-    return thin.area, thin.centroid, thin.second_moments
+def mounted(lens, pupil, distance=120.0, *, focal_plane=None, stops=()):
+    """A lens focused by its first order, 3.5 f away unless said otherwise."""
+    constants = first_order(lens, GREEN)
+    f = constants.focal_length
+    d_f = 3.5 * f if focal_plane is None else focal_plane
+    mla = constants.rear_principal + f * d_f / (d_f - f)
+    fap = Rim(pupil, constants.front_principal - distance)
+    return LensCamera(lens, GREEN, (fap, *stops), constants.front_principal - d_f, mla, mla + 2.0)
+
+
+def thin_disc(camera, c):
+    """Area, centroid and moments of whole images by the thin lens."""
+    r = camera.fap.diameter / 2 * abs(camera.d_2 * chief_slope(camera, [0.0, 0.0], [1.0, 0.0])[0])
+    centre = camera.d_2 * chief_slope(camera, c, camera.fap.centre)
+    return np.pi * r * r, centre, np.array([r * r / 4, 0.0, r * r / 4])
 
 
 @pytest.mark.parametrize(
@@ -44,14 +48,14 @@ def test_thin_lens_is_the_limit_of_small_pupils_and_fields(name, reverse):
     field = np.array([[1.0, 0.0], [0.6, -0.7]])
     for scale in (1.0, 0.5, 0.25, 0.01):
         camera = bench(name, reverse=reverse, scale=scale)
-        real, thin = real_images(camera, field * scale), camera.thin_images(field * scale)
+        real, (area, centroid, moments) = real_images(camera, field * scale), thin_disc(camera, field * scale)
         assert (real.status == FULL).all()
-        size = np.sqrt(thin.area / np.pi)
+        size = np.sqrt(area / np.pi)
         errors.append(
             max(
-                np.max(np.abs(real.area / thin.area - 1)),
-                np.max(np.abs(real.centroid - thin.centroid) / size[:, None]),
-                np.max(np.abs(real.second_moments - thin.second_moments) / size[:, None] ** 2),
+                np.max(np.abs(real.area / area - 1)),
+                np.max(np.abs(real.centroid - centroid) / size),
+                np.max(np.abs(real.second_moments - moments) / size**2),
             )
         )
     # third-order aberrations against the first order: a quarter for every half
@@ -119,7 +123,7 @@ def test_images_against_a_pixel_count(case):
     if status == CLIPPED:
         assert image.kept_fraction == pytest.approx(seen, rel=2 * slack)
     if status == FOLDED:
-        assert 0 < image.kept_fraction < 1 < image.area / camera.thin_images(c).area
+        assert 0 < image.kept_fraction < 1 < image.area / thin_disc(camera, c)[0]
 
 
 def test_a_cut_image_converges_with_its_boundary_points():
@@ -167,7 +171,7 @@ def test_colours_and_batches_keep_their_places():
 
 def test_a_decentred_lens_shifts_the_images_as_the_bench_does():
     camera = bench("ac508-100-a")
-    moved = camera.with_lens(perturb.decentred(camera.lens, 1, 0.5, 0.0))
+    moved = replace(camera, lens=as_made(camera.lens, {"elements.1.decentre.0": 0.5}, GREEN))
     there = real_images(moved, [3.0, 0.0])
     # the same as lens at rest, with the array, the sensor and the FAP moved the other way
     fap = Rim(camera.fap.diameter, camera.fap.z, -0.5)
@@ -213,42 +217,21 @@ def test_moments_of_discs_ellipses_and_half_discs():
     assert centroid[0] == pytest.approx(-2 / 3 * (1 - 0.16) ** 1.5 / (np.pi - cap), abs=20 / k**2)
 
 
-def test_reference_counts_from_the_vertices():
-    lens = load_lens("LB1630-A")
-    camera = mounted(
-        lens,
-        GREEN,
-        pupil_diameter=2.9,
-        pupil_distance=120.0,
-        sensor_distance=2.0,
-        mla_distance=140.0,
-        reference="vertex",
-    )
-    assert camera.fap.z == -120.0
-    assert camera.mla == pytest.approx(lens.length + 140.0)
-    constants = camera.first_order
-    assert camera.focal_plane == pytest.approx(constants.object_of(camera.mla))
-    near = mounted(
-        lens, GREEN, pupil_diameter=2.9, pupil_distance=1.0, sensor_distance=2.0, focal_plane=350.0, reference="vertex"
-    )
-    assert near.focal_plane == pytest.approx(-350.0)
-    assert 1 / near.d_f + 1 / near.d_1 == pytest.approx(constants.power, rel=1e-13)
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"pupil_distance": 1.0}, "inside the lens"),
-        ({"pupil_distance": 400.0}, "must lie in front of the flexible angular plane"),
-        ({"pupil_diameter": 0.0}, "must be greater than zero"),
-        ({"sensor_distance": -1.0}, "behind the microlens array"),
-        ({"focal_plane": 80.0}, "beyond the focal length"),
-        ({"reference": "rim"}, "'rim' is not known"),
+        ({"distance": 1.0}, "inside the lens"),
+        ({"distance": 400.0}, "must lie in front of the flexible angular plane"),
+        ({"pupil": 0.0}, "must be greater than zero"),
         ({"stops": (Rim(5.0, 3.0),)}, "inside the lens"),
         ({"stops": (Rim(5.0, -900.0),)}, "must lie in front"),
     ],
 )
 def test_cameras_that_cannot_be_built(change, told):
-    values = {"pupil_diameter": 2.9, "pupil_distance": 120.0, "sensor_distance": 2.0, "focal_plane": 350.0} | change
     with pytest.raises(LensError, match=told):
-        mounted(load_lens("LB1630-A"), GREEN, **values)
+        bench("LB1630-A", **change)
+
+
+def test_a_sensor_before_the_array_is_refused():
+    with pytest.raises(LensError, match="behind the microlens array"):
+        replace(bench("LB1630-A"), sensor=0.0)

@@ -10,12 +10,11 @@ import pytest
 
 from roslf_design.cli import main
 from roslf_design.design import Design, DesignBatch, DesignError, dumps, load, loads, preset_path, save
-from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import dumps_lens, load_lens, shipped_names
-from roslf_design.lenses.perturb import decentred, tilted, with_index_error, with_radius_error
-from roslf_design.lenses.prescription import Prescription, Surface
+from roslf_design.lenses.prescription import Prescription, Surface, first_order
 
+from .test_prescription import missed
 from .test_zmx import BROKEN, GOOD
 
 PAPER = preset_path("paper").read_text()
@@ -84,7 +83,9 @@ def test_round_trips_of_shipped_lenses_write_the_name(name):
 
 def test_round_trips_of_lenses_as_made():
     lens = load_lens("AC254-100-A")
-    made = tilted(decentred(with_index_error(with_radius_error(lens, 1, 0.21), 2, 3e-4), 1, 0.05, -0.02), 1, 1e-3, 0)
+    made = missed(
+        lens, surfaces_1_radius=0.21, surfaces_2_index=3e-4, elements_1_decentre_0=0.05, elements_1_tilt_0=1e-3
+    )
     conic = Surface(1 / 51.5, 12.0, 5.0, find_glass("N-BK7"), -0.6, (0.0, 1e-7))
     for value in (made, Prescription((conic, Surface(0.0, 12.0)), "own")):
         shared(real("AC254-100-A").replace({"main_lens.prescription": value}))
@@ -94,7 +95,7 @@ def test_lens_files_lie_beside_the_design_and_saved_designs_need_none(tmp_path):
     folder, other = tmp_path / "a", tmp_path / "b"
     folder.mkdir()
     other.mkdir()
-    lens = with_radius_error(load_lens("LB1630-A"), 1, 0.5)
+    lens = missed(load_lens("LB1630-A"), surfaces_1_radius=0.5)
     (folder / "lens.toml").write_text(dumps_lens(replace(lens, name="mine")))
     (folder / "lens.zmx").write_text(GOOD)
     (folder / "d.toml").write_text(text('prescription = "lens.toml"\nfocal_plane = "350 mm"\n'))

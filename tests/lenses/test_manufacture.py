@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from roslf_design.lenses.builds import lens_builds
-from roslf_design.lenses.first_order import first_order
+from roslf_design.lenses.camera import camera_of, microlenses
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.kernels import COLUMNS
+from roslf_design.lenses.images import real_field, real_images
 from roslf_design.lenses.lens_file import load_lens
-from roslf_design.lenses.manufacture import abbe_number, as_made, lens_places, lens_values, sensitivity
-from roslf_design.lenses.of_design import real_field
-from roslf_design.lenses.perturb import decentred, tilted
-from roslf_design.lenses.prescription import LensError, Prescription, Surface
-from roslf_design.lenses.trace import Rays, surface_table, trace
+from roslf_design.lenses.manufacture import abbe_number, as_made, lens_builds, lens_places, lens_values
+from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order, surface_table
+from roslf_design.lenses.tracer import COLUMNS, Rays
 
 from .test_in_design import real
+from .test_prescription import missed
 
 AXES = [(0.0, 0.0), (6.0, 0.0), (0.0, 6.0)]
 GREEN = 550e-6
-
-
-def missed(lens, **off):
-    """A lens with places missed by so much; dots written as underscores."""
-    drawn = lens_values(lens, GREEN)
-    names = {place.replace(".", "_"): place for place in drawn}
-    return as_made(lens, {names[name]: drawn[names[name]] + value for name, value in off.items()}, GREEN)
 
 
 def test_places_are_those_of_the_drawing():
@@ -80,17 +73,19 @@ def test_wedges_bend_light_as_thin_prisms_do():
     made = missed(plate, elements_1_wedge_1=1e-4)
     rays = Rays(np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     n = float(plate.surfaces[0].glass.index(GREEN))
-    assert_allclose(trace(made, rays, GREEN).rays.direction[:2], [-(n - 1) * 1e-4, 0.0], rtol=1e-6, atol=1e-15)
+    assert_allclose(made.trace(rays, GREEN).rays.direction[:2], [-(n - 1) * 1e-4, 0.0], rtol=1e-6, atol=1e-15)
 
 
 def test_a_decentred_lens_moves_images_as_a_decentred_design():
     design = real()
-    one = sensitivity(design, {"elements.1.decentre.0": 0.05}, AXES)["elements.1.decentre.0"]
+    camera, c = camera_of(design), microlenses(design, AXES)
+    made = replace(camera, lens=missed(camera.lens, elements_1_decentre_0=0.05))
+    shift = real_images(made, c).chief - real_images(camera, c).chief
     moved = real_field(design.replace({"main_lens.decentre": (0.05, 0.0)}), AXES).images.chief
-    assert_allclose(one.shift, moved - real_field(design, AXES).images.chief, atol=1e-10)
+    assert_allclose(shift, moved - real_field(design, AXES).images.chief, atol=1e-10)
     # The thin lens: h d_2/d_1 times d_3/f times the decentre.
     h = design.d_f / (design.d_f - design.d_3)
-    assert one.shift[0, 0] == pytest.approx(0.05 * h * design.d_2 / design.d_1 * design.d_3 / design.f, rel=2e-3)
+    assert shift[0, 0] == pytest.approx(0.05 * h * design.d_2 / design.d_1 * design.d_3 / design.f, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", ["LA1050-A", "AC508-100-A"])
@@ -99,7 +94,8 @@ def test_many_builds_are_the_builds_one_by_one(name, drawn_askew):
     """Every place at once, also of a lens whose drawing is decentred and tilted already."""
     lens = load_lens(name)
     if drawn_askew:
-        lens = tilted(decentred(lens, 1, 0.3, -0.1), 1, 0.01, -0.02)
+        askew = {"decentre_0": 0.3, "decentre_1": -0.1, "tilt_0": 0.01, "tilt_1": -0.02}
+        lens = missed(lens, **{f"elements_1_{what}": value for what, value in askew.items()})
     width = {"length": 0.05, "curvature": 1e-5, "angle": 3e-3, "number": 1e-3}
     drawn, stream = lens_values(lens, GREEN), np.random.default_rng(1)
     values = {p: drawn[p] + width[kind] * stream.uniform(-1, 1, 5) for p, kind in lens_places(lens).items()}

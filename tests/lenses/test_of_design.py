@@ -17,13 +17,13 @@ from roslf_design.effects import Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.lens import faults
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.lenses.camera import mounted
+from roslf_design.lenses.camera import camera_of, tilted_parts
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.images import real_images
-from roslf_design.lenses.of_design import camera_of, measured_bound, real_field, tilted_parts
+from roslf_design.lenses.images import measured_bound, real_field, real_images
 from roslf_design.lenses.prescription import Prescription, Surface
-from roslf_design.lenses.trace import Rays, trace
+from roslf_design.lenses.tracer import Rays
 
+from .test_images import mounted
 from .test_in_design import real
 
 FIELDS = [(0.0, 0.0), (6.0, 0.0), (11.15, 0.0), (8.0, -5.0)]
@@ -35,7 +35,7 @@ def test_distances_count_from_the_principal_planes(turned):
     camera = camera_of(design)
     ours = (camera.d_f, camera.d_3, camera.d_1, camera.d_2)
     assert ours == pytest.approx((350.0, 120.0, design.d_1, 2.0), rel=1e-13)
-    other = mounted(design.lens, 550e-6, pupil_diameter=2.9, pupil_distance=120, sensor_distance=2, focal_plane=350)
+    other = mounted(design.lens, 2.9, focal_plane=350.0)
     assert_allclose(real_field(design, FIELDS).images.chief, real_images(other, FIELDS).chief, atol=1e-12)
 
 
@@ -195,7 +195,7 @@ def test_tilted_parts_are_traced_where_they_stand():
     for angle, point in zip(2 * np.pi * np.arange(96) / 96, images.outline[0], strict=True):
         on_sensor = point + axis + [0.3, 0.0] - [0.2, -0.1]
         pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.sensor])
-        ray = trace(camera.lens, Rays.between(pixel, lens), 550e-6, backward=True).rays
+        ray = camera.lens.trace(Rays.between(pixel, lens), 550e-6, backward=True).rays
         rim = spun((1.45 * np.cos(angle), 1.45 * np.sin(angle), 0.0), tilts["aperture"], [0.1, 0.2, camera.fap.z])
         assert_allclose(np.cross(rim - ray.position, ray.direction), 0, atol=2e-10)
 

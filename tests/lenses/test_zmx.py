@@ -9,11 +9,9 @@ import pytest
 
 from roslf_design.cli import main
 from roslf_design.design import dumps, load
-from roslf_design.lenses.first_order import first_order
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.lens_file import load_lens
-from roslf_design.lenses.prescription import LensError
-from roslf_design.lenses.zmx import parse_zmx
+from roslf_design.lenses.lens_file import load_lens, parse_zmx
+from roslf_design.lenses.prescription import LensError, first_order
 
 GOOD = """VERS 90910 258 36214
 MODE SEQ

@@ -7,7 +7,7 @@ import pytest
 
 from roslf_design.design import load
 from roslf_design.evaluation import evaluate
-from roslf_design.lenses.of_design import real_field
+from roslf_design.lenses.images import real_field
 from roslf_design.report import sheets
 from roslf_design.report.figures.real_lens import (
     lens_curves,

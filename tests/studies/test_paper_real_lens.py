@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from roslf_design.evaluation import evaluate
-from roslf_design.lenses.camera import views
-from roslf_design.lenses.of_design import camera_of
+from roslf_design.lenses.camera import camera_of, views
 from roslf_design.report.figures.real_lens import lens_curves
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"

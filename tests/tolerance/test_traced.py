@@ -7,11 +7,10 @@ from roslf_design.rays.sampling import sunflower
 
 from roslf_design.design import load
 from roslf_design.lenses.aim import spot_radii
-from roslf_design.lenses.camera import Plane
-from roslf_design.lenses.first_order import first_order
-from roslf_design.lenses.images import FULL, real_images
-from roslf_design.lenses.of_design import camera_of, microlenses, real_field
-from roslf_design.lenses.trace import Rays, trace
+from roslf_design.lenses.camera import Plane, camera_of, microlenses
+from roslf_design.lenses.images import FULL, real_field, real_images
+from roslf_design.lenses.prescription import first_order
+from roslf_design.lenses.tracer import Rays
 from roslf_design.tolerance.metrics import METRICS, Question, builds_of, evaluate_builds
 from roslf_design.tolerance.places import LENS, load_grades, nominal_values, perturbable
 from roslf_design.tolerance.result import trace_check
@@ -186,7 +185,7 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
         shift = [*np.negative(one.main_lens.decentre), 0.0]
         for field, point in enumerate(known.points + shift):
             rays = Rays(pupil, Rays.between(point[:, None], pupil).direction)
-            traced = trace(camera.lens, rays, one.wavelength, plane=camera.mla)
+            traced = camera.lens.trace(rays, one.wavelength, plane=camera.mla)
             lit = traced.kept
             for stop in camera.rims[1:]:
                 ahead = stop.z - rays.position[2]

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...effects.field import half_sizes
-from ...lenses.of_design import camera_of, measured_bound, microlenses, real_field
-from ...lenses.trace import KEPT
+from ...lenses.camera import camera_of, microlenses
+from ...lenses.images import measured_bound, real_field
+from ...lenses.tracer import KEPT
 from ...theory import inverse_aperture_constant
 from .style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILLION, new_axes
 

@@ -1,4 +1,4 @@
-"""Microlens images of many builds from a few rays each: areas, moments, room and what rims cut off.
+"""Microlens images of many builds from a few aimed rays each: areas, moments, room and what rims cut off.
 
 An image is the map from the disc of the flexible angular plane (FAP) to the sensor, known at some points of the disc.
 Whole images need the points on its rim alone: closed curves, integrated by their Fourier series. Cut ones take the map
@@ -9,51 +9,78 @@ pieces between its corners.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._jit import kernel
+from .aim import Aimed
+from .images import circle, polygon_moments
 
-DEGREE = 5
-TERMS = 21
-"""Products x^a y^b with a + b <= 5, b running fastest."""
+Array = NDArray[np.float64]
+
+RIM = 16
+"""Rays along the FAP's rim, a multiple of four; the outline's area converges exponentially in them."""
+HARMONICS = 6
+"""Of a ray's squared height on a surface, along the FAP's rim."""
+RINGS = ((0.5, 8), (0.8, 8))
+"""Radii and rays of the rings inside, where rims cut."""
+DEGREE, TERMS = 5, 21
+"""Of the polynomials over the FAP's disc: products x^a y^b with a + b <= 5, b running fastest."""
+POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 SCAN = 32
 """Directions in which the nearest rim is asked for, before corners are looked for between them."""
 PANEL = math.pi / 4
 """Largest angle for one quadrature."""
 FAP = -1
 """Stands for the FAP's own rim where rims are numbered."""
+_NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(10))
 
 
-@kernel()
-def closed_moments(px: Any, py: Any, slopes: Any, out: Any) -> None:
-    """Area, centroid and central second moments (xx, xy, yy) per area inside a smooth closed curve.
+def pupil_points() -> tuple[Array, Array]:
+    """FAP points along its rim, (RIM, 2), and inside it with its middle first, (..., 2), in units of its radius."""
+    return circle(RIM), np.concatenate([np.zeros((1, 2)), *(radius * circle(count) for radius, count in RINGS)])
 
-    `slopes` are the weights that give a periodic function's derivative from its evenly spaced values.
+
+class Outlines(NamedTuple):
+    """Microlens images of N build-and-field pairs as if nothing cut them, from `RIM` rays each."""
+
+    shape: Array
+    """Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6)."""
+    peaks: Array
+    """Largest squared height of the pencil over that of each rim, (N, S + R - 1): above 1 where it is cut."""
+    turns: Array
+    """Where on the FAP's rim [rad], likewise."""
+
+
+def outlines(rim: Aimed) -> Outlines:
+    """Areas, moments and largest heights from rays along the FAP's rim."""
+    area, centroid, moments = polygon_moments(rim.landed)
+    peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
+    highest.compiled(rim.heights, np.cos(2 * np.pi * np.arange(RIM) / RIM), HARMONICS, peaks, turns)
+    return Outlines(np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
+
+
+def cut_shapes(rim: Aimed, inner: Aimed, found: Outlines) -> tuple[Array, Array]:
+    """Lit shapes (N, 6) and seen parts of the FAP (N,) of images that rims cut, from rays all over the FAP.
+
+    nan where the lens loses some of those rays altogether.
     """
-    n = len(px)
-    x0, y0 = px[0], py[0]
-    area, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        dx, dy = 0.0, 0.0
-        for j in range(n):
-            weight = slopes[i - j if i >= j else i - j + n]
-            dx += weight * (px[j] - x0)
-            dy += weight * (py[j] - y0)
-        x, y = px[i] - x0, py[i] - y0
-        area += x * dy - y * dx
-        mx += x * x * dy
-        my -= y * y * dx
-        xx += x * x * x * dy
-        xy += x * x * y * dy
-        yy -= y * y * y * dx
-    step = 2.0 * math.pi / n
-    area, mx, my = 0.5 * area * step, 0.5 * mx * step, 0.5 * my * step
-    xx, xy, yy = xx * step / 3.0, 0.5 * xy * step, yy * step / 3.0
-    mx, my = mx / area, my / area
-    out[0], out[1], out[2] = abs(area), x0 + mx, y0 + my
-    out[3], out[4], out[5] = xx / area - mx * mx, xy / area - mx * my, yy / area - my * my
+    outer_points, inner_points = pupil_points()
+    places = np.concatenate([inner_points, outer_points])
+    fit = np.ascontiguousarray(np.linalg.pinv(np.prod(places[:, None, :] ** POWERS, axis=-1)))
+    landed = np.concatenate([inner.landed, rim.landed], axis=1)
+    heights = np.concatenate([inner.heights, rim.heights], axis=1)
+    shape, share = np.full((len(landed), 6), np.nan), np.full(len(landed), np.nan)
+    whole = np.flatnonzero(~np.any(np.isnan(landed[:, :, 0]), axis=1))
+    size, part = np.empty((len(whole), 6)), np.empty(len(whole))
+    cut_images.compiled(
+        landed[whole], heights[whole], found.peaks[whole], found.turns[whole], places, fit, _NODES + 0.5, _WEIGHTS,
+        size, part,
+    )  # fmt: skip
+    shape[whole], share[whole] = size, part
+    return shape, share
 
 
 @kernel()
@@ -97,31 +124,11 @@ def peak(g: Any, waves: Any, cosines: Any, sines: Any) -> tuple[float, float]:
 
 
 @kernel()
-def whole_images(
-    landed: Any, heights: Any, slopes: Any, waves: Any, harmonics: int, shape: Any, peaks: Any, turns: Any
-) -> None:
-    """Shapes of N images as if nothing cut them, from K rays of the FAP's rim each.
-
-    Parameters
-    ----------
-    landed, heights : (N, K, 2), (N, K, R)
-        Sensor points, and squared heights over those of the rims.
-    slopes : (K,)
-        As for `closed_moments`.
-    waves : (K,)
-        One period of a cosine; K a multiple of four.
-    harmonics : int
-        Of the heights along the rim.
-    shape : (N, 6)
-        Gets area, centroid and central second moments.
-    peaks, turns : (N, R)
-        Get the largest heights along the FAP's rim and the angles where they are.
-    """
-    rims = heights.shape[2]
+def highest(heights: Any, waves: Any, harmonics: int, peaks: Any, turns: Any) -> None:
+    """Largest squared heights (N, R) along the FAP's rim and the angles where they are, from (N, K, R) of K rays."""
     cosines, sines = np.empty(harmonics + 1), np.empty(harmonics + 1)
-    for n in range(len(landed)):
-        closed_moments(landed[n, :, 0], landed[n, :, 1], slopes, shape[n])
-        for k in range(rims):
+    for n in range(len(heights)):
+        for k in range(heights.shape[2]):
             peaks[n, k], turns[n, k] = peak(heights[n, :, k], waves, cosines, sines)
 
 
@@ -232,17 +239,9 @@ def roominess(rims: Any, count: int, x: float, y: float) -> float:
 
 @kernel()
 def add_piece(
-    rims: Any,
-    active: int,
-    image: Any,
-    hx: float,
-    hy: float,
-    low: float,
-    high: float,
-    nodes: Any,
-    weights: Any,
+    rims: Any, active: int, image: Any, hx: float, hy: float, low: float, high: float, nodes: Any, weights: Any,
     sums: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Green's integrals along one piece of the boundary, about the image of the hub; then the area on the disc."""
     x0, _, _ = polynomial(image[0], hx, hy)
     y0, _, _ = polynomial(image[1], hx, hy)
@@ -288,7 +287,7 @@ def cut_images(
     landed, heights : (N, P, 2), (N, P, R)
         Sensor points and squared heights of rays all over the FAP.
     peaks, turns : (N, R)
-        From `whole_images`.
+        From `highest`.
     places : (P, 2)
         Where the rays meet the unit disc of the FAP.
     fit : (TERMS, P)
