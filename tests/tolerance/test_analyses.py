@@ -76,7 +76,7 @@ def test_one_uniform_parameter_through_a_limit_has_a_yield_known_exactly():
     low, high = variant.result.interval
     assert low < 0.8 < high
     assert high - low < 0.009
-    plan = dataclasses.replace(plan.with_draws(sampling="sobol"), trials=32768)
+    plan = dataclasses.replace(plan, draws=dataclasses.replace(plan.draws, sampling="sobol"), trials=32768)
     found = summarise(plan, tally_chunk(plan, 0))[0].result.value
     assert found == pytest.approx(0.8, abs=2 / 32768)  # a one-dimensional net: one point in each interval
     scale, result = scale_for_yield(plan, 0.95)
