@@ -127,7 +127,7 @@ def tolerance_study() -> str:
         for head, kind in (*heads, ("`[[compensators]]`", Compensate))
     ]
     rows = [
-        (code(m.name), m.unit, "each field" if m.per_field else "camera", plain(m.meaning)) for m in METRICS.values()
+        (code(m.name), m.unit, "camera" if m.local is None else "each field", plain(m.words)) for m in METRICS.values()
     ]
     return "\n".join([*parts, "### Metrics\n\n" + markdown(("metric", "unit", "one for", "meaning"), rows)])
 

@@ -135,8 +135,23 @@ class IdealBuilds(MicrolensImages):
         u, v = self.lattice.centre(self.x / c.d, self.y / c.d)
         return x / c.q - u, y / c.q - v
 
+    @property
+    def centre_error_x_px(self) -> Number:
+        """Along x."""
+        return self.centre_error[0]
+
+    @property
+    def centre_error_y_px(self) -> Number:
+        """Along y."""
+        return self.centre_error[1]
+
+    @property
+    def centre_error_px(self) -> Number:
+        """The distance."""
+        return np.hypot(*self.centre_error)
+
     @cached_property
-    def depth_error(self) -> Number:
+    def depth_error_mm(self) -> Number:
         """Decoded depth less true depth of the targets [mm].
 
         Calibrated, depth follows from targets on the axis at three known distances: 1/depth and slope are related by a

@@ -345,7 +345,7 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
-    axial = [name for name in plan.question.metrics if not METRICS[name].per_field]
+    axial = [name for name in plan.question.metrics if METRICS[name].local is None]
     if axial and tilts:
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 

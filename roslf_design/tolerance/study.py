@@ -479,7 +479,7 @@ def _tied(group: str | None, place: str) -> str | None:
 
 def _limits(index: int, goal: MetricGoal, question: Question, problems: list[Problem]) -> list[Limit]:
     count = len(question.fields)
-    wanted = goal.fields if METRICS[goal.metric].per_field else None
+    wanted = None if METRICS[goal.metric].local is None else goal.fields
     key, beyond = f"goals.{index}.fields", [field for field in wanted or () if not 0 <= field < count]
     problems += [Problem(key, f"{field} is no field; they run from 0 to {count - 1}") for field in beyond]
     low = -math.inf if goal.min is None else goal.min
