@@ -85,13 +85,6 @@ def test_one_uniform_parameter_through_a_limit_has_a_yield_known_exactly():
     assert result.value >= 0.95
 
 
-def test_truncated_normals_and_end_points_scatter_as_they_should():
-    for name, expected in (("normal", stats.truncnorm.std(-2, 2) / 2), ("end-point", 1.0), ("parabolic", np.sqrt(0.6))):
-        plan = study([{"metric": "f_number_microlens", "max": 40}], [{**D_2, "distribution": name}])
-        column = summarise(plan, tally_chunk(plan, 0))[0].distributions[0]
-        assert column.deviation == pytest.approx(expected * 0.02 / 0.063, rel=0.02)
-
-
 def closed_forms(f, d1, de, d3, d, d2, q, big, wave):
     df = f * d1 / (d1 - f)
     h = df / (df - d3)
