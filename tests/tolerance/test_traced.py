@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from roslf_design._points import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.aim import spot_radii
 from roslf_design.lenses.camera import Plane
@@ -51,12 +52,6 @@ def builds(design, trials, seed, places=None):
             continue
         found[place] = nominal[place] + step * stream.uniform(-1, 1, trials)
     return found
-
-
-def sunflower(count):
-    """Points evenly over the unit disc, (2, count)."""
-    k = np.arange(count)
-    return np.sqrt((k + 0.5) / count) * np.array([np.cos(k * np.pi * (3 - 5**0.5)), np.sin(k * np.pi * (3 - 5**0.5))])
 
 
 def one_of(values, trial):
