@@ -15,7 +15,7 @@ from typing import Any
 
 from roslf_design.design import load
 from roslf_design.tolerance.run import Where, run_chunk, run_trials
-from roslf_design.tolerance.study import Plan, make_plan, plan_from, read_study
+from roslf_design.tolerance.study import TolerancePlan, make_plan, plan_from, read_study
 
 FIELDS = ["centre", "edge", "corner", ["5 mm", "0 mm"], ["0 mm", "5 mm"]]
 FIFTEEN = [
@@ -29,7 +29,9 @@ TRACED = ("kept_fraction", "image_diameter_px", "fill_factor", "centre_error_px"
 REPEATS = 3
 
 
-def plan_for(metrics: tuple[str, ...], trials: int, changes: dict[str, Any] | None = None, tilts: bool = True) -> Plan:
+def plan_for(
+    metrics: tuple[str, ...], trials: int, changes: dict[str, Any] | None = None, tilts: bool = True
+) -> TolerancePlan:
     """15 perturbations at precision grade, five metrics at five fields."""
     base = plan_from(
         {
@@ -50,7 +52,7 @@ def plan_for(metrics: tuple[str, ...], trials: int, changes: dict[str, Any] | No
     return base
 
 
-def real_plan(lens: str, metrics: tuple[str, ...] = TRACED) -> Plan:
+def real_plan(lens: str, metrics: tuple[str, ...] = TRACED) -> TolerancePlan:
     """The paper's bench behind a real lens, everything that the grades cover missed."""
     turned = lens.startswith("LA")
     design = load("paper-singlet").replace({"main_lens.prescription": lens, "main_lens.reversed": turned})
@@ -68,7 +70,7 @@ def real_plan(lens: str, metrics: tuple[str, ...] = TRACED) -> Plan:
     return make_plan(text, design, grades)
 
 
-def rate(plan: Plan, workers: int) -> float:
+def rate(plan: TolerancePlan, workers: int) -> float:
     """Median trials a second of whole runs, files and all; the pool's start is told apart by `started`."""
     rates = []
     for _ in range(REPEATS):
@@ -86,7 +88,7 @@ def rate(plan: Plan, workers: int) -> float:
     return statistics.median(rates)
 
 
-def core_rate(plan: Plan) -> float:
+def core_rate(plan: TolerancePlan) -> float:
     """Median trials per second of CPU time in one process: what other work on the machine does not disturb."""
     rates = []
     for index in range(REPEATS):

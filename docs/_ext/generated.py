@@ -99,7 +99,7 @@ def _about(kind: type) -> str:
 def tolerance_study() -> str:
     """Every table of a tolerance study, and its metrics."""
     from roslf_design.tolerance.metrics import METRICS
-    from roslf_design.tolerance.study import Compensate, Goal, Group, Perturb, Study
+    from roslf_design.tolerance.study import Compensate, Group, MetricGoal, Perturb, Study
 
     own: dict[type, dict[str, str]] = {
         Study: {
@@ -118,16 +118,16 @@ def tolerance_study() -> str:
         },
         Perturb: {"distribution": "Instead of the study's."},
         Group: {"name": "As `[[perturb]]` calls it."},
-        Goal: {"metric": "One of the metrics below.", "min": "In the unit of the metric's name."},
+        MetricGoal: {"metric": "One of the metrics below.", "min": "In the unit of the metric's name."},
         Compensate: {"place": 'A place of the design, or `"calibration"` of the decoder.'},
     }
-    heads = ("The file", Study), ("`[[perturb]]`", Perturb), ("`[[groups]]`", Group), ("`[[goals]]`", Goal)
+    heads = ("The file", Study), ("`[[perturb]]`", Perturb), ("`[[groups]]`", Group), ("`[[goals]]`", MetricGoal)
     parts = [
         f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, own[kind])}"
         for head, kind in (*heads, ("`[[compensators]]`", Compensate))
     ]
     rows = [
-        (code(m.name), m.unit, "each field" if m.per_field else "camera", plain(m.meaning)) for m in METRICS.values()
+        (code(m.name), m.unit, "camera" if m.local is None else "each field", plain(m.words)) for m in METRICS.values()
     ]
     return "\n".join([*parts, "### Metrics\n\n" + markdown(("metric", "unit", "one for", "meaning"), rows)])
 

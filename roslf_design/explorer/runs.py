@@ -25,7 +25,7 @@ from ..theory.quantities import quantity_named
 from ..tolerance.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerance.places import perturbable
 from ..tolerance.run import tally_chunk
-from ..tolerance.study import Plan, make_plan
+from ..tolerance.study import TolerancePlan, make_plan
 from ..tolerance.tally import merged
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show
@@ -444,7 +444,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     tell(done / total, "one tolerance after the other")
     offenders = sorted(_offenders(plan), key=lambda row: -row.used)
 
-    def few_builds(text: str, asked: Plan, scale: float) -> Share:
+    def few_builds(text: str, asked: TolerancePlan, scale: float) -> Share:
         nonlocal done
         done += few
         tell(done / total, text)
@@ -487,7 +487,7 @@ def _place(dotted: str) -> str:
     return " ".join(words)
 
 
-def _offenders(plan: Plan) -> Iterator[Offender]:
+def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
     """Every tolerance by what it alone uses of the limits."""
     moves, kinds = sensitivity(plan), perturbable(plan.question.design)
     ends = np.stack([moves.plus[-1], moves.minus[-1]])

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from ..optimize.run import Result
     from ..tolerance.places import Grades
     from ..tolerance.result import StudyResult
-    from ..tolerance.study import Plan, Study
+    from ..tolerance.study import Study
+    from ..tolerance.study import TolerancePlan as Plan
 
 Tell = Callable[[str], None]
 TRIALS = 16384

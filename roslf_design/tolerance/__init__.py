@@ -7,13 +7,13 @@ trial again, and `evaluate_builds` is the batched engine under all of them.
 from .metrics import METRICS, Question, evaluate_builds
 from .result import analyse
 from .run import Where, run_trials
-from .study import Plan, load_plan, make_plan, plan_from
+from .study import TolerancePlan, load_plan, make_plan, plan_from
 from .trials import one_trial
 
 __all__ = [
     "METRICS",
-    "Plan",
     "Question",
+    "TolerancePlan",
     "Where",
     "analyse",
     "evaluate_builds",

@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from . import sketch
 from .draws import Perturbation, sobol_points
-from .study import Limit, Plan
+from .study import Limit, TolerancePlan
 from .tally import Tally
 from .trials import BLOCK, differences, measure, measure_uniforms
 
@@ -77,25 +77,25 @@ def binomial_interval(passed: int, trials: int, confidence: float = CONFIDENCE) 
     return low, high
 
 
-def curve_trials(plan: Plan) -> int:
+def curve_trials(plan: TolerancePlan) -> int:
     """Trials that a point of a curve is worth."""
     return min(CURVE_TRIALS_ADJUSTED if plan.adjusters else CURVE_TRIALS, max(plan.trials, 256))
 
 
-def yield_at(plan: Plan, scale: float, trials: int) -> Yield:
+def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
     """Yield with all tolerances times `scale`; the same draws at every scale."""
     deviations = plan.draws.deviations(plan.draws.uniforms(0, trials))
     blocks = (measure(plan, deviations[:, at : at + BLOCK], scale) for at in range(0, trials, BLOCK))
     return Yield(sum(int(plan.passes(block.variants[-1]).all(axis=0).sum()) for block in blocks), trials)
 
 
-def yield_curve(plan: Plan, scales: Sequence[float] = SCALES) -> tuple[tuple[float, Yield], ...]:
+def yield_curve(plan: TolerancePlan, scales: Sequence[float] = SCALES) -> tuple[tuple[float, Yield], ...]:
     """Yield over a common factor on all tolerances."""
     trials = curve_trials(plan)
     return tuple((scale, yield_at(plan, scale, trials)) for scale in scales)
 
 
-def scale_for_yield(plan: Plan, target: float) -> tuple[float, Yield] | None:
+def scale_for_yield(plan: TolerancePlan, target: float) -> tuple[float, Yield] | None:
     """Largest common factor on all tolerances, up to 64, whose yield is still the target.
 
     Returns
@@ -177,7 +177,7 @@ class Variant:
         return min(self.limits, key=strength)
 
 
-def summarise(plan: Plan, tally: Tally) -> tuple[Variant, ...]:
+def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
     """Every variant of a run."""
     return tuple(
         Variant(
@@ -193,7 +193,7 @@ def summarise(plan: Plan, tally: Tally) -> tuple[Variant, ...]:
     )
 
 
-def _summary(plan: Plan, tally: Tally, v: int, c: int) -> ColumnSummary:
+def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary:
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
     undefined, counts = int(tally.undefined[v, c]), tally.counts[v, c]
@@ -260,7 +260,7 @@ class Sensitivity:
         return np.where(np.isnan(size), np.inf, size)
 
 
-def sensitivity(plan: Plan) -> Sensitivity:
+def sensitivity(plan: TolerancePlan) -> Sensitivity:
     """How each perturbation alone moves each column."""
     perturbations = plan.draws.perturbations
     derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
@@ -269,7 +269,7 @@ def sensitivity(plan: Plan) -> Sensitivity:
     return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
 
 
-def exact_derivatives(plan: Plan) -> Array:
+def exact_derivatives(plan: TolerancePlan) -> Array:
     """Derivatives of the closed forms by each perturbed place, shape (C, P); NaN where there is none.
 
     Of an aligned design behind an ideal lens, whose fields all have the same value, by complex steps: no difference, so
@@ -292,7 +292,7 @@ def exact_derivatives(plan: Plan) -> Array:
     return exact
 
 
-def root_sum_square(plan: Plan, moves: Sensitivity) -> Array:
+def root_sum_square(plan: TolerancePlan, moves: Sensitivity) -> Array:
     """Standard deviation of every column if it were linear in the perturbations, shape (C,)."""
     slopes = np.where(np.isfinite(moves.exact), moves.exact, moves.derivatives)
     variance = np.einsum("ci,ij,cj->c", slopes, plan.draws.covariance(), slopes)
@@ -311,12 +311,12 @@ class Allowed:
     """Label of the column whose limit binds; empty where none does."""
 
 
-def inverse_sensitivity(plan: Plan, share: float) -> tuple[Allowed, ...]:
+def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
     """Largest tolerance of each perturbation that keeps every limited column within a share of its limit.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         Its perturbations and limits.
     share : float
         Part of the way from nominal to a limit that one perturbation may use.
@@ -355,7 +355,9 @@ def inverse_sensitivity(plan: Plan, share: float) -> tuple[Allowed, ...]:
     return tuple(rows)
 
 
-def _held(plan: Plan, cases: list[tuple[Perturbation, Limit, float]], widths: Array, share: float) -> NDArray[np.bool_]:
+def _held(
+    plan: TolerancePlan, cases: list[tuple[Perturbation, Limit, float]], widths: Array, share: float
+) -> NDArray[np.bool_]:
     index = {p.place: row for row, p in enumerate(plan.draws.perturbations)}
     deviations = np.zeros((len(index), len(cases)))
     for case, (p, _, sign) in enumerate(cases):
@@ -386,12 +388,12 @@ class SobolIndices:
     evaluations: int
 
 
-def sobol_indices(plan: Plan, samples: int) -> SobolIndices:
+def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         What is perturbed and measured.
     samples : int
         Base samples n; n (F + 2) builds are evaluated.

@@ -28,7 +28,7 @@ CALIBRATION_DEPTHS = (0.8, 1.0, 1.25)
 """Depths at which a full calibration sees a target, in units of the object's gap to the FAP."""
 
 
-class Lattice(NamedTuple):
+class BelievedLattice(NamedTuple):
     """Where a decoder believes microlens u has its image centre: ``origin + columns u`` [pixels]."""
 
     x: Number
@@ -109,7 +109,7 @@ class IdealBuilds(MicrolensImages):
         return tuple(d_3 + (self.object_distance - d_3) * factor for factor in CALIBRATION_DEPTHS)
 
     @cached_property
-    def lattice(self) -> Lattice:
+    def lattice(self) -> BelievedLattice:
         """Image centres that the decoder believes in.
 
         Calibrated, it is affine: the image centres of microlenses at +-`reach` on both axes of the array, as a white
@@ -117,12 +117,12 @@ class IdealBuilds(MicrolensImages):
         """
         if not self.calibrated:
             pitch = float(microlens_image_pitch(self.nominal) / self.nominal.q)
-            return Lattice(0.0, 0.0, pitch, 0.0, 0.0, pitch)
+            return BelievedLattice(0.0, 0.0, pitch, 0.0, 0.0, pitch)
         ends = ((self.reach, 0.0), (-self.reach, 0.0), (0.0, self.reach), (0.0, -self.reach))
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = (self._chief_pixel(x, y) for x, y in ends)
         step = self.camera.d / (2 * self.reach)
         columns = (x0 - x1) * step, (x2 - x3) * step, (y0 - y1) * step, (y2 - y3) * step
-        return Lattice((x0 + x1) / 2, (y0 + y1) / 2, *columns)
+        return BelievedLattice((x0 + x1) / 2, (y0 + y1) / 2, *columns)
 
     def _chief_pixel(self, x: Number, y: Number) -> tuple[Number, Number]:
         u, v = chief_point(self.camera, self.camera.microlens(x, y))
@@ -135,8 +135,23 @@ class IdealBuilds(MicrolensImages):
         u, v = self.lattice.centre(self.x / c.d, self.y / c.d)
         return x / c.q - u, y / c.q - v
 
+    @property
+    def centre_error_x_px(self) -> Number:
+        """Along x."""
+        return self.centre_error[0]
+
+    @property
+    def centre_error_y_px(self) -> Number:
+        """Along y."""
+        return self.centre_error[1]
+
+    @property
+    def centre_error_px(self) -> Number:
+        """The distance."""
+        return np.hypot(*self.centre_error)
+
     @cached_property
-    def depth_error(self) -> Number:
+    def depth_error_mm(self) -> Number:
         """Decoded depth less true depth of the targets [mm].
 
         Calibrated, depth follows from targets on the axis at three known distances: 1/depth and slope are related by a

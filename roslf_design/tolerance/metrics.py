@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,58 +20,35 @@ from .traced import Mounted, TracedBuilds, mounted
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Metric:
-    """A number of a build."""
-
-    name: str
-    unit: str
-    meaning: str
-    of: Callable[[IdealBuilds], Any]
-    """Broadcasts to (fields, trials)."""
-    per_field: bool = True
-    """Whether it has a value at every field, or one for the whole camera."""
-
-
-def _of_quantity(quantity: Quantity) -> Metric:
-    if quantity.local is not None:
-        return Metric(quantity.name, quantity.unit, quantity.words, quantity.local)
-    whole = partial(_whole, quantity)
-    return Metric(quantity.name, quantity.unit, quantity.words, whole, per_field=False)
-
-
-def _whole(quantity: Quantity, builds: IdealBuilds) -> Any:
-    return quantity(builds.camera)
-
-
 _OF_DECODERS = (
-    Metric(
+    Quantity(
         "blur_pitches",
         "pitches",
         "rms radius on the array of an object point's light, in microlens pitches; of rays alone",
-        lambda builds: builds.blur_pitches,
+        local=attrgetter("blur_pitches"),
     ),
-    Metric(
+    Quantity(
         "centre_error_px",
         "px",
         "distance of the image centre from where the decoder believes it",
-        lambda builds: np.hypot(*builds.centre_error),
+        local=attrgetter("centre_error_px"),
     ),
-    Metric("centre_error_x_px", "px", "the same along x", lambda builds: builds.centre_error[0]),
-    Metric("centre_error_y_px", "px", "the same along y", lambda builds: builds.centre_error[1]),
-    Metric(
+    Quantity("centre_error_x_px", "px", "the same along x", local=attrgetter("centre_error_x_px")),
+    Quantity("centre_error_y_px", "px", "the same along y", local=attrgetter("centre_error_y_px")),
+    Quantity(
         "depth_error_mm",
         "mm",
         "decoded depth less true depth of a point on the field's chief ray",
-        lambda builds: builds.depth_error,
+        local=attrgetter("depth_error_mm"),
     ),
 )
 METRICS = {
-    name: _of_quantity(quantity)
+    name: quantity
     for name, quantity in QUANTITIES.items()
     if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
-} | {metric.name: metric for metric in _OF_DECODERS}
-"""Every metric by its name; names and values follow `roslf evaluate --json` where it has them."""
+} | {quantity.name: quantity for quantity in _OF_DECODERS}
+"""Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
+values follow `roslf evaluate --json` where it has them."""
 SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
 """Metrics that take common parts of the stops' images."""
 
@@ -90,7 +66,7 @@ class Column:
         return self.metric if self.field is None else f"{self.metric}@{self.field}"
 
 
-def metric_named(name: str) -> Metric:
+def metric_named(name: str) -> Quantity:
     """Find a metric.
 
     Raises
@@ -124,7 +100,7 @@ class Question:
         return tuple(
             Column(name, field)
             for name in self.metrics
-            for field in (range(count) if METRICS[name].per_field else (None,))
+            for field in ((None,) if METRICS[name].local is None else range(count))
         )
 
 
@@ -158,8 +134,8 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     with np.errstate(all="ignore"):
         builds, valid = builds_of(question, values, trials, calibrated=calibrated)
         for metric in (METRICS[name] for name in question.metrics):
-            rows = len(question.fields) if metric.per_field else 1
-            results[row : row + rows] = metric.of(builds)
+            rows = 1 if metric.local is None else len(question.fields)
+            results[row : row + rows] = metric(builds.camera) if metric.local is None else metric.local(builds)
             row += rows
     results[:, ~valid] = np.nan
     results[~np.isfinite(results)] = np.nan

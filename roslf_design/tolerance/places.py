@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -103,16 +104,15 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     """
     name = PATHS.get(name, SHORT.get(name, name))
     known = perturbable(design)
-    if name.startswith("stops.*."):
-        numbered = (name.replace("*", str(index)) for index in range(len(design.stops)))
-        return tuple(place for each in numbered for place in expand(design, each))
+    pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.[01])?")
+    places = tuple(place for place in known if pattern.fullmatch(place))
+    if places or (name.startswith("stops.*.") and not design.stops):
+        return places
     if "*" in name and in_lens(name):
-        return _of_pattern(design, name, known)
-    if name in known:
-        return (name,)
-    pair = tuple(place for place in known if place in (f"{name}.0", f"{name}.1"))
-    if pair:
-        return pair
+        if design.lens is None or name.rpartition("*.")[2] in ("radius", "conic", "abbe", "wedge"):
+            return ()  # not every lens has them
+        parts = sorted({p.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for p in known if in_lens(p)})
+        raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
     if name == FOCAL_LENGTH:
         raise ValueError(
             "'main_lens.focal_length' follows from the real lens's surfaces; perturb main_lens.surfaces.*.radius, "
@@ -125,18 +125,6 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
     remedy = f"did you mean '{near[0]}'?" if near else remedy
     raise ValueError(f"'{name}' is not a number of this design that a build can miss; {remedy}")
-
-
-def _of_pattern(design: Design, name: str, known: Mapping[str, str]) -> tuple[str, ...]:
-    """Places that a pattern in a real lens means; none behind an ideal one."""
-    head, tail = name.split("*", 1)
-    what = tail[1:]
-    ends = (what, f"{what}.0", f"{what}.1")
-    found = tuple(p for p in known if p.startswith(head) and p[len(head) :].partition(".")[2] in ends)
-    if not found and design.lens is not None and what not in ("radius", "conic", "abbe", "wedge"):
-        parts = sorted({p.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for p in known if in_lens(p)})
-        raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
-    return found
 
 
 def short_name(place: str) -> str:

@@ -39,7 +39,7 @@ from .draws import Perturbation
 from .metrics import METRICS, SHAPES, builds_of
 from .places import Grades
 from .run import Store
-from .study import Plan, Study, make_plan
+from .study import Study, TolerancePlan, make_plan
 from .tally import Tally
 from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
@@ -132,7 +132,7 @@ class Precision:
 class StudyResult:
     """Results of a study."""
 
-    plan: Plan
+    plan: TolerancePlan
     study: Study
     tally: Tally
     variants: tuple[Variant, ...]
@@ -273,7 +273,9 @@ def _sobol(indices: SobolIndices, columns: list[str]) -> dict[str, Any]:
     }
 
 
-def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple[WorstTrial, ...] = ()) -> StudyResult:
+def analyse(
+    plan: TolerancePlan, study: Study, grades: Grades, tally: Tally, worst: tuple[WorstTrial, ...] = ()
+) -> StudyResult:
     """Every analysis of a study whose trials have run."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
     lens = trace_check(plan)
@@ -303,7 +305,7 @@ def analyse(plan: Plan, study: Study, grades: Grades, tally: Tally, worst: tuple
     )
 
 
-def trace_check(plan: Plan) -> TraceCheck | None:
+def trace_check(plan: TolerancePlan) -> TraceCheck | None:
     """Some of a plan's builds traced one at a time; None where its main lens is ideal."""
     draws, design = plan.draws, plan.question.design
     if design.lens is None:
@@ -314,14 +316,14 @@ def trace_check(plan: Plan) -> TraceCheck | None:
     return check_traced(design, builds, values)
 
 
-def _grades(plan: Plan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
+def _grades(plan: TolerancePlan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
     trials, design = curve_trials(plan), plan.question.design
     others = ((name, study.model_copy(update={"grade": name})) for name in (grades.names if study.grade else ()))
     return tuple(GradeYield(name, yield_at(make_plan(other, design, grades), 1.0, trials)) for name, other in others)
 
 
 def _warnings(
-    plan: Plan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
+    plan: TolerancePlan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
 ) -> Iterator[str]:
     if misses:
         yield (
@@ -343,12 +345,12 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
-    axial = [name for name in plan.question.metrics if not METRICS[name].per_field]
+    axial = [name for name in plan.question.metrics if METRICS[name].local is None]
     if axial and tilts:
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 
 
-def save_worst(plan: Plan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
+def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
     """Write the worst trials as design files, adjustments included."""
     rows = []
     for number, score in zip(tally.worst.tolist(), tally.scores.tolist(), strict=True):
@@ -364,7 +366,7 @@ def save_worst(plan: Plan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]
     return tuple(rows)
 
 
-def trial_arrays(plan: Plan, tally: Tally) -> dict[str, NDArray[Any]]:
+def trial_arrays(plan: TolerancePlan, tally: Tally) -> dict[str, NDArray[Any]]:
     """The first trials one by one, for a notebook: deviations, metrics and adjustments, with their names."""
     return {
         "places": np.array([p.place for p in plan.draws.perturbations]),
@@ -394,13 +396,18 @@ def trials_for(accuracy: float, sampling: str = "random") -> int:
 
 
 def precision(
-    plan: Plan, tally: Tally, final: Variant, folder: Path, asked: float | None = None, seconds: float | None = None
+    plan: TolerancePlan,
+    tally: Tally,
+    final: Variant,
+    folder: Path,
+    asked: float | None = None,
+    seconds: float | None = None,
 ) -> Precision:
     """What a run's shares are worth.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
     tally : Tally
         All trials.
     final : Variant
@@ -448,7 +455,7 @@ def precision(
     return Precision(accuracy, of_yield, measured_yield, of_ranks, measured_rank)
 
 
-def shapes_text(plan: Plan) -> str:
+def shapes_text(plan: TolerancePlan) -> str:
     """How each build is computed: always the exact way, as that is the quicker one, too."""
     if plan.question.design.lens is not None:
         return "each by exact rays through its own lens, shapes by series along the pupil's rim"
@@ -459,7 +466,7 @@ def shapes_text(plan: Plan) -> str:
     return f"each by closed forms, shapes as common parts of {rims}"
 
 
-def _of_chunks(plan: Plan, final: Variant, tallies: Iterable[Tally]) -> Array:
+def _of_chunks(plan: TolerancePlan, final: Variant, tallies: Iterable[Tally]) -> Array:
     """Shares of each whole chunk, (chunks, 1 + quantiles, columns): passed, then at or below each quantile."""
     parts = []
     for tally in tallies:
@@ -475,7 +482,7 @@ def _of_chunks(plan: Plan, final: Variant, tallies: Iterable[Tally]) -> Array:
     return np.array(parts)
 
 
-def _of_kept(plan: Plan, tally: Tally, final: Variant) -> tuple[Array, float]:
+def _of_kept(plan: TolerancePlan, tally: Tally, final: Variant) -> tuple[Array, float]:
     """The same of parts of the trials kept one by one (none where these are few), and their share of the run."""
     each = len(tally.measured) // PARTS
     if each < 10:

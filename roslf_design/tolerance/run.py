@@ -18,7 +18,7 @@ from uuid import uuid4
 
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from .study import Plan
+from .study import TolerancePlan
 from .tally import Tally, counted, merged, pack, unpack
 from .trials import BLOCK, measure_uniforms
 
@@ -52,13 +52,13 @@ class Where:
 
 
 def run_trials(
-    plan: Plan, folder: Path, where: Where = Where(), *, resume: bool = False, progress: Progress | None = None
+    plan: TolerancePlan, folder: Path, where: Where = Where(), *, resume: bool = False, progress: Progress | None = None
 ) -> Tally:
     """Run a plan's trials, chunk by chunk, into a folder.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         What runs.
     folder : Path
         Gets a manifest and one file a chunk.
@@ -91,12 +91,12 @@ def run_trials(
     return merged(store.tallies())
 
 
-def run_chunk(plan: Plan, index: int) -> bytes:
+def run_chunk(plan: TolerancePlan, index: int) -> bytes:
     """Run one chunk and pack its results; a function of its arguments alone."""
     return pack(tally_chunk(plan, index), plan.digest())
 
 
-def tally_chunk(plan: Plan, index: int) -> Tally:
+def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
     """Run one chunk of a plan."""
     uniforms = plan.draws.uniforms(index, plan.chunk)[:, : plan.chunk_trials(index)]
     first = index * plan.chunk
@@ -240,7 +240,7 @@ class Store:
     ----------
     folder : Path
         Made where missing.
-    plan : Plan
+    plan : TolerancePlan
         Whose chunks.
     resume : bool
         Go on with what is there; else earlier results of the folder are an error.
@@ -253,7 +253,7 @@ class Store:
         The folder cannot be made or written.
     """
 
-    def __init__(self, folder: Path, plan: Plan, *, resume: bool = False) -> None:
+    def __init__(self, folder: Path, plan: TolerancePlan, *, resume: bool = False) -> None:
         self.plan, self.digest = plan, plan.digest()
         self.folder = folder / "chunks"
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,7 @@
 """Study files in TOML, which design, what it is held to, what it may miss; and the plan that is made of one.
 
-A `Study` is what a file says. A `Plan` is ready to run: every place, number and limit resolved, one frozen value that
-travels to any worker.
+A `Study` is what a file says. A `TolerancePlan` is ready to run: every place, number and limit resolved, one frozen
+value that travels to any worker.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -47,7 +47,7 @@ CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 2
+FORMAT = 3
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -135,7 +135,7 @@ class Group(StrictTable):
     """Of the members' normal scores; 1: they share their deviation."""
 
 
-class Goal(StrictTable):
+class MetricGoal(StrictTable):
     """A limit. A build passes when all its goals hold, at all their fields; what is undefined does not hold."""
 
     metric: Annotated[str, AfterValidator(_metric)]
@@ -146,7 +146,7 @@ class Goal(StrictTable):
     """Indices into the study's fields; all where left out."""
 
     @model_validator(mode="after")
-    def _bounded(self) -> Goal:
+    def _bounded(self) -> MetricGoal:
         if self.min is None and self.max is None:
             raise ValueError(f"{self.metric} has no limit; give min, max or both")
         if self.min is not None and self.max is not None and self.min > self.max:
@@ -192,7 +192,7 @@ class Study(StrictTable):
     """Z of the decoder's target; the focal plane where left out."""
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
-    goals: tuple[Goal, ...]
+    goals: tuple[MetricGoal, ...]
     report: tuple[Annotated[str, AfterValidator(_metric)], ...] = ()
     """Further metrics to tabulate, without limits."""
     compensators: tuple[Compensate, ...] = ()
@@ -284,7 +284,7 @@ class Adjuster:
 
 
 @dataclass(frozen=True)
-class Plan:
+class TolerancePlan:
     """What runs."""
 
     name: str
@@ -346,17 +346,13 @@ class Plan:
         text = json.dumps([FORMAT, repr(self), self.question.design.model_dump(mode="json")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def with_draws(self, **changes: Any) -> Plan:
-        """The same plan with its draws changed."""
-        return replace(self, draws=replace(self.draws, **changes))
-
 
 def chunk_size(trials: int) -> int:
     """Trials a chunk: enough work for a worker, few enough files for a folder."""
     return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
 
 
-def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None) -> tuple[Plan, Study, Grades]:
+def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None) -> tuple[TolerancePlan, Study, Grades]:
     """Read a study file and resolve it; `trials` and `seed` override the file's.
 
     Raises
@@ -372,12 +368,12 @@ def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None)
     return make_plan(study, design, grades, str(path)), study, grades
 
 
-def plan_from(data: Mapping[str, Any]) -> Plan:
+def plan_from(data: Mapping[str, Any]) -> TolerancePlan:
     """A plan from the nested values of a study, for scripts."""
     return make_plan(*read_study(data))
 
 
-def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") -> Plan:
+def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") -> TolerancePlan:
     """Resolve a study.
 
     Raises
@@ -413,7 +409,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     for line in study.compensators:
         widths = _widths(line.range, line.place, design)
         reaches |= {place: widths.get(place, math.inf) for place in line.place if place != CALIBRATION}
-    return Plan(
+    return TolerancePlan(
         name=study.name,
         question=question,
         draws=Draws(
@@ -481,9 +477,9 @@ def _tied(group: str | None, place: str) -> str | None:
     return f"{group}{pose}" if group else None
 
 
-def _limits(index: int, goal: Goal, question: Question, problems: list[Problem]) -> list[Limit]:
+def _limits(index: int, goal: MetricGoal, question: Question, problems: list[Problem]) -> list[Limit]:
     count = len(question.fields)
-    wanted = goal.fields if METRICS[goal.metric].per_field else None
+    wanted = None if METRICS[goal.metric].local is None else goal.fields
     key, beyond = f"goals.{index}.fields", [field for field in wanted or () if not 0 <= field < count]
     problems += [Problem(key, f"{field} is no field; they run from 0 to {count - 1}") for field in beyond]
     low = -math.inf if goal.min is None else goal.min

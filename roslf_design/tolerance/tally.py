@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import sketch
-from .study import Plan
-from .trials import Measured
+from .study import TolerancePlan
+from .trials import MeasuredTrials
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -61,14 +61,14 @@ class Tally:
     """Their adjustments [mm, rad], shape (kept, adjusters)."""
 
 
-def counted(plan: Plan, trials: Measured, first: int) -> Tally:
+def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     """Count trials.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         Its limits, and how many trials are kept.
-    trials : Measured
+    trials : MeasuredTrials
         T consecutive trials.
     first : int
         Number of the first of them.
@@ -133,7 +133,7 @@ def _cross(y: Array, x: Array) -> tuple[Array, Array, Array]:
     return sums[0], sums[1], sums[2]
 
 
-def _scores(plan: Plan, nominal: Array, columns: Array) -> Array:
+def _scores(plan: TolerancePlan, nominal: Array, columns: Array) -> Array:
     """How far each trial exceeds its limits: 0 at nominal, 1 at a limit, in units of what the limit allows."""
     worst = np.full(columns.shape[1], -np.inf)
     for limit in plan.limits:

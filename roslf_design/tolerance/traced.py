@@ -481,7 +481,7 @@ class TracedBuilds(IdealBuilds):
         return self.chief[0] / self.camera.q - believed[..., 0], self.chief[1] / self.camera.q - believed[..., 1]
 
     @cached_property
-    def depth_error(self) -> Number:
+    def depth_error_mm(self) -> Number:
         """Decoded depth less true depth of the targets [mm]; slopes mean what they do in the nominal camera."""
         known, depths = self.known, self.calibration_depths
         slope: Number = self._traced_slopes(known.points, self.azimuth, known.centres)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..design import Design
 from .metrics import evaluate_builds
 from .places import nominal_values
-from .study import Plan
+from .study import TolerancePlan
 from .traced import as_built
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ DAMPING = 1e-10
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredTrials:
     """Consecutive trials, measured."""
 
     deviations: Array
@@ -37,18 +37,18 @@ class Measured:
     """Adjustments [mm, rad], shape (adjusters, trials)."""
 
     @staticmethod
-    def joined(blocks: list[Measured]) -> Measured:
+    def joined(blocks: list[MeasuredTrials]) -> MeasuredTrials:
         """Several, one after the other."""
         parts = ([getattr(block, name) for block in blocks] for name in ("deviations", "variants", "moved"))
-        return Measured(*(np.concatenate(part, axis=-1) for part in parts))
+        return MeasuredTrials(*(np.concatenate(part, axis=-1) for part in parts))
 
 
-def measure(plan: Plan, deviations: Array, scale: float = 1.0) -> Measured:
+def measure(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> MeasuredTrials:
     """Measure trials given by their deviations.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         What is measured.
     deviations : ndarray, shape (P, trials)
         [tolerances].
@@ -67,18 +67,18 @@ def measure(plan: Plan, deviations: Array, scale: float = 1.0) -> Measured:
         columns.append(after)
     elif plan.calibrated:
         columns.append(evaluate_builds(plan.question, values, trials, calibrated=True))
-    return Measured(deviations, np.stack(columns), moved)
+    return MeasuredTrials(deviations, np.stack(columns), moved)
 
 
-def measure_uniforms(plan: Plan, uniforms: Array) -> Measured:
+def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
     """Trials given by their independent uniform numbers, shape (factors, trials), block by block."""
     draws, starts = plan.draws, range(0, uniforms.shape[1], BLOCK)
-    return Measured.joined(
+    return MeasuredTrials.joined(
         [measure(plan, draws.deviations(np.ascontiguousarray(uniforms[:, at : at + BLOCK]))) for at in starts]
     )
 
 
-def trial_measured(plan: Plan, number: int) -> Measured:
+def trial_measured(plan: TolerancePlan, number: int) -> MeasuredTrials:
     """What was measured of trial `number`, bit for bit (its whole block runs again, so arrays have the same shapes).
 
     Raises
@@ -93,10 +93,10 @@ def trial_measured(plan: Plan, number: int) -> Measured:
     trials = plan.chunk_trials(index)
     block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + BLOCK, trials)])
     pick = slice(within - start, within - start + 1)
-    return Measured(block.deviations[:, pick], block.variants[:, :, pick], block.moved[:, pick])
+    return MeasuredTrials(block.deviations[:, pick], block.variants[:, :, pick], block.moved[:, pick])
 
 
-def one_trial(plan: Plan, number: int) -> tuple[Design, Measured]:
+def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]:
     """Trial `number` again, bit for bit: its design (adjustments included) and what was measured.
 
     Raises
@@ -120,11 +120,11 @@ class Compensator:
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         With at least one adjuster.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: TolerancePlan) -> None:
         self.plan = plan
         self.nominal = nominal_values(plan.question.design)
         aim = evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated)[:, 0]
@@ -219,17 +219,17 @@ class Compensator:
 
 
 @lru_cache(maxsize=4)
-def compensator_of(plan: Plan) -> Compensator:
+def compensator_of(plan: TolerancePlan) -> Compensator:
     """The plan's compensator, made once in a process."""
     return Compensator(plan)
 
 
-def differences(plan: Plan, steps: list[tuple[str, float]], *, calibrated: bool = False) -> Array:
+def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False) -> Array:
     """Central differences of every column at the nominal design.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TolerancePlan
         Whose columns.
     steps : list of (place, step)
         A place may occur more than once. Steps of 0 give 0.

@@ -29,7 +29,8 @@ max = 1.02
 
 def run_of(folder, trials, seed=0, sampling="random", chunk=None):
     plan = plan_from({"name": "s", "design": "paper", "goals": GOALS, "perturb": PERTURB, "trials": trials})
-    plan = replace(plan.with_draws(seed=seed, sampling=sampling), chunk=chunk or plan.chunk)
+    draws = replace(plan.draws, seed=seed, sampling=sampling)
+    plan = replace(plan, draws=draws, chunk=chunk or plan.chunk)
     tally = run_trials(plan, folder)
     return plan, tally, summarise(plan, tally)[-1]
 

@@ -158,7 +158,7 @@ def test_a_folder_of_another_run_is_not_touched(plan, tmp_path):
     run_trials(replace(plan, trials=100), tmp_path)
     before = fingerprint(tmp_path)
     with pytest.raises(InputError, match="another study, seed or trial count"):
-        run_trials(plan.with_draws(seed=4), tmp_path, resume=True)
+        run_trials(replace(plan, draws=replace(plan.draws, seed=4)), tmp_path, resume=True)
     assert fingerprint(tmp_path) == before
     (tmp_path / "manifest.json").write_text("{")
     with pytest.raises(InputError, match="is damaged"):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from roslf_design.rays.sampling import sunflower
 
+from roslf_design._points import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.aim import spot_radii
 from roslf_design.lenses.camera import Plane, camera_of, microlenses
