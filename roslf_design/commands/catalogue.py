@@ -9,7 +9,16 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from ..tables import Table, print_table
+
 Kinds = Literal["lenses", "microlens_arrays", "sensors"]
+
+SHOWN: dict[Kinds, tuple[str, ...]] = {
+    "lenses": ("diameter", "clear_aperture", "focal_length"),
+    "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
+    "sensors": ("pixel", "pixels", "size"),
+}
+"""Columns of each kind."""
 
 
 def catalogue(
@@ -35,6 +44,7 @@ def catalogue(
     json
         Print JSON instead of tables.
     """
+    # Here, so that `roslf --help` starts without it.
     from ..optimize.parts import KINDS, load_catalogue, read_condition, rows
 
     conditions = [read_condition(text) for text in where or []]
@@ -44,39 +54,23 @@ def catalogue(
         print(json_text.dumps({"schema": "roslf.catalogue/1", "parts": found}, indent=1, ensure_ascii=False))
         return
     from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
     console = Console()
-    shown = {
-        "lenses": ("diameter", "clear_aperture", "focal_length"),
-        "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
-        "sensors": ("pixel", "pixels", "size"),
-    }
     notes: list[str] = []
     for name in KINDS:
-        mine = [row for row in found if row["kind"] == name]
-        if not mine:
-            continue
-        table = Table(title=name.replace("_", " "), title_justify="left", box=None, header_style="bold", pad_edge=False)
-        for heading in ("part", "maker", *(key.replace("_", " ") for key in shown[name]), "confidence", "note"):
-            table.add_column(heading)
-        for row in mine:
-            told = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
+        lines = []
+        for row in (row for row in found if row["kind"] == name):
+            note = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
             if row.get("clear_aperture_assumed"):
-                told += "; clear aperture taken as 90 % of the diameter"
-            if told not in notes:
-                notes.append(told)
-            cells = [
-                row["part"],
-                row.get("maker", ""),
-                *(_cell(row, key) for key in shown[name]),
-                row["confidence"],
-                str(1 + notes.index(told)),
-            ]
-            table.add_row(*(Text(cell) for cell in cells))
-        console.print(table)
-        console.print()
+                note += "; clear aperture taken as 90 % of the diameter"
+            if note not in notes:
+                notes.append(note)
+            cells = [_cell(row, key) for key in SHOWN[name]]
+            lines.append((row["part"], row.get("maker", ""), *cells, row["confidence"], str(1 + notes.index(note))))
+        if lines:
+            heads = ("part", "maker", *(key.replace("_", " ") for key in SHOWN[name]), "confidence", "note")
+            print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
+    console.print()
     for number, note in enumerate(notes, 1):
         console.print(f"{number}  {note}", highlight=False, soft_wrap=True)
     console.print(f"\n{len(found)} parts. Add your own with --file, or in a study.", highlight=False)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design, Stop
 from ..errors import InputError, Problem
-from ..microlens.discs import intersect
+from ..shapes.discs import intersect
 from ..theory.light import half_diagonal
 from ..theory.stop_images import stop_discs
 from .problem import DesignProblem

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -285,37 +284,12 @@ def _inside(unit: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True)
-class Elastic:
-    """A problem with a slack for each row, minimising their weighted sum; slacks are scaled to the unit box too."""
+class Posed:
+    """A smooth problem by its parts."""
 
-    problem: Smooth
-    """Whose rows are relaxed."""
-    weights: tuple[float, ...]
-    """One a row; infinite for rows that stay hard."""
-
-    @cached_property
-    def soft(self) -> NDArray[np.bool_]:
-        """Which rows have a slack."""
-        return np.array([np.isfinite(weight) for weight in self.weights])
-
-    @property
-    def n(self) -> int:
-        """The problem's variables and the slacks."""
-        return self.problem.n + int(self.soft.sum())
-
-    @property
-    def equalities(self) -> int:
-        """None: an equality becomes two inequalities."""
-        return 0
-
-    def vector(self, units: Array) -> Array:
-        """Weighted sum of slacks; rows less their slacks."""
-        n, split = self.problem.n, len(self.weights) - self.problem.equalities
-        rows = self.problem.vector(units[:, :n])[1:]
-        slack = np.zeros_like(rows)
-        slack[self.soft] = LARGEST_SLACK * units[:, n:].T
-        total = np.asarray(self.weights)[self.soft] @ slack[self.soft]
-        return np.concatenate([total[None], rows - slack, -rows[split:] - slack[split:]])
+    n: int
+    equalities: int
+    vector: Callable[[Array], Array]
 
 
 def least_violation(
@@ -326,10 +300,20 @@ def least_violation(
     The guard remembers every point tried, so that a feasible one met on the way is kept. A weight says what a scaled
     unit of a row's violation costs; infinite keeps the row hard. Without weights: 1 each.
     """
-    n, equalities = guard.problem.n, guard.problem.equalities
+    problem, n, equalities = guard.problem, guard.problem.n, guard.problem.equalities
     count = len(guard.rows(_inside(starts[0]))[0]) - 1
-    elastic = Elastic(guard.problem, (1.0,) * count if weights is None else tuple(weights))
-    soft, costs = elastic.soft, np.asarray(elastic.weights)
+    costs = np.ones(count) if weights is None else np.asarray(weights, float)
+    soft, split = np.isfinite(costs), count - equalities
+
+    def relaxed(units: Array) -> Array:
+        """Weighted sum of slacks, rows less their slacks: an equality becomes two inequalities."""
+        rows = problem.vector(units[:, :n])[1:]
+        slack = np.zeros_like(rows)
+        slack[soft] = LARGEST_SLACK * units[:, n:].T
+        total = costs[soft] @ slack[soft]
+        return np.concatenate([total[None], rows - slack, -rows[split:] - slack[split:]])
+
+    elastic = Posed(n + int(soft.sum()), 0, relaxed)
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
         inner = Guard(elastic, guard.deadline)

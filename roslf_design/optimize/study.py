@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ..camera import Camera, Number
 from ..design import PATHS, Design, load, preset_names
@@ -22,18 +22,13 @@ from ..design.units import Distance, Length, format_quantity, parse_quantity
 from ..errors import InputError, Problem
 from ..theory.quantities import Quantity, quantity_named
 from ..tolerance.draws import Distribution
+from ..tolerance.study import StrictTable
 from .parts import Kind, given_by
 from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
 from .solve import Settings
 
 
-class OptimizeTable(BaseModel):
-    """Base of every table: frozen, unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class AskedTable(OptimizeTable):
+class AskedTable(StrictTable):
     """A quantity, at the focal plane or ahead of the bore's tip."""
 
     quantity: str
@@ -114,7 +109,7 @@ class GoalTable(AskedTable):
         return Goal(self.of, "min" if self.direction == "min" else "max", self.at, self.weight)
 
 
-class VariableTable(OptimizeTable):
+class VariableTable(StrictTable):
     """Bounds of a variable: ``["0.5 mm", "8 mm"]`` for short."""
 
     min: Distance
@@ -139,7 +134,7 @@ class VariableTable(OptimizeTable):
         return self
 
 
-class TubeTable(OptimizeTable):
+class TubeTable(StrictTable):
     """A straight tube."""
 
     diameter: Length
@@ -147,14 +142,14 @@ class TubeTable(OptimizeTable):
     distance: Distance
 
 
-class StopTable(OptimizeTable):
+class StopTable(StrictTable):
     """One rim."""
 
     diameter: Length
     distance: Distance
 
 
-class BoreTable(OptimizeTable):
+class BoreTable(StrictTable):
     """The bore, instead of a flexible angular plane: a tube, or several stops."""
 
     tube: TubeTable | None = None
@@ -175,7 +170,7 @@ class BoreTable(OptimizeTable):
         return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
 
 
-class SolverTable(OptimizeTable):
+class SolverTable(StrictTable):
     """How hard to look."""
 
     starts: Annotated[int, Field(ge=1, le=4096)] = 16
@@ -186,7 +181,7 @@ class SolverTable(OptimizeTable):
     isres: bool = False
 
 
-class ParetoTable(OptimizeTable):
+class ParetoTable(StrictTable):
     """Two or three goals to trade."""
 
     goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
@@ -195,7 +190,7 @@ class ParetoTable(OptimizeTable):
     """Along each limited goal."""
 
 
-class CatalogueTable(OptimizeTable):
+class CatalogueTable(StrictTable):
     """Parts to choose among."""
 
     kinds: Annotated[tuple[Kind, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
@@ -206,7 +201,7 @@ class CatalogueTable(OptimizeTable):
     keep: Annotated[int, Field(ge=1, le=100)] = 10
 
 
-class PerturbTable(OptimizeTable):
+class PerturbTable(StrictTable):
     """What a build misses."""
 
     place: tuple[str, ...]
@@ -220,7 +215,7 @@ class PerturbTable(OptimizeTable):
         return (value,) if isinstance(value, str) else value
 
 
-class RobustTable(OptimizeTable):
+class RobustTable(StrictTable):
     """What to make of builds that scatter."""
 
     maximise: Literal["yield", "quantile"] = "yield"
@@ -234,7 +229,7 @@ class RobustTable(OptimizeTable):
     perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
 
 
-class StudyTable(OptimizeTable):
+class StudyTable(StrictTable):
     """A whole study file."""
 
     name: str
