@@ -16,7 +16,11 @@ from cyclopts import App, Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
+from ..design import load
+from ..design.write import write_atomically
 from ..errors import InputError, Problem
+from ..report.html import render_html
+from ..scenes import load_scene
 from ..tables import print_table
 from .evaluate import parse_field
 from .progress import StatusLine
@@ -71,9 +75,6 @@ def diagrams(
     seed
         Of random methods and jobs.
     """
-    from ..design import load
-    from ..scenes import load_scene
-
     check_accuracy(accuracy)
     wrong = {"--seed": seed < 0, "--jobs": jobs < 0}
     if any(wrong.values()):
@@ -152,9 +153,6 @@ def calibrate(
     seed
         Of the jobs.
     """
-    from ..design import load
-    from ..design.write import write_atomically
-
     loaded = load(design)
     path = cache_file() if output is None else output
     promises = study("promises")
@@ -191,8 +189,6 @@ def hard_cases(
     seed
         Of the walks; the same seed gives the same bytes.
     """
-    from ..design import load
-
     if seed < 0:
         raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0 on"),))
     loaded = load(design)
@@ -241,9 +237,6 @@ def study(name: str) -> Any:
 
 def write_page(folder: Path, data_name: str, data: str, page: Any) -> None:
     """A folder with the page and the numbers behind it."""
-    from ..design.write import write_atomically
-    from ..report.html import render_html
-
     folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / data_name, data.encode())
     write_atomically(folder / PAGE, render_html(page).encode())

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from ..optimize.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 
 Kinds = Literal["lenses", "microlens_arrays", "sensors"]
@@ -45,7 +46,6 @@ def catalogue(
         Print JSON instead of tables.
     """
     # Here, so that `roslf --help` starts without it.
-    from ..optimize.parts import KINDS, load_catalogue, read_condition, rows
 
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])

@@ -10,6 +10,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..accuracy.statement import check_accuracy
+from ..design import load
+from ..design.errors import InputError, Problem
+from ..evaluation import evaluate as compute
+from ..evaluation.precision import evaluation_accuracy
+from ..evaluation.show import print_evaluation
+
 
 def evaluate(
     design: str,
@@ -34,12 +41,6 @@ def evaluate(
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
-    from ..accuracy.statement import check_accuracy
-    from ..design import load
-    from ..design.errors import InputError, Problem
-    from ..evaluation import evaluate as compute
-    from ..evaluation.precision import evaluation_accuracy
-
     if accuracy is not None:
         check_accuracy(accuracy)
     fields = None if field is None else [parse_field(text) for text in field]
@@ -60,8 +61,6 @@ def evaluate(
         return
     from rich.console import Console
 
-    from ..evaluation.show import print_evaluation
-
     console = Console()
     print_evaluation(result, console)
     if accuracy is not None:
@@ -76,8 +75,6 @@ def parse_field(text: str) -> tuple[float, float]:
     InputError
         Neither one nor two finite numbers.
     """
-    from ..design.errors import InputError, Problem
-
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

@@ -13,6 +13,9 @@ from cyclopts import Parameter
 
 from ..design import load
 from ..errors import InputError, Problem
+from ..explorer.patch import warm_up
+from ..explorer.server import application, is_local, serve
+from ..explorer.session import Session
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""
@@ -42,9 +45,6 @@ def explore(
     check_packages()
     loaded = load(design)
     # Only now: the packages that these import may be missing.
-    from ..explorer.patch import warm_up
-    from ..explorer.server import application, is_local, serve
-    from ..explorer.session import Session
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)

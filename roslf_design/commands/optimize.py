@@ -9,6 +9,19 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from .. import __version__
+from ..accuracy.statement import check_accuracy
+from ..design import dumps
+from ..design.write import write_atomically
+from ..errors import InputError, Problem
+from ..optimize.figures import drawn
+from ..optimize.run import designs, run, to_dict
+from ..optimize.search import QUICK
+from ..optimize.study import load_study
+from ..report.figures.style import to_png
+from ..report.html import render_html
+from ..report.optimization import optimization_report, statements, tables
+from ..report.terminal import print_blocks, print_statements
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -45,11 +58,6 @@ def optimize(
         it, and the best is polished. Default: every search is polished, to 1e-6 or better.
     """
     # Here, so that `roslf --help` starts without them.
-    from ..accuracy.statement import check_accuracy
-    from ..errors import InputError, Problem
-    from ..optimize.run import run, to_dict
-    from ..optimize.search import QUICK
-    from ..optimize.study import load_study
 
     if seed is not None and seed < 0:
         raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
@@ -92,15 +100,6 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     list of Path
         What was written.
     """
-    from .. import __version__
-    from ..design import dumps
-    from ..design.write import write_atomically
-    from ..optimize.figures import drawn
-    from ..optimize.run import designs, to_dict
-    from ..report.figures.style import to_png
-    from ..report.html import render_html
-    from ..report.optimization import optimization_report
-
     text = json_text.dumps(to_dict(result, timings=False), indent=1, allow_nan=False, ensure_ascii=False)
     page = optimization_report(result, command, __version__)
     files = {
@@ -118,9 +117,6 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
 def print_result(result: Result, written: list[Path], console: Console) -> None:
     """Sentences and tables for a terminal."""
     from rich.text import Text
-
-    from ..report.optimization import statements, tables
-    from ..report.terminal import print_blocks, print_statements
 
     console.print(Text(result.answer.asked.name, style="bold"))
     print_statements(statements(result), console)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..design import load, preset_names, preset_path
+
 
 def presets(*, json: Annotated[bool, Parameter(negative=())] = False) -> None:
     """The designs that ship, and where their files are.
@@ -16,8 +18,6 @@ def presets(*, json: Annotated[bool, Parameter(negative=())] = False) -> None:
     json
         Print JSON instead of a table.
     """
-    from ..design import load, preset_names, preset_path
-
     designs = {name: load(preset_path(name)) for name in preset_names()}
     if json:
         rows = [

@@ -12,7 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from ..design import load, preset_names
+from ..design.kinds import CALLED
+from ..design.write import write_atomically
 from ..errors import InputError, Problem
+from ..evaluation.precision import check_evaluation_accuracy
+from ..report.calibration import read_calibration
+from ..report.compare import comparison_report
+from ..report.figures.style import standalone
+from ..report.html import render_html
+from ..report.model import picture, vtp_bytes
+from ..report.offscreen import NoPictureError
+from ..report.pdf import render_pdf
+from ..report.story import full_report, load_story_or_study, story_report, study_report
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -75,10 +87,6 @@ def report(
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
-    from ..design.write import write_atomically
-    from ..report.html import render_html
-    from ..report.pdf import render_pdf
-
     names = (design, *others)
     solid = [name for name in figure or () if name in SOLID]
     make = maker(names, compare, seed, accuracy, calibration)
@@ -124,13 +132,6 @@ def maker(
         Too many or too few of them, a file that is not there, is none of the kinds, or has faults; a seed below 0; an
         accuracy that is none.
     """
-    from ..design import load, preset_names
-    from ..design.kinds import CALLED
-    from ..evaluation.precision import check_evaluation_accuracy
-    from ..report.calibration import read_calibration
-    from ..report.compare import comparison_report
-    from ..report.story import full_report, load_story_or_study, story_report, study_report
-
     if compare and len(names) not in (2, 3):
         raise refusal("--compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:
@@ -210,8 +211,6 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     InputError
         The report has no figure of that name; says which it has.
     """
-    from ..report.figures.style import standalone
-
     known = {figure.name: figure for figure in content.figures}
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
@@ -232,9 +231,6 @@ def design_in_3d(names: Sequence[str], compare: bool) -> Design:
     InputError
         Several designs, or a study.
     """
-    from ..design import load, preset_names
-    from ..report.story import load_story_or_study
-
     (name, *others) = names
     preset = name in preset_names() and not Path(name).exists()
     if not others and not compare and (preset or load_story_or_study(Path(name))[0] == "design"):
@@ -244,9 +240,6 @@ def design_in_3d(names: Sequence[str], compare: bool) -> Design:
 
 def solid_files(design: Design, wanted: Sequence[str]) -> dict[str, bytes]:
     """The model and its picture; a picture that cannot be drawn here is told on stderr and left out."""
-    from ..report.model import picture, vtp_bytes
-    from ..report.offscreen import NoPictureError
-
     files = {}
     if "model" in wanted:
         files[SOLID["model"]] = vtp_bytes(design)

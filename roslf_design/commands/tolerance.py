@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from ..design.write import write_atomically
+from ..errors import InputError, Problem
+from ..report.html import render_html
+from ..report.tolerance import headline, tables, tolerance_report
 from ..tables import print_table
+from ..tolerance.figures import pictures
+from ..tolerance.result import analyse, precision, save_worst, trial_arrays, trials_for
+from ..tolerance.run import ChunkLostError, Where, run_trials
+from ..tolerance.study import load_plan
+from ..tolerance.tally import npz_bytes
 from ..words import sentence
 from .progress import bar
 
@@ -59,14 +68,6 @@ def tolerance(
     resume
         Go on with a run that was stopped.
     """
-    from ..design.write import write_atomically
-    from ..errors import InputError, Problem
-    from ..tolerance.figures import pictures
-    from ..tolerance.result import analyse, precision, save_worst, trial_arrays, trials_for
-    from ..tolerance.run import ChunkLostError, Where, run_trials
-    from ..tolerance.study import load_plan
-    from ..tolerance.tally import npz_bytes
-
     wrong = {"--seed": seed is not None and seed < 0, "--trials": trials is not None and trials < 1}
     wrong["--workers"] = workers is not None and workers < 1
     if any(wrong.values()):
@@ -106,9 +107,6 @@ def tolerance(
 
 def page(result: StudyResult, study: str) -> str:
     """The study as a report of its own: one self-contained page."""
-    from ..report.html import render_html
-    from ..report.tolerance import tolerance_report
-
     plan = result.plan
     command = f"roslf tolerance {study} --trials {plan.trials} --seed {plan.draws.seed} -o out"
     return render_html(tolerance_report(result, command))
@@ -116,8 +114,6 @@ def page(result: StudyResult, study: str) -> str:
 
 def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
     """Tables for a terminal; `times`: with how long it took, which differs from run to run."""
-    from ..report.tolerance import headline, tables
-
     console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
     console.print(headline(result), highlight=False, soft_wrap=True)
     misses = result.plan.nominal_misses()
