@@ -97,7 +97,6 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     from ..design.write import write_atomically
     from ..optimize.figures import drawn
     from ..optimize.run import designs, to_dict
-    from ..report.figures.style import to_png
     from ..report.html import render_html
     from ..report.optimization import optimization_report
 
@@ -106,7 +105,7 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     files = {
         "results.json": (text + "\n").encode(),
         **{name: dumps(design).encode() for name, design in designs(result)},
-        **{f"{name}.png": to_png(figure) for name, figure in drawn(result).items()},
+        **{f"{name}.png": figure.to_png() for name, figure in drawn(result).items()},
         "index.html": render_html(page).encode(),
     }
     folder.mkdir(parents=True, exist_ok=True)

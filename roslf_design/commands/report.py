@@ -210,7 +210,7 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     InputError
         The report has no figure of that name; says which it has.
     """
-    from ..report.figures.style import standalone
+    from ..pictures.svg import file_of
 
     known = {figure.name: figure for figure in content.figures}
     unknown = [name for name in wanted if name not in known and name != "all"]
@@ -219,7 +219,7 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
         raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
     chosen = known if "all" in wanted else {name: known[name] for name in wanted}
     return {
-        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": standalone(figure.content)
+        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": file_of(figure.content)
         for name, figure in chosen.items()
     }
 
@@ -244,8 +244,7 @@ def design_in_3d(names: Sequence[str], compare: bool) -> Design:
 
 def solid_files(design: Design, wanted: Sequence[str]) -> dict[str, bytes]:
     """The model and its picture; a picture that cannot be drawn here is told on stderr and left out."""
-    from ..report.model import picture, vtp_bytes
-    from ..report.offscreen import NoPictureError
+    from ..pictures.solid import NoPictureError, picture, vtp_bytes
 
     files = {}
     if "model" in wanted:
