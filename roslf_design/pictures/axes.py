@@ -165,7 +165,7 @@ def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
                 look = {"facecolor": "none", "edgecolor": theme.colour(mark.fill), "hatch": "////"}
             ax.add_patch(PathPatch(path, linewidth=0, clip_on=mark.clip, zorder=order, **look))
             if mark.edge != "none":
-                edge = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
+                edge: dict[str, Any] = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
                 ax.add_patch(
                     PathPatch(path, fill=False, linestyle=_dashes(mark.dash), clip_on=mark.clip, zorder=order, **edge)
                 )
@@ -176,7 +176,7 @@ def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
                 ax.add_patch(
                     Ellipse(place, side, side, facecolor=face, alpha=mark.opacity, clip_on=mark.clip, zorder=order)
                 )
-            edge: dict[str, Any] = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
+            edge = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
             ax.add_patch(
                 Ellipse(
                     place, side, side, fill=False, linestyle=_dashes(mark.dash), clip_on=mark.clip, zorder=order, **edge

@@ -192,7 +192,7 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
     for corners, starts in zip(*lines, strict=True):
         for first, last in itertools.pairwise(starts.tolist()):
             rings += [corners[first:last], np.full((1, 2), np.nan)]
-    return np.concatenate(rings[:-1])
+    return np.asarray(np.concatenate(rings[:-1]), float)
 
 
 class Scale(NamedTuple):
@@ -320,7 +320,7 @@ class Panel:
         with np.errstate(over="ignore", invalid="ignore"):
             across = left + self.x.share(np.atleast_1d(np.asarray(x, float))) * width
             up = self.bottom - self.y.share(np.atleast_1d(np.asarray(y, float))) * height
-        return np.clip(np.stack(np.broadcast_arrays(across, up), -1), -1e4, 1e4)
+        return np.asarray(np.clip(np.stack(np.broadcast_arrays(across, up), -1), -1e4, 1e4), float)
 
     def with_marks(self, *more: Mark) -> Panel:
         """The same with marks on top."""

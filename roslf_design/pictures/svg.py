@@ -163,6 +163,7 @@ def _mark(mark: Mark, panel: Panel, theme: Theme, name: str) -> str:
     match mark:
         case Line():
             runs = _runs(panel.all_at(mark.x, mark.y))
+            look: dict[str, str | float | None]
             look = {"stroke": theme.colour(mark.colour), "stroke_width": mark.width, "fill": "none"}
             faint = None if mark.opacity == 1 else mark.opacity
             lines = _path("".join(map(_corners, runs)), **look, stroke_dasharray=mark.dash, opacity=faint, **more)
