@@ -5,23 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from roslf_design.calibration.calibrate import DataSheet, calibrate
-from roslf_design.calibration.model import Camera
+from roslf_design.calibration import Captures, calibrate
 from roslf_design.calibration.result import UNITS
-from roslf_design.calibration.synthetic import Captures, observe_synthetic, random_poses
 from roslf_design.pictures.calibration import pictures_of
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
+from tests.calibration.made import SHEET, captured
 
-CAMERA = Camera(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
-SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0)
 PICTURES = pictures_of(UNITS)
 
 
 @pytest.fixture(scope="module")
 def outcome():
     rng = np.random.default_rng(1)
-    captures = Captures(noise=0.05, boards=5)
-    found = calibrate(observe_synthetic(CAMERA, random_poses(captures, 120.0, rng), captures, rng), SHEET)
+    found = calibrate(captured(Captures(noise=0.05, boards=5), 1), SHEET)
     samples = {name: rng.normal(k + 1.0, 0.1, 4000) for k, name in enumerate(("H", "d_3", "d_2", "A", "m", "f"))}
     distance = np.linspace(200.0, 400.0, 21)
     half = 1e-5 * distance**2
