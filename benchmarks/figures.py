@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from roslf_design.report.figures.style import BLUE, GREY, INK, ORANGE, VERMILLION, WIDTH
+from roslf_design.pictures.axes import BLUE, GREY, INK, ORANGE, VERMILLION, WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

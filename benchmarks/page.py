@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from roslf_design.pictures.axes import drawing, to_svg
 from roslf_design.report.blocks import (
     Block,
     Bullets,
@@ -18,7 +19,6 @@ from roslf_design.report.blocks import (
     Table,
     Tone,
 )
-from roslf_design.report.figures.style import drawing, to_svg
 
 from .figures import plot_ratios, plot_scaling
 from .harness.words import digits, duration, interval, per, spread

@@ -9,14 +9,13 @@ import numpy as np
 
 import roslf_design as roslf
 from roslf_design import theory
-from roslf_design.report.figures import (
-    plot_depth_precision,
-    plot_effects_budget,
-    plot_matching_plane,
-    plot_microlens_image,
-    plot_ray_diagram,
-)
-from roslf_design.report.figures.style import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
+from roslf_design.pictures.axes import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
+from roslf_design.pictures.depth import depth_precision
+from roslf_design.pictures.effects import effects_budget
+from roslf_design.pictures.matching import matching_plane
+from roslf_design.pictures.microlens import microlens_images
+from roslf_design.pictures.picture import PAGE, Picture
+from roslf_design.pictures.rays import ray_diagrams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,37 +28,30 @@ def _new(columns: int = 1, width: float = 8.0, height: float = 3.0) -> tuple[Fig
     return figure, figure.subplots(1, columns)
 
 
-def rays() -> Figure:
+def rays() -> Picture:
     """The paper's bench."""
-    return plot_ray_diagram(roslf.load("paper")).figure
+    return ray_diagrams(roslf.load("paper"))
 
 
-def matching() -> Figure:
+def matching() -> Picture:
     """D_F over d_3."""
-    return plot_matching_plane(roslf.load("paper")).figure
+    return matching_plane(roslf.load("paper"), (PAGE, 400))
 
 
-def depth() -> Figure:
+def depth() -> Picture:
     """sigma_Z over Z."""
-    return plot_depth_precision(roslf.load("paper")).figure
+    return depth_precision(roslf.load("paper"), (PAGE, 330))
 
 
-def budget() -> Figure:
+def budget() -> Picture:
     """Sizes of effects."""
-    return plot_effects_budget(roslf.evaluate(roslf.load("paper")).effects).figure
+    return effects_budget(roslf.evaluate(roslf.load("paper")).effects, (PAGE, 0))
 
 
-def cats_eyes() -> Figure:
+def cats_eyes() -> Picture:
     """From a full disc to a cat's eye."""
-    figure, axes = _new(3, height=3.1)
     design = roslf.load("paper").replace(D=16.0)
-    for ax, x in zip(axes, (0.0, 5.0, 6.2), strict=True):
-        plot_microlens_image(design, (x, 0.0), ax)
-        if ax is not axes[0]:
-            ax.set_ylabel("")
-            if ax.get_legend() is not None:
-                ax.get_legend().remove()
-    return figure
+    return microlens_images({name: (design, (x, 0.0)) for name, x in (("whole", 0.0), ("cut", 5.0), ("thin", 6.2))})[0]
 
 
 def aperture_constant() -> Figure:
@@ -131,10 +123,12 @@ def epi() -> Figure:
     return figure
 
 
-def _svg(name: str, draw: Callable[[], Figure]) -> Callable[[], str]:
+def _svg(name: str, draw: Callable[[], Figure | Picture]) -> Callable[[], str]:
     def made() -> str:
         with drawing():
             figure = draw()
+            if isinstance(figure, Picture):
+                return figure.svg_file().decode()
             return standalone(to_svg(figure, name)).decode()
 
     return made

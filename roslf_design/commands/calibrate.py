@@ -37,8 +37,8 @@ from ..design.units import parse_quantity
 from ..design.write import write_atomically
 from ..effects.field import image_pitch
 from ..errors import InputError, Problem
+from ..pictures.svg import file_of
 from ..report import calibration as pages
-from ..report.figures.style import standalone, to_png, to_svg
 from ..report.html import render_html
 from ..report.terminal import print_blocks, print_statements
 from .progress import StatusLine
@@ -278,10 +278,10 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
-    for name, figure in figures.drawn(result).items():
-        drawings[name] = to_svg(figure, f"calibration-{name}")
-        files[f"{name}.svg"] = standalone(drawings[name])
-        files[f"{name}.png"] = to_png(figure)
+    for name, picture in figures.drawn(result).items():
+        drawings[name] = picture.svg(name=f"calibration-{name}")
+        files[f"{name}.svg"] = file_of(drawings[name])
+        files[f"{name}.png"] = picture.to_png()
     files["index.html"] = render_html(pages.calibration_report(result, drawings, command, __version__)).encode()
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():

@@ -18,7 +18,6 @@ from ..optimize.figures import drawn
 from ..optimize.run import designs, run, to_dict
 from ..optimize.search import QUICK
 from ..optimize.study import load_study
-from ..report.figures.style import to_png
 from ..report.html import render_html
 from ..report.optimization import optimization_report, statements, tables
 from ..report.terminal import print_blocks, print_statements
@@ -105,7 +104,7 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     files = {
         "results.json": (text + "\n").encode(),
         **{name: dumps(design).encode() for name, design in designs(result)},
-        **{f"{name}.png": to_png(figure) for name, figure in drawn(result).items()},
+        **{f"{name}.png": figure.to_png() for name, figure in drawn(result).items()},
         "index.html": render_html(page).encode(),
     }
     folder.mkdir(parents=True, exist_ok=True)

@@ -171,15 +171,11 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
 
 
 def _preview(image: RawImage, target: Path) -> Path:
-    import io
-
     from ..design.write import write_atomically
-    from ..imaging.figures import draw_preview
+    from ..pictures.microlens import preview
 
-    content = io.BytesIO()
-    draw_preview(image).savefig(content, format="png", dpi=110, metadata={"Software": "roslf"})
     place = target.with_name(f"{target.stem}-preview.png")
-    write_atomically(place, content.getvalue())
+    write_atomically(place, preview(image).to_png(110))
     return place
 
 

@@ -17,12 +17,11 @@ from ..design.kinds import CALLED
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..evaluation.precision import check_evaluation_accuracy
+from ..pictures.solid import NoPictureError, picture, vtp_bytes
+from ..pictures.svg import file_of
 from ..report.calibration import read_calibration
 from ..report.compare import comparison_report
-from ..report.figures.style import standalone
 from ..report.html import render_html
-from ..report.model import picture, vtp_bytes
-from ..report.offscreen import NoPictureError
 from ..report.pdf import render_pdf
 from ..report.story import full_report, load_story_or_study, story_report, study_report
 from .progress import StatusLine
@@ -218,7 +217,7 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
         raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
     chosen = known if "all" in wanted else {name: known[name] for name in wanted}
     return {
-        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": standalone(figure.content)
+        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": file_of(figure.content)
         for name, figure in chosen.items()
     }
 

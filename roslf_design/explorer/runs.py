@@ -17,7 +17,8 @@ from ..design import Design
 from ..design.units import format_quantity
 from ..errors import InputError, Problem
 from ..optimize.run import Result
-from ..optimize.solve import Answer
+from ..pictures.marks import short
+from ..pictures.optimise import SearchEnd, ends_of
 from ..report.blocks import Statement
 from ..report.optimization import statements
 from ..report.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
@@ -30,7 +31,6 @@ from ..tolerance.tally import merged
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
-from .pictures.svg import short
 from .state import PLACES
 
 Kind = Literal["tolerance", "optimise"]
@@ -189,18 +189,6 @@ class VariableMove:
     def at_bound(self) -> bool:
         """Whether it ended at one of its bounds."""
         return min(self.after - self.low, self.high - self.after) <= 1e-6 * max(abs(self.high), 1e-12)
-
-
-@dataclass(frozen=True)
-class SearchEnd:
-    """Where one search ended."""
-
-    spent: int
-    """Evaluations so far, its own included."""
-    loss: float
-    """How much worse than the answer, as a share of the goal."""
-    kind: str
-    """"start", "check", or "bad" where a limit fails."""
 
 
 @dataclass(frozen=True)
@@ -555,7 +543,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
         if answer.feasible
         else None,
         sentences=tuple(statements(result)),
-        ends=tuple(_ends(answer)),
+        ends=ends_of(answer),
         against=GOALS[against][0] if against else "",
         against_quantity=in_words(GOALS[against][1]) if against else "",
         against_unit=quantity_named(GOALS[against][1]).unit if against else "",
@@ -613,17 +601,6 @@ def _part_done(text: str) -> float | None:
     if words[:1] == ["start"] and words[2:3] == ["of"]:
         return 0.8 * (int(words[1]) - 1) / int(words[3])
     return 0.85 if text.startswith("checking") else None
-
-
-def _ends(answer: Answer) -> Iterator[SearchEnd]:
-    spent = 0
-    for search in answer.searches:
-        spent += search.evaluations
-        yield SearchEnd(spent, max(search.merit - answer.merit, 0.0), "start" if search.feasible else "bad")
-    for check in answer.checks:
-        spent += check.evaluations + check.polished.evaluations
-        kind = "check" if check.polished.feasible else "bad"
-        yield SearchEnd(spent, max(check.polished.merit - answer.merit, 0.0), kind)
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:

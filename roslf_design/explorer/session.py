@@ -16,13 +16,13 @@ from ..design import Design, DesignError, dumps, load, loads, preset_names
 from ..design.write import write_atomically
 from ..errors import InputError
 from ..evaluation import Evaluation, evaluate
+from ..pictures.picture import Picture
+from ..pictures.scene3d import BrowserMesh, changed, scene
+from ..pictures.theme import ThemeName
 from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
-from .pictures.axes import Picture
-from .pictures.theme import ThemeName
 from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, summary
-from .scene3d import Mesh, changed, scene
 from .state import TABS, WHOLE, History, LinkError, Look, State, decode, on_array, place_on_mla, read_place
 from .view import DRAWINGS, TRACING, Size, Subject, controls, fitting, glance, header, lights, looked_at, proposed
 
@@ -76,7 +76,7 @@ class Session:
         self._proposed: tuple[Design | None, tuple[Fix, ...]] = (None, ())
         self._later = Later(lambda: self.on_news())
         self._subject = Subject(design.thin_twin, self._look)
-        self._drawn: dict[str, tuple[Any, Picture | None]] = {}
+        self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
         self.on_news: Callable[[], None] = lambda: None
         """Called when something is to be shown that nobody asked for."""
@@ -144,8 +144,8 @@ class Session:
         inputs = drawing.inputs(self._seen()) if drawing is not None and name.endswith(".svg") else None
         if drawing is None or inputs is None:
             return None
-        picture = drawing.make(*inputs, "light", self._sizes[name.removesuffix(".svg")])
-        return Download(f"{stem}-{name}", "image/svg+xml", picture.svg.encode())
+        picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
+        return Download(f"{stem}-{name}", "image/svg+xml", picture.svg_file())
 
     async def _report(self, stem: str) -> bytes:
         """The design report, made by the command that it names, in a process of its own that ends with the tab."""
@@ -256,7 +256,7 @@ class Session:
 
     def point(self, picture: str, x: float, y: float, gesture: str) -> None:
         """Click or drag in a picture, at a place in its own pixels."""
-        drawn = self._drawn.get(picture, (None, None))[1]
+        drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None or drawn.mapping is None:
             return
         across, up = drawn.mapping.to_value(float(x), float(y))
@@ -273,7 +273,7 @@ class Session:
 
     def nudge(self, picture: str, right: float, up: float) -> None:
         """Arrow keys in a picture: by a microlens, or by a hundredth of what the axes show."""
-        drawn = self._drawn.get(picture, (None, None))[1]
+        drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None or drawn.mapping is None:
             return
         design, step = self.design, self.design.d
@@ -386,16 +386,17 @@ class Session:
         inputs = drawing.inputs(self._seen())
         if inputs is None:
             return ""
-        wanted = (*inputs, self._theme, self._sizes[name])
-        before, picture = self._drawn.get(name, (None, None))
+        wanted = (*inputs, self._sizes[name], self._theme)
+        before, picture, text = self._drawn.get(name, (None, None, ""))
         if wanted != before:
             try:
-                picture = drawing.make(*wanted)
+                picture = drawing.make(*wanted[:-1])
+                text = picture.svg(self._theme)
             except (ValueError, ArithmeticError, MemoryError) as error:
                 # Some designs that can be written down cannot be drawn: a pitch wider than the array.
                 self._say(f"{drawing.label} cannot be drawn: {error}")
-            self._drawn[name] = (wanted, picture)
-        return "" if picture is None else picture.svg
+            self._drawn[name] = (wanted, picture, text)
+        return text
 
     def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
         farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
@@ -421,7 +422,7 @@ class Space:
 
     def __init__(self) -> None:
         self._subject: tuple[Design, ThemeName] | None = None
-        self._meshes: dict[str, Mesh] = {}
+        self._meshes: dict[str, BrowserMesh] = {}
         self._serial = 0
         self.sent: dict[str, Any] = {}
         """The last parcel."""

@@ -10,19 +10,20 @@ from typing import Any, NamedTuple
 
 from ..design import Design
 from ..evaluation import Evaluation, evaluate
+from ..pictures.depth import depth_precision
+from ..pictures.effects import effects_budget
+from ..pictures.field import mla_map
+from ..pictures.marks import short
+from ..pictures.matching import matching_plane
+from ..pictures.microlens import microlens_image, nearest_microlens
+from ..pictures.optimise import change_bars, front, search_history
+from ..pictures.picture import Picture
+from ..pictures.rays import meridional
+from ..pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
 from ..words import to_html
 from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix
-from .pictures.axes import Picture
-from .pictures.depth import depth_precision
-from .pictures.effects import effects
-from .pictures.matching_plane import matching_plane
-from .pictures.meridional import meridional
-from .pictures.microlens import microlens_image, nearest_microlens
-from .pictures.mla_map import mla_map
-from .pictures.optimise import change_bars, front, search_history
-from .pictures.svg import short
-from .pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
+from .patch import white_patch
 from .runs import OptimiseResult, ToleranceResult
 from .state import WHOLE, History, Look, State, encode, place_on_mla
 
@@ -67,9 +68,9 @@ class Drawing(NamedTuple):
     size: Size
     """[px], until the browser tells how much room there is."""
     inputs: Callable[[Subject], tuple[Any, ...] | None]
-    """What it is a function of, besides theme and size: equal inputs, equal picture; None where there is none."""
+    """What it is a function of, besides its size: equal inputs, equal picture; None where there is none."""
     make: Callable[..., Picture]
-    """Takes the inputs, then theme and size."""
+    """Takes the inputs, then the size."""
 
 
 def _of_tolerance(part: Callable[[ToleranceResult], Any] = lambda result: result) -> Callable[[Subject], Any]:
@@ -80,26 +81,34 @@ def _of_optimum(wanted: Callable[[OptimiseResult], Any] = lambda result: True) -
     return lambda subject: (subject.optimum,) if subject.optimum is not None and wanted(subject.optimum) else None
 
 
+def _changes(result: OptimiseResult, size: Size) -> Picture:
+    return change_bars(result.changes, size)
+
+
+def _ends(result: OptimiseResult, size: Size) -> Picture:
+    return search_history(result.ends, size)
+
+
 DRAWINGS = {
     "meridional": Drawing(
         "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, WHOLE[s.look.whole]),
-        lambda design, whole, theme, size: meridional(design, theme, size, whole=whole),
+        lambda design, whole, size: meridional(design, size, whole=whole),
     ),
     "microlens": Drawing(
         "camera", "Image of a microlens", (340, 330),
         lambda s: (s.design, s.place, s.look.diffraction, s.look.pixels),
-        lambda design, place, waves, pixels, theme, size: microlens_image(
-            design, place, theme, size, diffraction=waves, pixels=pixels
+        lambda design, place, waves, pixels, size: microlens_image(
+            design, place, size, waves=white_patch if waves else None, pixels=pixels
         ),
     ),
     "mla-map": Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
     "matching-plane": Drawing(
         "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
-        lambda design, limits, theme, size: matching_plane(design, theme, size, limits=limits),
+        lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
     "depth": Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
     "effects": Drawing(
-        "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects
+        "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
     "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of_tolerance(), yield_bars),
     "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of_tolerance(), yield_curve),
@@ -109,8 +118,8 @@ DRAWINGS = {
     "spreads": Drawing(
         "tolerance", "Scatter of the limited numbers", (560, 300), _of_tolerance(lambda r: r.spreads), spread_bars
     ),
-    "changes": Drawing("optimise", "What changed", (560, 240), _of_optimum(), change_bars),
-    "search": Drawing("optimise", "Where the searches ended", (420, 260), _of_optimum(), search_history),
+    "changes": Drawing("optimise", "What changed", (560, 240), _of_optimum(), _changes),
+    "search": Drawing("optimise", "Where the searches ended", (420, 260), _of_optimum(), _ends),
     "front": Drawing("optimise", "Goal against goal", (420, 300), _of_optimum(lambda r: r.front), front),
 }  # fmt: skip
 """By the name that addresses and the page use."""

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from ..evaluation import evaluate
 from ..evaluation.show import FIELD_HEADINGS, effect_rows, field_row, table_groups
+from ..pictures.depth import depth_comparison
+from ..pictures.microlens import microlens_images
+from ..pictures.rays import ray_diagrams
 from ..words import length
 from .blocks import Figure, Report, Section, Table
 from .design import FOOTER, making, misalignments, parameter_rows, verdicts
-from .figures.depth_comparison import plot_depth_comparison
-from .figures.microlens_images import plot_microlens_image
-from .figures.style import drawing
-from .sheets import PLACES, compose, draw_ray_diagrams, new_drawing, shared_legend
+from .sheets import PLACES, compose
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -68,8 +68,7 @@ def comparison_report(
 def _ray_sheet(letter: str, design: Design) -> Figure:
     """The meridional section of one of the designs."""
     caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
-    with drawing():
-        return compose(f"rays-{letter}", f"{letter}: {design.name}", caption, draw_ray_diagrams(design))
+    return compose(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
 
 
 def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]) -> Figure:
@@ -78,16 +77,8 @@ def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]
         "Ray-optics images on their pixels. A full disc sees the whole pupil; a cat's eye has lost what the dashed "
         "discs cut away. Images as wide as the green cell use every pixel once."
     )
-    with drawing():
-        figure = new_drawing(3.4)
-        axes = list(figure.subplots(1, len(LETTERS)))
-        for ax, (letter, design), place in zip(axes, named.items(), places, strict=False):
-            plot_microlens_image(design, place, ax)
-            ax.set_title(f"{letter}: {ax.get_title(loc='left')}")
-        for ax in axes[len(named) :]:
-            ax.remove()
-        shared_legend(figure, axes[: len(named)], "outside lower center")
-        return compose("images", "Microlens images at the sensor's corner", caption, figure)
+    shown = {letter: (design, place) for (letter, design), place in zip(named.items(), places, strict=True)}
+    return compose("images", "Microlens images at the sensor's corner", caption, microlens_images(shown)[0])
 
 
 def _depth_sheet(named: dict[str, Design]) -> Figure:
@@ -96,10 +87,7 @@ def _depth_sheet(named: dict[str, Design]) -> Figure:
         "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
         "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
     )
-    with drawing():
-        figure = new_drawing(3.2)
-        plot_depth_comparison(named, figure.subplots())
-        return compose("depth", "Depth precision", caption, figure)
+    return compose("depth", "Depth precision", caption, depth_comparison(named))
 
 
 def _parameters(designs: Sequence[Design]) -> Table:

@@ -6,9 +6,9 @@ import base64
 from functools import cache
 from typing import TYPE_CHECKING
 
+from ..pictures.solid import library
 from ..words import to_html
 from .blocks import MARKS, Report
-from .viewer import library
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -14,7 +14,6 @@ from ..optimize.run import Result
 from ..optimize.solve import Answer, optimum_accuracy
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .figures.style import to_svg
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -36,7 +35,7 @@ def optimization_section(result: Result, command: str = "") -> Section:
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
     blocks += [Statements(tuple(statements(result))), *tables(result)]
     for name, figure in drawn(result).items():
-        blocks.append(Figure(f"optimize-{name}", *TITLES[name], to_svg(figure, f"optimize-{name}")))
+        blocks.append(Figure(f"optimize-{name}", *TITLES[name], figure.svg(name=f"optimize-{name}")))
     if notes:
         blocks.append(Bullets(notes))
     if command:

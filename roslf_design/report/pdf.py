@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
+from ..pictures.picture import PAGE
 from ..words import spans
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
-from .figures.style import WIDTH
 
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
@@ -29,8 +30,12 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     ModuleNotFoundError
         The typst package is not installed.
     """
-    import matplotlib
     import typst
+
+    # Finding the fonts that come with matplotlib needs no import of it.
+    library = find_spec("matplotlib")
+    assert library is not None
+    home = next(iter(library.submodule_search_locations or ()))
 
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
@@ -49,7 +54,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         pdf: bytes = typst.compile(
             root / "main.typ",
             root=root,
-            font_paths=[Path(matplotlib.get_data_path()) / "fonts" / "ttf"],
+            font_paths=[Path(home) / "mpl-data" / "fonts" / "ttf"],
             ignore_system_fonts=True,
             timestamp=0,
         )
@@ -109,5 +114,6 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
 
 def _share_of_page(content: str | bytes) -> float:
     """Of the text's width: drawings narrower than the page stay so, and letters as large as in all others."""
-    width = re.search(r'width="([\d.]+)pt"', content[:400]) if isinstance(content, str) else None
-    return 1.0 if width is None else min(1.0, float(width[1]) / (72 * WIDTH))
+    width = re.search(r'width="([\d.]+)(pt|)"', content[:400]) if isinstance(content, str) else None
+    pixels = {"pt": 96 / 72, "": 1.0}
+    return 1.0 if width is None else min(1.0, float(width[1]) * pixels[width[2]] / PAGE)

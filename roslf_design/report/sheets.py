@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..evaluation import default_fields
 from ..imaging.encircled import encircled
-from ..imaging.figures import draw_microlens_images
+from ..pictures.depth import depth_precision
+from ..pictures.effects import effects_budget
+from ..pictures.field import field_map, field_maps
+from ..pictures.lens import lens_images, lens_over_field
+from ..pictures.matching import matching_plane
+from ..pictures.microlens import microlens_images, rays_and_waves
+from ..pictures.optimise import ends_of, search_history
+from ..pictures.picture import PAGE
+from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
+from ..pictures.scene3d import instrument_scene, outlines
+from ..pictures.solid import NoViewerError, library, scene_data
 from ..words import number, spaced
 from .blocks import Figure
-from .figures.cells import plot_cells
-from .figures.depth_precision import plot_depth_precision
-from .figures.dimensions import plot_dimensions
-from .figures.effects_budget import plot_effects_budget
-from .figures.field_maps import field_map, plot_image_offset, plot_kept_fraction
-from .figures.matching_plane import plot_matching_plane
-from .figures.microlens_images import image_view, plot_microlens_image
-from .figures.ray_diagram import TALLEST, frame_of, instrument_is_small, is_centred, plot_ray_diagram
-from .figures.real_lens import (
-    lens_curves,
-    plot_lens_distortion,
-    plot_lens_foci,
-    plot_lens_image,
-    plot_lens_images_over_field,
-)
-from .figures.scene_outlines import plot_outlines
-from .figures.search_history import plot_search_history
-from .figures.style import WIDTH, drawing, to_svg
-from .scene3d import instrument_scene
-from .viewer import NoViewerError, library, scene_data
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Drawing
-
     from ..design import Design
     from ..evaluation.result import Evaluation
     from ..optimize.solve import Answer
+    from ..pictures.picture import Picture
 
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
@@ -66,20 +52,7 @@ def ray_sheet(design: Design, result: Evaluation) -> Figure:
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
         f"mount blue. {follow} {plane}"
     )
-    with drawing():
-        return compose("rays", "Meridional ray diagram, to scale", caption, draw_ray_diagrams(design))
-
-
-def draw_ray_diagrams(design: Design) -> Drawing:
-    """All of the section and, where that is small in it, the instrument; to be called within `drawing`."""
-    views = [False, True] if instrument_is_small(design) else [False]
-    heights = [min(TALLEST, frame_of(design, view).height_at(7.2)) for view in views]
-    figure = new_drawing(sum(heights) + 0.5 * len(heights) + 0.3)
-    rows = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    for ax, view in zip(rows, views, strict=True):
-        plot_ray_diagram(design, ax, instrument_only=view)
-    shared_legend(figure, rows[:1], "outside upper left")
-    return figure
+    return compose("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
 
 
 def cells_sheet(design: Design, result: Evaluation) -> Figure:
@@ -102,23 +75,20 @@ def cells_sheet(design: Design, result: Evaluation) -> Figure:
         drift += " Hatched cones never come: other rims block that light."
     seen = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
     (centre, _), (edge, _), _ = default_fields(design)
-    with drawing():
-        figure = new_drawing(3.3)
-        for ax, label, x in zip(figure.subplots(1, 2), PLACES, (centre, edge - 3 * design.d), strict=False):
-            plot_cells(design, x, ax)
-            ax.set_title(f"{label}, x = {x:.4g} mm")
-        return compose("cells", "Zoom on microlens array and sensor", f"{seen} {touch} {drift}", figure)
+    picture = cells(design, {PLACES[0]: centre, PLACES[1]: edge - 3 * design.d})
+    return compose("cells", "Zoom on microlens array and sensor", f"{seen} {touch} {drift}", picture)
 
 
 def image_sheet(design: Design, result: Evaluation) -> Figure:
     """Microlens images of the evaluation's fields."""
-    views = [image_view(design, field.x_ml_mm) for field in result.fields]
+    fields = {label: (design, field.x_ml_mm) for label, field in zip(PLACES, result.fields, strict=True)}
+    picture, on_sensor = microlens_images(fields)
     follow = (
         "All three are full discs: every microlens sees the whole FAP."
         if all(field.status == "full" for field in result.fields)
         else "What the dashed discs of other rims cut away is light and views lost there: a cat's eye."
     )
-    if min(view.on_sensor for view in views) < 0.999:
+    if on_sensor < 0.999:
         follow += (
             " Where it is hatched there is no sensor: of the outermost images only the share told as seen falls on "
             "pixels."
@@ -129,16 +99,7 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
         f"cell, the cross its chief ray. {follow} Diffraction, which blurs them over "
         f"{number(result.diffraction.airy_radius_px, 2)} px (Airy radius), is not drawn."
     )
-    with drawing():
-        figure = new_drawing(3.3)
-        axes = figure.subplots(1, len(PLACES))
-        for ax, label, field, view in zip(axes, PLACES, result.fields, views, strict=True):
-            plot_microlens_image(design, field.x_ml_mm, ax, view)
-            ax.set_title(f"{label}: {ax.get_title(loc='left')}")
-            if ax is not axes[0]:
-                ax.set_ylabel("")
-        figure.set_figheight(2.95 + 0.2 * shared_legend(figure, axes, "outside lower center"))
-        return compose("images", "Microlens images on their pixels", caption, figure)
+    return compose("images", "Microlens images on their pixels", caption, picture)
 
 
 def wave_sheet(design: Design) -> Figure:
@@ -149,11 +110,7 @@ def wave_sheet(design: Design) -> Figure:
         f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
         f"{100 * light.cell:.1f} % in a cell of one image pitch; the rest lies on the neighbours."
     )
-    with drawing():
-        figure = new_drawing(3.3)
-        rays, waves = figure.subplots(1, 2)
-        draw_microlens_images(rays, waves, design)
-        return compose("waves", "One microlens image by rays and by waves", caption, figure)
+    return compose("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
 
 
 def map_sheet(design: Design, result: Evaluation) -> Figure:
@@ -173,13 +130,7 @@ def map_sheet(design: Design, result: Evaluation) -> Figure:
         f"Against a camera whose pupil is the main lens, images move by {number(shift, 4)} px per microlens (Eq. 4), "
         f"{number(shift * design.microlens_array.size[0] / 2 / design.d, 3)} px at the array's edge."
     )
-    with drawing():
-        figure = new_drawing(3.7)
-        axes = figure.subplots(1, 2)
-        plot_kept_fraction(design, axes[0], fields)
-        plot_image_offset(design, axes[1], fields)
-        shared_legend(figure, axes[:1], "outside lower center")
-        return compose("maps", "Microlens images over the array", caption, figure)
+    return compose("maps", "Microlens images over the array", caption, field_maps(design, fields))
 
 
 def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
@@ -205,24 +156,11 @@ def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
         f"Outlines of microlens images through {lens.lens} (blue) and through its thin twin (dashed), in pixels from "
         "the thin image's centre. Ray optics; diffraction is not drawn."
     )
-    curves = lens_curves(design)
-    with drawing():
-        field = new_drawing(3.5)
-        axes = field.subplots(1, 3)
-        for ax, plot in zip(axes, (plot_lens_images_over_field, plot_lens_foci, plot_lens_distortion), strict=True):
-            plot(design, ax, curves)
-            ax.set_xlabel("microlens off axis [mm]")
-        shared_legend(field, axes, "outside lower center", most=4)
-        images = new_drawing(3.2)
-        axes = images.subplots(1, len(PLACES), sharex=True, sharey=True)
-        for ax, label, place in zip(axes, PLACES, result.fields, strict=True):
-            plot_lens_image(design, place.x_ml_mm, ax)
-            ax.set_title(f"{label}: {ax.get_title(loc='left')}")
-        shared_legend(images, axes, "outside lower center")
-        return (
-            compose("lens-field", "The real lens over the field", over, field),
-            compose("lens-images", "Microlens images behind the real lens", beside, images),
-        )
+    places = {label: field.x_ml_mm for label, field in zip(PLACES, result.fields, strict=True)}
+    return (
+        compose("lens-field", "The real lens over the field", over, lens_over_field(design)),
+        compose("lens-images", "Microlens images behind the real lens", beside, lens_images(design, places)),
+    )
 
 
 def plane_sheet(design: Design, result: Evaluation) -> Figure:
@@ -239,10 +177,7 @@ def plane_sheet(design: Design, result: Evaluation) -> Figure:
         f"All else held, images just touch along the blue curve. The design lies {where}. Moving along the curve keeps "
         f"the match; above it images overlap, below it pixels stay dark.{aside}"
     )
-    with drawing():
-        figure = new_drawing(3.9)
-        plot_matching_plane(design, figure.subplots())
-        return compose("plane", "FAP diameter and distance", caption, figure)
+    return compose("plane", "FAP diameter and distance", caption, matching_plane(design, (PAGE, 400)))
 
 
 def depth_sheet(design: Design, result: Evaluation) -> Figure:
@@ -254,10 +189,8 @@ def depth_sheet(design: Design, result: Evaluation) -> Figure:
         f"distance from the FAP (at Z = {design.d_3:.4g} mm). The dashed curve tells how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
-    with drawing():
-        figure = new_drawing(3.2)
-        plot_depth_precision(design, figure.subplots(), sigma_disparity=depth.sigma_disparity_pitches)
-        return compose("depth", "Depth precision over distance", caption, figure)
+    picture = depth_precision(design, (PAGE, 330), depth.sigma_disparity_pitches)
+    return compose("depth", "Depth precision over distance", caption, picture)
 
 
 def effects_sheet(result: Evaluation) -> Figure:
@@ -272,10 +205,8 @@ def effects_sheet(result: Evaluation) -> Figure:
             f"{spaced(largest.name)}, {abs(largest.estimate) / largest.budget:.3g} times its budget. For a "
             "white scene at the focal plane."
         )
-    with drawing():
-        figure = new_drawing(0.9 + 0.27 * max(sum(effect.estimate != 0 for effect in result.effects), 1))
-        plot_effects_budget(result.effects, figure.subplots())
-        return compose("effects-budget", "Effects against their budgets", caption, figure)
+    picture = effects_budget(result.effects, (PAGE, 0))
+    return compose("effects-budget", "Effects against their budgets", caption, picture)
 
 
 def picture_sheet(design: Design) -> Figure:
@@ -286,9 +217,7 @@ def picture_sheet(design: Design) -> Figure:
         "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
         "orientation and is not part of the design."
     )
-    with drawing():
-        figure = plot_outlines(scene).figure
-        sheet = compose("view", "The instrument in three dimensions", caption, figure)  # type: ignore[arg-type]
+    sheet = compose("view", "The instrument in three dimensions", caption, outlines(scene))
     try:
         library()
     except NoViewerError as reason:
@@ -303,8 +232,7 @@ def dimensions_sheet(design: Design) -> Figure:
         "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the "
         "microlens array."
     )
-    with drawing():
-        return compose("dimensions", "Dimensions", caption, plot_dimensions(design).figure)  # type: ignore[arg-type]
+    return compose("dimensions", "Dimensions", caption, dimensions(design))
 
 
 def history_sheet(answer: Answer) -> Figure:
@@ -314,30 +242,10 @@ def history_sheet(answer: Answer) -> Figure:
         "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
         "that found none better."
     )
-    with drawing():
-        figure = plot_search_history(answer).figure
-        return compose("history", "What every start came to", caption, figure)  # type: ignore[arg-type]
+    picture = search_history(ends_of(answer), (576, 290))
+    return compose("history", "What every start came to", caption, picture)
 
 
-def new_drawing(height: float) -> Drawing:
-    """A figure as wide as the page, its height in inches."""
-    from matplotlib.figure import Figure as NewDrawing
-
-    return NewDrawing(figsize=(WIDTH, height), layout="constrained")
-
-
-def shared_legend(
-    figure: Drawing, axes: Iterable[Axes], place: Literal["outside upper left", "outside lower center"], most: int = 5
-) -> int:
-    """One legend for several Axes, each entry once; returns how many rows it takes."""
-    pairs = [pair for ax in axes for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
-    known = {text: handle for handle, text in reversed(pairs)}
-    ordered = {text: known[text] for _, text in pairs}
-    rows = math.ceil(len(ordered) / most)
-    figure.legend(list(ordered.values()), list(ordered), loc=place, ncols=math.ceil(len(ordered) / rows))
-    return rows
-
-
-def compose(name: str, title: str, caption: str, figure: Drawing) -> Figure:
-    """A drawing as a block of a report."""
-    return Figure(name, title, caption, to_svg(figure, name), description=f"{title}. {caption}")
+def compose(name: str, title: str, caption: str, picture: Picture) -> Figure:
+    """A picture as a block of a report."""
+    return Figure(name, title, caption, picture.svg(name=name), description=f"{title}. {caption}")

@@ -16,7 +16,6 @@ from ..tolerance.places import display, perturbable, short_name
 from ..tolerance.result import StudyResult
 from ..words import in_words
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .figures.style import to_svg
 
 TOP = 12
 """Rows of a ranking."""
@@ -39,7 +38,7 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     blocks.append(Statements(tuple(_statements(result))))
     captions = _captions(result)
     for name, figure in drawn(result).items():
-        svg = to_svg(figure, f"tolerance-{name}")
+        svg = figure.svg(name=f"tolerance-{name}")
         blocks.append(Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg))
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:

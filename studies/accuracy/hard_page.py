@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from roslf_design.pictures.axes import BLUE, VERMILLION, WIDTH, drawing, to_svg
 from roslf_design.report.blocks import (
     Bullets,
     Code,
@@ -16,7 +17,6 @@ from roslf_design.report.blocks import (
     Statements,
     Table,
 )
-from roslf_design.report.figures.style import BLUE, VERMILLION, WIDTH, drawing, to_svg
 
 from .hard_cases import CaseResult, HardCases, run_trial
 from .hard_rows import ISSUE_RADII, SHAPES, tangent_trial

@@ -8,19 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from roslf_design.accuracy.table import QUANTITIES, Choice
 from roslf_design.accuracy.table import Table as Measured
-from roslf_design.report.blocks import (
-    Bullets,
-    Code,
-    Figure,
-    Paragraph,
-    Report,
-    Section,
-    Statement,
-    Statements,
-    Table,
-    Tone,
-)
-from roslf_design.report.figures.style import (
+from roslf_design.pictures.axes import (
     BLUE,
     GREEN,
     GREY,
@@ -32,6 +20,18 @@ from roslf_design.report.figures.style import (
     WIDTH,
     drawing,
     to_svg,
+)
+from roslf_design.report.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
 )
 
 from .jobs import LENS, Job

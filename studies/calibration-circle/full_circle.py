@@ -23,7 +23,7 @@ from roslf_design.calibration.result import SHOWN, UNITS, Outcome
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load
 from roslf_design.design.write import write_atomically
-from roslf_design.report.figures.style import drawing, to_png
+from roslf_design.pictures.axes import drawing, to_png
 from roslf_design.theory.aperture import effective_image_distance
 
 BOARD = f"{CELLS[0]}x{CELLS[1]} {CELL:g} mm"

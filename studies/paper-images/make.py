@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from roslf_design.design import Design, load
 from roslf_design.effects.field import image_pitch
-from roslf_design.imaging.figures import draw_microlens_images
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
+from roslf_design.pictures.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
 from roslf_design.theory.aperture import effective_image_distance
 from roslf_design.theory.pupils import centre_shift_per_microlens
@@ -168,10 +168,7 @@ def main() -> int:
     facts: dict[str, Any] = {}
     figures["centre-deviation"], facts["centre_deviation"] = centre_deviation(paper)
     figures["epi-slopes"], facts["epi_slopes"] = epi_slopes(paper)
-    waves = Figure(figsize=(9.5, 4.0), layout="constrained")
-    left, right = waves.subplots(1, 2)
-    draw_microlens_images(left, right, paper)
-    figures["rays-and-waves"] = waves
+    (OUT / "rays-and-waves.png").write_bytes(rays_and_waves(paper, 912).to_png(110))
     for name, figure in figures.items():
         figure.savefig(OUT / f"{name}.png", dpi=110, metadata={"Software": "roslf"})
     rounded = {

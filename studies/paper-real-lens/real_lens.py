@@ -22,8 +22,10 @@ from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.camera import camera_of, microlenses
 from roslf_design.lenses.images import real_images
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.report.figures.real_lens import LensCurves, lens_curves, plot_lens_image
-from roslf_design.report.figures.style import drawing
+from roslf_design.pictures.axes import draw, drawing, handles
+from roslf_design.pictures.lens import KEYS, LensCurves, lens_curves, lens_image
+from roslf_design.pictures.marks import Panel, Scale
+from roslf_design.pictures.theme import THEMES
 
 Floats = NDArray[np.float64]
 
@@ -147,8 +149,7 @@ def field_figure(curves: dict[str, LensCurves]) -> Figure:
         panels[0, 1].set_ylim(-5, 60)
         panels[1, 0].set_ylim(-25, 4)
         panels[1, 1].set_ylim(-23, 1)
-        handles, names = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=3)
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -160,9 +161,8 @@ def image_figure(cases: dict[str, Design]) -> Figure:
         for column, (label, design) in enumerate(cases.items()):
             for row, place in enumerate(default_fields(design)):
                 ax = panels[row, column]
-                plot_lens_image(design, place, ax)
-                told = ax.get_title(loc="left")
-                ax.set(xlabel="", ylabel="", xlim=(-26, 12), ylim=(-19, 19))
+                marks, told = lens_image(design, place)
+                draw(Panel((0, 0, 1, 1), Scale(-26, 12), Scale(-19, 19), marks, equal=True), ax, THEMES["light"])
                 ax.set_title(told, fontsize=8, fontweight="normal")
                 if row == 0:
                     ax.annotate(label.replace(", ", "\n"), (0, 1.16), xycoords="axes fraction", fontweight="bold")
@@ -171,8 +171,7 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                     ax.set_ylabel(f"{where}\ny [px]")
                 if row == 2:
                     ax.set_xlabel("x [px]")
-        handles, names = panels[0, 1].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside lower center", ncols=2)
+        figure.legend(handles=handles(KEYS, THEMES["light"]), loc="outside lower center", ncols=2)
     return figure
 
 

@@ -8,7 +8,6 @@ from PIL import Image
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.imaging.figures import draw_microlens_images, draw_preview
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.scenes import Picture, Plane, Scene
@@ -169,15 +168,3 @@ def test_zero_exposure_exits_with_two(tmp_path, capsys):
     (tmp_path / "s.toml").write_text('[light]\nexposure = 0\n[[objects]]\nkind = "white"\n')
     assert main(["render", "paper", "--scene", str(tmp_path / "s.toml")]) == 2
     assert "light.exposure" in capsys.readouterr().err
-
-
-def test_figures_have_labelled_axes(image):
-    from matplotlib.figure import Figure
-
-    figure = Figure()
-    rays, waves = figure.subplots(1, 2)
-    assert draw_microlens_images(rays, waves, PAPER, samples=31) == (rays, waves)
-    assert "74.1%" in waves.get_title()
-    assert all("µm" in axes.get_xlabel() for axes in (rays, waves))
-    preview = draw_preview(image)
-    assert {axes.get_title() for axes in preview.axes} >= {"centre", "edge", "corner"}

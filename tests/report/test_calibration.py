@@ -7,6 +7,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
+from roslf_design.pictures.svg import file_of
 from roslf_design.report.blocks import Report
 from roslf_design.report.calibration import (
     CalibrationPart,
@@ -17,7 +18,6 @@ from roslf_design.report.calibration import (
     field_at,
     read_calibration,
 )
-from roslf_design.report.figures.style import standalone
 from roslf_design.report.html import render_html
 from roslf_design.report.story import read_story
 
@@ -52,7 +52,7 @@ DATA = {
 
 def written(folder, **changes):
     (folder / "calibration.json").write_text(json.dumps({**DATA, **changes}))
-    (folder / "posterior.svg").write_bytes(standalone(SVG))
+    (folder / "posterior.svg").write_bytes(file_of(SVG))
     return folder
 
 

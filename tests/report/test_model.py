@@ -11,8 +11,8 @@ from PIL import Image
 
 from roslf_design.cli import main
 from roslf_design.design import load
-from roslf_design.report import offscreen
-from roslf_design.report.model import merged, model, vtp_bytes
+from roslf_design.pictures import solid
+from roslf_design.pictures.solid import merged, model, vtp_bytes
 
 PAPER = load("paper")
 
@@ -66,7 +66,7 @@ def test_files_of_the_command(tmp_path, capsys):
 
 @pytest.mark.usefixtures("few_builds", "without_figures")
 def test_without_opengl_the_picture_is_left_out_and_the_rest_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(offscreen, "backend", lambda environment: None)
+    monkeypatch.setattr(solid, "backend", lambda environment: None)
     assert main(["report", "paper", "-o", str(tmp_path), "--figure", "3d"]) == 0
     assert "3d.png is left out: no OpenGL library is installed; on Debian: apt-get install" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
@@ -90,10 +90,10 @@ def test_a_model_is_of_one_design(tmp_path, capsys, words):
     ],
 )
 def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, child, reason):
-    monkeypatch.setattr(offscreen, "backend", lambda environment: "egl")
-    monkeypatch.setattr(offscreen, "CHILD", ("-c", child))
-    rendering = offscreen.Rendering("far more than a pipe holds" * 10_000)
-    with pytest.raises(offscreen.NoPictureError, match=reason):
+    monkeypatch.setattr(solid, "backend", lambda environment: "egl")
+    monkeypatch.setattr(solid, "CHILD", ("-c", child))
+    rendering = solid.Rendering("far more than a pipe holds" * 10_000)
+    with pytest.raises(solid.NoPictureError, match=reason):
         rendering.result(timeout=3)
 
 
@@ -108,6 +108,6 @@ def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, ch
     ],
 )
 def test_way_to_draw(monkeypatch, libraries, display, way):
-    monkeypatch.setattr(offscreen.sys, "platform", "linux")
-    monkeypatch.setattr(offscreen, "_loads", lambda name: name in libraries)
-    assert offscreen.backend({"DISPLAY": display}) == way
+    monkeypatch.setattr(solid.sys, "platform", "linux")
+    monkeypatch.setattr(solid, "_loads", lambda name: name in libraries)
+    assert solid.backend({"DISPLAY": display}) == way

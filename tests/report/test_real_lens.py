@@ -8,13 +8,8 @@ import pytest
 from roslf_design.design import load
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.images import real_field
+from roslf_design.pictures.lens import lens_curves, lens_image, lens_over_field
 from roslf_design.report import sheets
-from roslf_design.report.figures.real_lens import (
-    lens_curves,
-    plot_lens_foci,
-    plot_lens_image,
-    plot_lens_images_over_field,
-)
 
 SINGLET = load("paper-singlet")
 CONVEX_FIRST = SINGLET.replace({"main_lens.reversed": False})
@@ -25,22 +20,19 @@ def test_curves_are_the_traced_fields():
     field = real_field(SINGLET, [(curves.x[7], 0.0)])
     assert curves.shift_px[7] == pytest.approx(field.shift[0, 0] / SINGLET.q)
     assert curves.diameter_px[7] == pytest.approx(float(field.images.diameter[0]) / SINGLET.q)
-    lines = {line.get_label(): line.get_ydata() for line in plot_lens_images_over_field(SINGLET, curves=curves).lines}
-    np.testing.assert_allclose(lines["image centre, shift"], curves.shift_px)
-    np.testing.assert_allclose(lines["diameter, growth"][:9], curves.diameter_px[:9] - curves.thin_diameter_px)
-    assert "undistorted within" in lines
-    assert {"tangential focus", "sagittal focus", "lateral colour, F to C"} <= {
-        line.get_label() for line in plot_lens_foci(SINGLET, curves=curves).lines
-    }
+    picture = lens_over_field(SINGLET, curves)
+    shown = [mark.y for mark in picture.marks]
+    for line in (curves.shift_px, curves.diameter_px - curves.thin_diameter_px, curves.tangential, curves.sagittal):
+        assert any(np.array_equal(line, y, equal_nan=True) for y in shown)
+    assert "undistorted within" in {key.text for key in picture.keys}
 
 
 def test_folded_and_dark_fields_are_told():
     curves = lens_curves(CONVEX_FIRST, 20)
     assert curves.folded.any()
     assert np.isnan(curves.diameter_px[curves.folded]).all()
-    ax = plot_lens_images_over_field(CONVEX_FIRST, curves=curves)
-    assert "folded or dark" in ax.get_legend_handles_labels()[1]
-    titles = [plot_lens_image(CONVEX_FIRST, place).get_title() for place in ((0, 0), (11.15, 0), (11.15, 7.4))]
+    assert "folded or dark" in {key.text for key in lens_over_field(CONVEX_FIRST, curves).keys}
+    titles = [lens_image(CONVEX_FIRST, place)[1] for place in ((0, 0), (11.15, 0), (11.15, 7.4))]
     assert titles == ["whole", "folded, 62.3 % kept", "dark"]
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.camera import camera_of, views
-from roslf_design.report.figures.real_lens import lens_curves
+from roslf_design.pictures.lens import lens_curves
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"
 spec = importlib.util.spec_from_file_location("paper_real_lens_study", FOLDER / "real_lens.py")

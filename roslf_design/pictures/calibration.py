@@ -1,0 +1,217 @@
+"""What a calibration found: what the fit left over, Eq. 12's line, the posterior, what it means for depths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .marks import (
+    PLAIN,
+    SMALL,
+    Area,
+    Disc,
+    Dots,
+    Floats,
+    Key,
+    Line,
+    Mark,
+    Panel,
+    Point,
+    Scale,
+    Text,
+    box_key,
+    dot_key,
+    line_key,
+    named_ticks,
+    where_above,
+    xy,
+)
+from .picture import PAGE, Picture, below, legend_height, one_panel
+from .theme import MANY
+
+if TYPE_CHECKING:
+    from ..calibration.result import Outcome
+
+DOTS = 2000
+"""Most dots of a cloud: more would only make the picture larger."""
+SIGNS = "os^Dv<>"
+
+
+def residuals(result: Outcome) -> Picture:
+    """Draw the joint fit's residuals: all of them as a cloud, and their mean over the views at each corner."""
+    found = result.calibration
+    off, rms = found.joint.residuals, float(found.joint.rms)
+    flat = np.asarray(off[found.observations.seen])
+    flat = flat[:: max(1, -(-len(flat) // DOTS))]
+    reach = max(1.15 * float(np.quantile(np.abs(flat), 0.999)), 1.4 * rms)
+    side = 240.0
+    scale = Scale(-reach, reach)
+    cloud = Panel(
+        (64, 28, side, side), scale, scale,
+        (Dots(*xy(flat), size=1.3, opacity=0.5, clip=True), Disc(0.0, 0.0, rms, edge="vermillion", width=1.7)),
+        "residual in u [pitches]", "residual in v [pitches]", f"all views; the circle is the RMS, {rms:.3g}",
+        equal=True,
+    )  # fmt: skip
+    shown = np.asarray(found.observations.seen.any(axis=1))
+    mean = np.nansum(off, axis=1)[shown] / found.observations.seen.sum(axis=1)[shown][:, None]
+    place = found.lines.central[shown]
+    span = float(np.ptp(place, axis=0).max())
+    typical = float(np.sqrt(np.square(mean).sum(axis=1).mean())) or 1.0
+    gain = 0.03 * span / typical
+    marks: list[Mark] = []
+    keys: list[Key] = []
+    boards = np.repeat(np.arange(len(shown)), shown.sum(axis=1))
+    for k, name in enumerate(found.observations.names):
+        own = boards == k
+        colour, sign = MANY[k % 7], SIGNS[k // 7 % 7]
+        ends = place[own] + gain * mean[own]
+        gap = np.full((int(own.sum()), 1), np.nan)
+        x, y = (np.hstack([place[own][:, [c]], ends[:, [c]], gap]).ravel() for c in (0, 1))
+        marks += [Line(x, y, colour, 1.2), Dots(*xy(place[own]), colour, sign, 1.8)]
+        keys.append(dot_key(name, colour, sign, 2.6))
+    u, v = (Scale.around(place[:, c], 0.06) for c in (0, 1))
+    unit = max((u.high - u.low) / 330, (v.high - v.low) / side)
+    width, height = (u.high - u.low) / unit, (v.high - v.low) / unit
+    field = Panel(
+        (384, 28, width, height), u, Scale(v.high, v.low), tuple(marks), "u [pitches]", "v [pitches]",
+        f"mean over views, {float(f'{gain:.2g}'):,.0f} times as long", grid="", equal=True,
+    )  # fmt: skip
+    keys = keys if len(shown) <= 14 else []
+    foot = 28 + side + 44
+    size = (PAGE, foot + legend_height(keys, PAGE - 40))
+    title = f"Residuals of the joint fit: {rms:.3g} pitches RMS"
+    return Picture("residuals", title, size, (cloud, field), tuple(keys), (14.0, foot - 2, PAGE - 40))
+
+
+def epi_lines(result: Outcome) -> Picture:
+    """Draw the epipolar slopes over inverse depth with the line of Eq. 12, and what it leaves over."""
+    found = result.calibration.second
+    order = np.argsort(found.inverse_depth)
+    x, y, fitted = 1e3 * found.inverse_depth[order], found.slope[order], found.fitted[order]
+    left = 1e3 * (y - fitted)
+    across, size = Scale.around(x, 0.03), (540.0, 270.0)
+    marks: list[Mark] = [
+        Line([across.low, across.high], [0.0, 0.0], "grey", 0.9),
+        Dots(x, y, "blue", size=1.9, opacity=0.7, clip=True), Line(x, fitted, "vermillion", 1.4),
+    ]  # fmt: skip
+    focus = 1e3 * found.camera.m / found.camera.A
+    if x[0] < focus < x[-1]:
+        marks.append(Text(float(focus), 0.0, "focal plane", "grey", SMALL, dx=8, dy=-8))
+    keys = [dot_key("a corner", "blue", size=1.9), line_key("Eq. 12, fitted", "vermillion", 1.4)]
+    up = Scale.around([*y, *fitted, 0.0], 0.05)
+    above = Panel((0, 0, 1, 1), across, up, tuple(marks), "", "slope Δu/Δs [pitches/px]", grid="y")
+    rest: tuple[Mark, ...] = (
+        Dots(x, left, "blue", size=1.9, opacity=0.7, clip=True),
+        Line([across.low, across.high], [0.0, 0.0], "vermillion", 1.4),
+    )
+    under = Panel(
+        (0, 0, 1, 1), across, Scale.around([*left, 0.0], 0.1), rest, "inverse depth 1/Z from the FAP [1/m]",
+        "left over [10⁻³]", grid="y",
+    )  # fmt: skip
+    return below(
+        "epi-lines", "Epipolar slopes over inverse depth, with the line of Eq. 12 and what it leaves over",
+        [one_panel("slopes", "", size, above, keys, below=22), one_panel("left", "", (540.0, 160.0), under)],
+    )  # fmt: skip
+
+
+def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
+    """Draw the posterior of H, d_3, d_2, A, m and f: each alone and every pair, with 68 and 95 % regions.
+
+    Parameters
+    ----------
+    result : Outcome
+        Without a posterior, Laplace's approximation is drawn in its place, and called so.
+    units : mapping
+        Of the quantities; "" for none.
+    """
+    names = ["H", "d_3", "d_2", "A", "m"] + (["f"] if result.sheet.f_sigma > 0 else [])
+    draws = {name: np.asarray(result.draws.draws(name)) for name in names}
+    quantiles = {name: np.quantile(v, (0.002, 0.998)).tolist() for name, v in draws.items()}
+    ends = {name: Scale(low, high) for name, (low, high) in quantiles.items()}
+    labels = {n: f"{n} [{unit}]" if (unit := units.get(n, "mm" if n == "f" else "")) else n for n in names}
+    head, left, gap = 24.0, 74.0, 12.0
+    side = (PAGE - left - 12) / len(names) - gap
+    panels = []
+    for row, down in enumerate(names):
+        for column, across in enumerate(names[: row + 1]):
+            box = (left + column * (side + gap), head + row * (side + gap), side, side)
+            x, last = ends[across], row == len(names) - 1
+            x_ticks = named_ticks(x.ticks(2)) if last else tuple((v, "") for v in x.ticks(2))
+            x_label = labels[across] if last else ""
+            if row == column:
+                heights, edges = np.histogram(draws[across], 40, (x.low, x.high))
+                y = Scale(0.0, 1.08 * float(heights.max()))
+                marks = _histogram(draws[across], heights, edges, y.high)
+                panels.append(Panel(box, x, y, marks, x_label, x_ticks=x_ticks, y_ticks=(), grid=""))
+                continue
+            y = ends[down]
+            ticks = y.ticks(3)
+            y_ticks = named_ticks(ticks) if column == 0 else tuple((v, "") for v in ticks)
+            marks = _regions(draws[across], draws[down], x, y)
+            y_label = labels[down] if column == 0 else ""
+            panels.append(Panel(box, x, y, marks, x_label, y_label, x_ticks=x_ticks, y_ticks=y_ticks, grid=""))
+    sampled = result.posterior is not None
+    words = "" if sampled else "Laplace's approximation: the normal law of the Fisher matrix, not sampled"
+    remarks = (Text(PAGE - 12, 15, words, "ink", PLAIN, "end"),)
+    size = (PAGE, head + len(names) * (side + gap) + 34)
+    return Picture(
+        "posterior", words or "The posterior of every pair of quantities", size, tuple(panels), remarks=remarks
+    )
+
+
+def _histogram(values: Floats, heights: Floats, edges: Floats, top: float) -> tuple[Mark, ...]:
+    x, y = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])
+    low, middle, high = (float(q) for q in np.quantile(values, (0.16, 0.5, 0.84)))
+    lines = [Line([at, at], [0.0, top], "ink", 1.0, dash) for at, dash in ((low, "4 3"), (middle, ""), (high, "4 3"))]
+    return (Area(x, y, "blue", 0.35), Line(x, y, "blue", 1.2), *lines)
+
+
+def _regions(x: Floats, y: Floats, across: Scale, up: Scale) -> tuple[Mark, ...]:
+    """Regions of highest density that hold 68 and 95 % of the draws."""
+    from scipy.ndimage import gaussian_filter
+
+    counts, x_edges, y_edges = np.histogram2d(x, y, 44, [tuple(across[:2]), tuple(up[:2])])
+    density = gaussian_filter(counts, 1.1)
+    ranked = np.sort(density.ravel())[::-1]
+    held = np.cumsum(ranked) / ranked.sum()
+    outer, inner = (float(ranked[np.searchsorted(held, share)]) for share in (0.95, 0.68))
+    if not outer < inner < float(density.max()) * 1.01:
+        return ()
+    middles = [(edges[1:] + edges[:-1]) / 2 for edges in (x_edges, y_edges)]
+    marks: list[Mark] = []
+    for level, colour in ((outer, "sky"), (inner, "blue")):
+        marks.append(Area(*xy(where_above(density.T, middles[0], middles[1], level)), colour, 0.75, "blue", 0.8))
+    return tuple(marks)
+
+
+def depth_errors(result: Outcome, size: Point = (540, 340)) -> Picture:
+    """Draw the standard deviation of measured depths over the boards' range, from the lens and from the pupil."""
+    d = result.depths
+    distance = np.asarray(d["distance"])
+    half = 0.5 * (np.asarray(d["high_95"]) - np.asarray(d["low_95"]))
+    boards = result.estimates["d_3"].value + result.calibration.fit.poses.translation[:, 2]
+    marks: list[Mark] = [
+        Area([*distance, distance[-1], distance[0]], [*half, 0.0, 0.0], "pale"),
+        Line(distance, d["from_lens"], "blue", 1.8), Line(distance, d["from_pupil"], "vermillion", 1.8, "7 3"),
+        Dots(boards, np.zeros(len(boards)), "ink", "|", 6, width=1.4),
+    ]  # fmt: skip
+    keys = [
+        box_key("half the 95 % interval, from the lens", "pale"), line_key("σ of Z, from the lens", "blue", 1.8),
+        line_key("σ of Z from the FAP", "vermillion", 1.8, "7 3"), dot_key("boards", "ink", "|", 6),
+    ]  # fmt: skip
+    across, up = Scale(float(distance[0]), float(distance[-1])), Scale(0.0, 1.15 * float(half.max()))
+    labels = "distance from the lens [mm]", "systematic depth error [mm]"
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), *labels, grid="y")
+    return one_panel("depth", "Systematic error of measured depths", size, panel, keys, left=70)
+
+
+def pictures_of(units: Mapping[str, str]) -> dict[str, tuple[str, Callable[[Outcome], Picture]]]:
+    """Name of each picture's file: its title and what draws it; `units` as `posterior` wants them."""
+    return {
+        "residuals": ("What the joint fit leaves over", residuals),
+        "epi-lines": ("Epipolar slopes against inverse depth", epi_lines),
+        "posterior": ("How sure: the posterior", lambda result: posterior(result, units)),
+        "depth": ("What it means for measured depths", depth_errors),
+    }

@@ -1,0 +1,461 @@
+"""Microlens images: one on its pixels with the rims that cut it, by rays or by waves; and whole raw images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..effects import plan
+from ..effects.field import image_diameter, image_pitch
+from ..errors import InputError, Problem
+from ..evaluation.fields import field_discs
+from ..evaluation.rims import axes_in_space, rims
+from ..imaging.camera import planned_design
+from ..imaging.encircled import encircled
+from ..imaging.series import harmonic_series
+from ..imaging.transfer import MicrolensTransfer
+from ..microlens._pixels import LARGEST_RADIUS
+from ..microlens.cells import area_in_rectangle
+from ..microlens.coverage import LARGEST_PART, coverage_image
+from ..microlens.discs import intersect, outline
+from ..microlens.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
+from ..theory.pupils import microlens_image_pitch
+from .marks import (
+    PLAIN,
+    SMALL,
+    Area,
+    Disc,
+    Dots,
+    Floats,
+    Image,
+    Key,
+    Line,
+    Mark,
+    Panel,
+    Point,
+    Scale,
+    Text,
+    box_key,
+    dot_key,
+    line_key,
+    short,
+    xy,
+)
+from .picture import PAGE, Picture, beside, colour_bar, legend_height
+from .theme import stop_colour
+
+if TYPE_CHECKING:
+    from ..design import Design
+    from ..imaging.render import RawImage
+
+UM = 1e3
+LEFT, TOP, RIGHT, BELOW = 58.0, 42.0, 12.0, 42.0
+"""Margins [px]."""
+GRID_UP_TO = 60
+"""Pixels across a picture up to which lines are drawn between them."""
+MOST_PIXELS = 90_000
+"""In view; beyond, single ones would not be seen."""
+ON_PICTURE = "#f0b429"
+"""Outline on a picture that has both black and white."""
+FULL = 0.42
+"""Opacity of a pixel that is covered whole, so that lines on it stay visible."""
+Waves = Callable[["Design", slice, slice], Any]
+"""What gives the pixels (columns, rows) under uniform light, as ``values``; None where too many images overlap."""
+
+
+class ImageView(NamedTuple):
+    """A microlens image; lengths relative to its microlens's axis [mm]."""
+
+    centres: Floats
+    """Of the rims' discs, the FAP first, shape (K, 2)."""
+    radii: Floats
+    """Shape (K,)."""
+    outline: Floats
+    """Shape (N, 2), not closed; (0, 2) where dark."""
+    cell: Floats
+    """Corners of its own cell, shape (M, 2)."""
+    x: Floats
+    """Edges of the pixels seen, shape (I + 1,)."""
+    y: Floats
+    """Shape (J + 1,)."""
+    coverage: Floats
+    """Share of each pixel that the image covers, shape (J, I); (0, 0) where there are more than was asked for
+    or a disc is too large for it."""
+    kept_fraction: float
+    on_sensor: float
+    """Share of the image that falls on the sensor; 1 where dark."""
+    half: float
+    """Half width of a view that shows the FAP's disc and the cell."""
+
+    @property
+    def sensor_in_view(self) -> bool:
+        """Whether any of it is."""
+        return len(self.x) > 1 and len(self.y) > 1
+
+
+def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
+    """The image behind a microlens.
+
+    Parameters
+    ----------
+    design : Design
+    place : (x, y)
+        The microlens's axis on the MLA [mm].
+    most : float
+        Pixels in view up to which each is looked at.
+    """
+    discs, sizes = field_discs(design, [place])
+    centres, radii = discs[0], sizes[0]
+    pitch = abs(float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
+    cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
+    half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
+    (axis,) = axes_in_space(design, [place])
+    middle = centres[0] + axis
+    columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
+    count = (columns.stop - columns.start) * (rows.stop - rows.start)
+    drawable = radii.max() <= LARGEST_RADIUS * design.q and 2 * radii.min() <= LARGEST_PART * design.q
+    drawable = drawable and count <= most
+    x, y = (_edges(design, side, part, drawable) - axis[side] for side, part in enumerate((columns, rows)))
+    shares = np.zeros((0, 0))
+    if drawable and count:
+        covered = coverage_image(
+            axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
+            window=(rows, columns),
+        )  # fmt: skip
+        shares = np.asarray(covered, float)
+    image = intersect(centres, radii)
+    half_sensor, sensor = np.multiply(design.pixels, design.q / 2), np.subtract(design.sensor.decentre, axis)
+    inside = 0.0
+    if half_sensor.min() > 0:
+        inside = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
+    on_sensor = min(inside / float(image.area), 1.0) if image.lit else 1.0
+    kept = float(image.kept_fraction)
+    return ImageView(centres, radii, outline(centres, radii), cell, x, y, shares, kept, on_sensor, half)
+
+
+def _pixels_within(design: Design, side: int, low: float, high: float) -> slice:
+    """Pixels from the one that holds `low` to the one that holds `high` [mm]; those on the sensor."""
+    count = design.pixels[side]
+    start = design.sensor.decentre[side] - count * design.q / 2
+    first, last = math.floor((low - start) / design.q), math.ceil((high - start) / design.q)
+    return slice(min(max(first, 0), count), min(max(last, 0), count))
+
+
+def _edges(design: Design, side: int, pixels: slice, each: bool) -> Floats:
+    """Edges between these pixels [mm], one more than there are pixels; or the outermost ones alone."""
+    start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
+    numbers = np.arange(pixels.start, pixels.stop + 1) if each else np.unique([pixels.start, pixels.stop])
+    return np.asarray(start + design.q * numbers, float)
+
+
+def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> Point:
+    """Axis of the microlens nearest to a place or, with `inward`, not farther out; both on the MLA [mm].
+
+    Raises
+    ------
+    InputError
+        The array is smaller than one microlens.
+    """
+    array = design.microlens_array
+    if min(array.size) < array.pitch * (1 - 1e-9):
+        raise InputError(
+            (Problem("d", f"{array.pitch:g} mm is more than the microlens array is wide; make it smaller"),)
+        )
+    if inward:
+        x, y = (math.copysign(max(abs(side) - 0.499 * array.pitch, 0.0), side) for side in place)
+        place = x, y
+    lattice = Lattice(array.pitch, array.size, array.layout)
+    x, y = lens_centres(lattice, nearest_lens(lattice, place))
+    return float(x), float(y)
+
+
+def microlens_image(
+    design: Design, place: Point, size: Point = (320, 380), *, waves: Waves | None = None, pixels: bool = True,
+    name: str = "microlens", label: str = "", key: bool = True, snap: bool = True,
+) -> Picture:  # fmt: skip
+    """Draw the image behind one microlens.
+
+    Parameters
+    ----------
+    design : Design
+        A real lens is taken as its thin twin, and tilts are left out.
+    place : (x, y)
+        On the MLA [mm]; the nearest microlens is shown.
+    size : (width, height)
+        [px].
+    waves : callable, optional
+        What gives pixels as they are recorded under uniform light, diffraction and neighbours' light included; None
+        shows the share of each that this microlens's geometric image covers.
+    pixels : bool
+        Whether pixels are drawn at all.
+    name : str
+        Unique on the page, where several microlenses are shown.
+    label : str
+        What the place is called, such as "edge".
+    key : bool
+        Whether a legend is drawn.
+    snap : bool
+        False shows a microlens at exactly that place.
+
+    Returns
+    -------
+    Picture
+        Its mapping takes pixels to places relative to the microlens's axis [um].
+    """
+    place = nearest_microlens(design, place) if snap else place
+    view = image_view(design.thin_twin, place, MOST_PIXELS)
+    keys = image_keys(design) if key else []
+    foot = legend_height(keys, size[0] - 24)
+    panel = _panel(view, size, foot)
+    drawn, words = _light(design, place, view, waves) if pixels else ([], "")
+    on_picture = waves is not None and pixels
+    marks = [*_beyond(view, panel), *drawn, *(_grid(view) if pixels else []), *_lines(design, view, on_picture)]
+    marks += _title(place, view, label, words, panel)
+    kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
+    title = f"Image of the microlens at {place[0]:.4g}, {place[1]:.4g} mm on the MLA: {kept}"
+    key_box = (14.0, panel.bottom + BELOW - 2, size[0] - 24)
+    return Picture(name, title, size, (panel.with_marks(*marks),), tuple(keys), key_box)
+
+
+def microlens_images(
+    designs: Mapping[str, tuple[Design, Point]], width: float = PAGE, columns: int = 3
+) -> tuple[Picture, float]:
+    """Draw images in a row with one legend.
+
+    Parameters
+    ----------
+    designs : mapping
+        Design and place on the MLA [mm], by what to call it; each place is that of a microlens.
+    width : float
+        [px].
+    columns : int
+        How many fit into the width.
+
+    Returns
+    -------
+    (picture, on_sensor)
+        The least share of an image that falls on the sensor.
+    """
+    each = width / columns
+    size = each, each - LEFT - RIGHT + TOP + BELOW
+    pictures = [
+        microlens_image(design, place, size, name=f"images-{label}", label=label, key=False, snap=False)
+        for label, (design, place) in designs.items()
+    ]
+    keys = {key.text: key for design, _ in designs.values() for key in image_keys(design)}
+    least = min(image_view(design.thin_twin, place, 0).on_sensor for design, place in designs.values())
+    title = f"Microlens images: {'; '.join(p.title for p in pictures)}"
+    return beside("images", title, pictures, list(keys.values())), least
+
+
+def _panel(view: ImageView, size: Point, foot: float) -> Panel:
+    side = max(min(size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot), 60.0)
+    (x, y), half = UM * view.centres[0], UM * view.half
+    left = LEFT + max(0.0, (size[0] - LEFT - RIGHT - side) / 2)
+    scales = Scale(x - half, x + half), Scale(y - half, y + half)
+    return Panel(
+        (left, TOP, side, side), *scales, (), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True
+    )
+
+
+def _light(design: Design, place: Point, view: ImageView, waves: Waves | None) -> tuple[list[Mark], str]:
+    """Pixels as an image, and what to say of them."""
+    plain: list[Mark] = [Area(*xy(UM * view.outline), "ink", FULL)] if len(view.outline) else []
+    if not view.coverage.size:
+        return (plain, "pixels too small to draw") if view.sensor_in_view else ([], "")
+    box = (UM * view.x[0], UM * view.x[-1], UM * view.y[0], UM * view.y[-1])
+    if waves is None:
+        return [Image(view.coverage, box, "ink", 0.0, 1 / FULL)], ""
+    columns, rows = (_whole_pixels(design, place, view, side) for side in (0, 1))
+    patch = waves(design, columns, rows)
+    if patch is None:
+        return plain, "too many images overlap for diffraction"
+    peak = float(patch.values.max(initial=0.0))
+    return [Image(patch.values, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
+
+
+def _whole_pixels(design: Design, place: Point, view: ImageView, side: int) -> slice:
+    """Which of the sensor's pixels the view holds."""
+    edges = (view.x, view.y)[side] + float(axes_in_space(design, [place])[0][side])
+    start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
+    first = round((edges[0] - start) / design.q)
+    return slice(first, first + len(edges) - 1)
+
+
+def _grid(view: ImageView) -> list[Mark]:
+    """Lines between pixels, unless they would be all there is to see."""
+    if not view.coverage.size or view.coverage.shape[1] > GRID_UP_TO:
+        return []
+    x, y = UM * view.x, UM * view.y
+    gap = np.nan
+    across = np.concatenate([[a, a, gap] for a in x] + [[x[0], x[-1], gap]] * len(y))
+    up = np.concatenate([[y[0], y[-1], gap]] * len(x) + [[b, b, gap] for b in y])
+    return [Line(across, up, "grey", 0.5, opacity=0.35)]
+
+
+def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
+    marks: list[Mark] = []
+    for rim, colour, (x, y), radius in zip(rims(design), _colours(design), view.centres, view.radii, strict=True):
+        hue = ON_PICTURE if on_picture and rim.name == "FAP" else colour
+        marks.append(Disc(UM * x, UM * y, UM * radius, edge=hue, width=1.2, dash="5 3"))
+    if len(view.outline):
+        x, y = UM * np.append(view.outline, view.outline[:1], axis=0).T
+        if on_picture:
+            marks.append(Line(x, y, "#000000", 3.2, opacity=0.5))
+        marks.append(Line(x, y, ON_PICTURE if on_picture else "ink", 1.8, testid="microlens-outline"))
+    marks.append(Area(*xy(UM * view.cell), "none", 1.0, "green", 1.8))
+    marks.append(Dots(*xy(UM * view.centres[:1]), "vermillion", "+", 6, width=2, clip=True))
+    return marks
+
+
+def _colours(design: Design) -> list[str]:
+    return ["ink", "blue", *(stop_colour(k) for k in range(1, len(design.stops) + 1))]
+
+
+def _beyond(view: ImageView, panel: Panel) -> list[Mark]:
+    """Hatching where the sensor ends."""
+    frame = np.array([panel.x.low, panel.x.high, panel.y.low, panel.y.high])
+    if view.sensor_in_view:
+        sensor = UM * np.array([view.x[0], view.x[-1], view.y[0], view.y[-1]])
+        inside = np.array([max(frame[0], sensor[0]), min(frame[1], sensor[1]), max(frame[2], sensor[2]),
+                           min(frame[3], sensor[3])])  # fmt: skip
+        if np.allclose(inside, frame, rtol=0, atol=1e-9 * float(np.ptp(frame[:2]))):
+            return []
+    else:
+        inside = np.full(4, np.nan)
+    # The hole runs the other way round: what both enclose stays free by any rule.
+    (left, right, low, high), (a, b, c, d) = frame, inside
+    xs = [left, right, right, left, np.nan, a, a, b, b]
+    ys = [low, low, high, high, np.nan, c, d, d, c]
+    return [Area(xs, ys, "grey", hatch=True)]
+
+
+def _title(place: Point, view: ImageView, label: str, words: str, panel: Panel) -> list[Mark]:
+    where = f"{short(place[0])}, {short(place[1])} mm"
+    state = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
+    if view.on_sensor <= 0.995 and view.kept_fraction > 0:
+        state += f", {100 * view.on_sensor:.3g} % on the sensor"
+    colour = "ink" if view.kept_fraction == 1 else "vermillion"
+    at = panel.x.low, panel.y.high
+    first = Text(*at, f"{label}: {where}" if label else f"at {where}", "ink", PLAIN, dy=-26, bold=True)
+    told = f"{state}{'; ' if words else ''}{words}"
+    return [first, Text(*at, told, colour, SMALL, dy=-9, testid="microlens-kept")]
+
+
+def image_keys(design: Design) -> list[Key]:
+    """What the lines of a microlens image mean."""
+    keys = [line_key("image", "ink", 1.8)]
+    for rim, colour in zip(rims(design), _colours(design), strict=True):
+        keys.append(line_key(f"disc of {rim.name}", colour, 1.2, "5 3"))
+    return [*keys, box_key("own cell", "none", 1.0, "green", 1.8), dot_key("chief ray", "vermillion", "+", 6, width=2)]
+
+
+def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> Picture:
+    """Draw the microlens image on the axis with its neighbours, by ray and by wave optics, before pixels integrate.
+
+    Parameters
+    ----------
+    design : Design
+        Its microlens on the axis is shown, unclipped.
+    width : float
+        [px].
+    samples : int
+        Points along each side.
+    """
+    pitch, radius = abs(image_pitch(design)), image_diameter(design) / 2
+    effects = plan(design, overrides=["+microlens_diffraction", "+overlap", "-vignetting", "-tilts", "-decentres"])
+    flat = planned_design(design, effects)
+    half = 0.75 * pitch
+    axis = np.linspace(-half, half, samples)
+    wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
+    x, y = np.meshgrid(axis, axis)
+    steps = [pitch * np.array([i, j]) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    ray = np.sum([((x - a) ** 2 + (y - b) ** 2 <= radius**2).astype(float) for a, b in steps], axis=0)
+    light, top = encircled(design), max(1.0, float(wave.max()))
+    each, reach = width / 2, UM * half
+    side = each - 56 - 68
+    cell = UM * pitch / 2 * np.array([-1, 1, 1, -1])
+    pictures = []
+    for number, (image, title) in enumerate((
+        (ray, "Rays: all light in the disc"),
+        (wave, f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
+    )):  # fmt: skip
+        marks: list[Mark] = [
+            Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),
+            Disc(0.0, 0.0, UM * radius, edge="#000000", width=3.0), Disc(0.0, 0.0, UM * radius, edge="#ffffff"),
+            Area(cell, np.roll(cell, 1), "none", 1.0, "#000000", 3.0),
+            Area(cell, np.roll(cell, 1), "none", 1.0, "#ffffff", 1.4, "5 3"),
+        ]  # fmt: skip
+        scale = Scale(-reach, reach)
+        panel = Panel(
+            (56, 28, side, side), scale, scale, tuple(marks), "x on the sensor [µm]", "y on the sensor [µm]", title,
+            grid="", equal=True,
+        )  # fmt: skip
+        bar = colour_bar(panel, 0.0, top, "cividis", "relative intensity")
+        pictures.append(Picture(f"waves-{number}", title, (each, side + 28 + 42), (panel, bar)))
+    dark = Line((-11.0, 11.0), (0.0, 0.0), "#000000", 4.0)
+    keys = [
+        Key("geometric image", (dark, Line((-11.0, 11.0), (0.0, 0.0), "#ffffff", 1.4))),
+        Key("cell of one image pitch", (dark, Line((-11.0, 11.0), (0.0, 0.0), "#ffffff", 1.4, "5 3"))),
+    ]
+    return beside("waves", "One microlens image by rays and by waves", pictures, keys)
+
+
+def preview(image: RawImage, zoom: int | None = None) -> Picture:
+    """Draw a raw image with zooms at its centre, edge and corner.
+
+    Parameters
+    ----------
+    image : RawImage
+    zoom : int, optional
+        Side of a zoom [pixels]; None shows about five microlens images.
+    """
+    pixels, region = image.pixels, image.region
+    top = max(float(np.percentile(pixels[:: max(1, region.rows // 500)], 99.9)), 1e-9)
+    # Every so many pixels would beat with the microlenses: show means of blocks.
+    step = max(1, -(-max(pixels.shape) // 1400))
+    kept = pixels[: pixels.shape[0] // step * step, : pixels.shape[1] // step * step]
+    small = np.asarray(kept.reshape(kept.shape[0] // step, step, -1, step).mean((1, 3)), float)
+    if zoom is None:
+        zoom = max(24, round(5 * abs(image_pitch(image.design)) / image.design.q))
+    side = min(zoom, region.rows, region.columns)
+    middle_x, middle_y = (region.columns - side) // 2, (region.rows - side) // 2
+    places = {
+        "centre": (middle_x, middle_y),
+        "edge": (region.columns - side, middle_y),
+        "corner": (region.columns - side, region.rows - side),
+    }
+
+    def panel(box: tuple[float, float, float, float], values: Floats, title: str, *start_and_size: int) -> Panel:
+        column, row, columns, rows = start_and_size
+        extent = (float(column), float(column + columns), float(row), float(row + rows))
+        shown = Image(np.asarray(values, float), extent, "grey", 0.0, top)
+        labels = ("column [px]", "row [px]", title)
+        return Panel(box, Scale(*extent[:2]), Scale(*extent[2:]), (shown,), *labels, grid="", equal=True)
+
+    width = 1056.0
+    scale = min((width - 70 - 90) / region.columns, 420 / region.rows)
+    wide, high = scale * region.columns, scale * region.rows
+    left = 70 + (width - 160 - wide) / 2
+    size = region.column, region.row, region.columns, region.rows
+    whole = panel((left, 30, wide, high), small, f"{image.design.name}: {image.scene.name or 'scene'}", *size)
+    below, each = high + 30 + 78, 220.0
+    panels, frames = [], []  # type: list[Panel], list[Mark]
+    for k, ((name, (column, row)), colour) in enumerate(
+        zip(places.items(), ("blue", "vermillion", "green"), strict=True)
+    ):
+        part = np.asarray(pixels[row : row + side, column : column + side], float)
+        start = region.column + column, region.row + row
+        zoomed = panel((70 + k * 340.0, below, each, each), part, name, *start, side, side)
+        corners = [start[0] + side * i for i in (0, 1, 1, 0)], [start[1] + side * j for j in (0, 0, 1, 1)]
+        frame = Area(*corners, "none", 1.0, colour, 3.0, clip=False)
+        panels.append(zoomed.with_marks(frame))
+        frames.append(frame)
+    bar = colour_bar(whole, 0.0, top, "grey", "relative intensity")
+    return Picture(
+        "preview", f"Raw image of {image.design.name}", (width, below + each + 44),
+        (whole.with_marks(*frames), bar, *panels),
+    )  # fmt: skip

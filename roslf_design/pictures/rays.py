@@ -1,0 +1,567 @@
+"""Sections of an instrument: rays in the meridional plane, light cones behind microlenses, drawing with dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..evaluation import default_fields
+from ..rays import PASSED, fans, trace_pupil
+from ..words import length
+from .marks import (
+    GLYPH,
+    SMALL,
+    Area,
+    Dots,
+    Floats,
+    Key,
+    Line,
+    Mark,
+    Panel,
+    Point,
+    Scale,
+    Text,
+    line_key,
+    rows_of_names,
+    short,
+    text_width,
+)
+from .picture import PAGE, Picture, below, beside, legend_height, room
+from .theme import FIELDS, stop_colour
+
+if TYPE_CHECKING:
+    from ..design import Design
+
+FILL = 1.5
+"""Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""
+RAYS = 13
+"""Rays of a fan; with `FILL` above, every fourth of a radius."""
+NAME_ROW, DIMENSION_ROW = 16.0, 19.0
+"""Heights [px]."""
+EXAGGERATIONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""How much larger than lengths heights may be drawn, times powers of ten."""
+SMALLEST_SHARE = 0.25
+"""Least share of the picture's length that the instrument has when all is shown without being asked for."""
+LOWEST, TALLEST = 90.0, 270.0
+"""Least height of a section, and greatest of one that is to scale [px]."""
+
+
+class LabelledFan(NamedTuple):
+    """Rays of one field."""
+
+    label: str
+    kept: NDArray[np.bool_]
+    """Shape (N,)."""
+    z: Floats
+    """Corners of each ray [mm], light's way, shape (N, 4); a blocked ray repeats the point where it ends."""
+    x: Floats
+    """Heights there [mm]."""
+
+
+def labelled_fans(design: Design) -> list[LabelledFan]:
+    """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
+    (x, _), (edge, _), corner = default_fields(design)
+    if is_centred(design):
+        places = {"centre": 0.0, "edge": edge, "corner": math.hypot(*corner)}
+    else:
+        places = {"centre": x, "edge +x": edge, "edge -x": 2 * x - edge}
+    drawn = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
+    kept = np.isin(drawn.status, PASSED)
+    return [LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
+
+
+def is_centred(design: Design) -> bool:
+    """Whether all elements are round about one axis, so that every meridional plane is like every other."""
+    offsets = [design.main_lens.decentre, design.microlens_array.decentre, design.sensor.decentre]
+    offsets += [stop.decentre for stop in design.all_stops]
+    return design.aligned and all(offset == (0.0, 0.0) for offset in offsets)
+
+
+def meridional(
+    design: Design, size: Point = (900, 340), *, whole: bool | None = None, to_scale: bool = False, key: bool = True
+) -> Picture:
+    """Draw the section in which rays run.
+
+    Parameters
+    ----------
+    design : Design
+        A real lens is drawn as its thin twin.
+    size : (width, height)
+        [px].
+    whole : bool, optional
+        From the object plane on (True; never where that is at infinity), or from a little before the outermost stop
+        (False). None shows the way to the object unless the instrument would be small beside it.
+    to_scale : bool
+        Heights as lengths, with ticks on both axes; the picture is as high as that makes it. Else heights fill the
+        picture, larger than lengths by a round factor.
+    key : bool
+        Whether a legend is drawn.
+
+    Returns
+    -------
+    Picture
+        Its mapping takes pixels to z and height [mm].
+
+    Notes
+    -----
+    Each field lies in its own meridional plane, turned into the page; with decentres, the plane is x-z.
+    """
+    thin = design.thin_twin
+    whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
+    drawn = labelled_fans(thin)
+    # How many rows the legend takes must be known before the scale is, which it tells.
+    foot = legend_height([*_keys(drawn), Key(_scale_told(design, 100.0, whole), ())], size[0] - 28) if key else 0.0
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
+    ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
+    keys = [*_keys(drawn), Key(_scale_told(design, section.exaggeration, whole), ruler)] if key else []
+    marks: list[Mark] = [*_housing(thin, section)]
+    for fan, colour in zip(drawn, FIELDS, strict=True):
+        marks += _fan(fan, colour)
+    marks += [*_elements(thin, section, whole), *_names(thin, section, whole), *_openings(thin, section)]
+    marks += _lengths(thin, section, whole)
+    panel = section.panel.with_marks(*marks)
+    height = size[1]
+    if to_scale:
+        height = panel.bottom + 42 + foot
+    blocked = sum(int((~fan.kept).sum()) for fan in drawn)
+    title = (
+        f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
+        f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
+    )
+    return Picture(
+        "meridional", title, (size[0], height), (panel,), tuple(keys), (16.0, height - foot - 3, size[0] - 28)
+    )
+
+
+def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
+    """All of the section to scale and, where that is small in it, the instrument below."""
+    whole = math.isfinite(design.d_f)
+    views = [whole] if not whole or _instrument_share(design) >= 0.75 else [True, False]
+    pictures = [meridional(design, (width, 0), whole=view, to_scale=True, key=not n) for n, view in enumerate(views)]
+    return below("rays", pictures[0].title, pictures)
+
+
+def _instrument_share(design: Design) -> float:
+    """Of the length from the object plane to the sensor."""
+    end, front = design.d_1 + design.d_2, max(stop.distance for stop in design.all_stops)
+    return (end + front) / (end + design.d_f)
+
+
+class Section(NamedTuple):
+    """Where things are in the picture."""
+
+    panel: Panel
+    half: float
+    """Elements and rays reach this high [mm]."""
+    exaggeration: float
+    """Pixels per millimetre of height over those of length."""
+    rows: tuple[int, ...]
+    """Of the elements' names."""
+
+
+def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> Section:
+    end = design.d_1 + design.d_2
+    front = max(stop.distance for stop in design.all_stops)
+    length = end + (design.d_f if whole else front)
+    left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
+    right = end + 0.07 * length
+    solid = [design.D / 2 + math.hypot(*design.main_lens.decentre), math.hypot(*design.sensor_size) / 2]
+    solid += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    half = 1.08 * max(*solid, max(float(np.max(np.abs(fan.x[fan.z >= left]))) for fan in drawn))
+    side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
+    across = max(size[0] - sum(side), 50.0)
+    under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (14 if not to_scale else 6)
+    names = element_names(design, whole)
+    rows, along, factor = [0], across / (right - left), 1.0
+    for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
+        over = 8 + NAME_ROW * (1 + max(rows))
+        if to_scale:
+            along = min(across / (right - left), TALLEST / (2 * half))
+        else:
+            up = max(size[1] - over - under, LOWEST) / (2 * half)
+            along = min(across / (right - left), up)
+            factor = up / along
+        widths = [GLYPH * 1.15 * SMALL * len(name) / along for _, name in names]
+        rows = rows_of_names([z for z, _ in names], widths)
+    if not to_scale:
+        power = 10.0 ** math.floor(math.log10(factor))
+        factor = max(step * power for step in EXAGGERATIONS if step * power <= factor * (1 + 1e-9))
+    width, tall = along * (right - left), 2 * half * along * factor
+    x = side[0] + (across - width) / 2
+    if not to_scale:
+        y = over + (max(size[1] - over - under, LOWEST) - tall) / 2
+        panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
+        return Section(panel, half, factor, tuple(rows))
+    mm = 1 / along
+    scale = Scale(-half - under * mm, half + over * mm)
+    axes = Panel(
+        (x, 6.0, width, tall + over + under),
+        Scale(left, right),
+        scale,
+        (),
+        "z [mm]",
+        "height [mm]",
+        grid="",
+        equal=True,
+    )
+    heights = Panel((0.0, 0.0, width, tall), axes.x, Scale(-half, half)).ticks()[1]
+    return Section(replace(axes, y_ticks=heights), half, 1.0, tuple(rows))
+
+
+def element_names(design: Design, whole: bool) -> list[tuple[float, str]]:
+    """Where every element stands [mm], and what to call it."""
+    names = [(-stop.distance, f"stop {k}" if k else "FAP") for k, stop in enumerate(design.all_stops)]
+    names += [(0.0, "main lens"), (design.d_1 + design.d_2, "MLA, sensor")]
+    return sorted([*names, (-design.d_f, "object plane")] if whole else names)
+
+
+def _housing(design: Design, section: Section) -> list[Mark]:
+    ends = -max(stop.distance for stop in design.all_stops), design.d_1 + design.d_2
+    return [Area([*ends, *ends[::-1]], [section.half] * 2 + [-section.half] * 2, "pale", 0.28)]
+
+
+def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
+    passed = np.flatnonzero(fan.kept)
+    marks: list[Mark] = []
+    for number in passed:
+        # Chief and marginal rays stand out.
+        width = 1.9 if number == len(fan.kept) // 2 else 1.4 if number in (passed[0], passed[-1]) else 0.6
+        marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
+    gap = np.full((int((~fan.kept).sum()), 1), np.nan)
+    if len(gap):
+        z, x = (np.hstack([values[~fan.kept], gap]).ravel() for values in (fan.z, fan.x))
+        marks.append(Line(z, x, "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
+        marks.append(Dots(fan.z[~fan.kept, -1], fan.x[~fan.kept, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
+    return marks
+
+
+def _elements(design: Design, section: Section, whole: bool) -> list[Mark]:
+    half, (mm, up) = section.half, section.panel.per_px
+    end = design.d_1 + design.d_2
+    marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
+    for number, stop in enumerate(design.all_stops):
+        for sign in (-1, 1):
+            edge = stop.decentre[0] + sign * stop.diameter / 2
+            marks.append(Line([-stop.distance] * 2, [edge, sign * half], stop_colour(number), 3.2))
+    middle, radius = design.main_lens.decentre[0], design.D / 2
+    bulge = min(max(0.09 * 2 * radius / up, 4.0), 14.0) * mm / 2
+    t = np.linspace(-1, 1, 25)
+    z, x = bulge * (1 - t**2), middle + radius * t
+    marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], "blue", 0.22, "blue", 1.2))
+    marks += [
+        Line([0.0, 0.0], [middle + sign * radius, sign * half], "blue", 3.2)
+        for sign in (-1, 1)
+        if half > radius + sign * middle
+    ]
+    centred, mla = is_centred(design), design.microlens_array
+    heights = [math.hypot(*box) if centred else box[0] for box in (mla.size, design.sensor_size)]
+    # Each is drawn on the outer side of its plane, so that d_2 between them stays true.
+    for z_at, centre, height, colour, shift in (
+        (design.d_1, mla.decentre[0], heights[0], "sky", -1.5),
+        (end, design.sensor.decentre[0], heights[1], "ink", 1.5),
+    ):
+        marks.append(Line([z_at + shift * mm] * 2, [centre - height / 2, centre + height / 2], colour, 3))
+    if whole:
+        marks.append(Line([-design.d_f] * 2, [-half, half], "grey", 1.6, "7 3"))
+    return marks
+
+
+def _names(design: Design, section: Section, whole: bool) -> list[Mark]:
+    panel, marks = section.panel, []  # type: Panel, list[Mark]
+    for (z, name), row in zip(element_names(design, whole), section.rows, strict=True):
+        rise = 5 + NAME_ROW * row
+        if row:
+            ends = [section.half + (2 * panel.per_px[1]), section.half + (rise - 3) * panel.per_px[1]]
+            marks.append(Line([z, z], ends, "grid", 1, clip=False))
+        # Names do not leave the picture, or cross its ordinate, on the left.
+        bound = 2.0 if panel.bare else panel.box[0] + 5
+        shift = max(0.0, text_width(name, SMALL) / 2 + bound - panel.at(z, 0.0)[0])
+        marks.append(Text(z, section.half, name, "ink", SMALL, "middle", dx=shift, dy=-rise))
+    return marks
+
+
+def _openings(design: Design, section: Section) -> list[Mark]:
+    """Diameters of the FAP and the main lens as dimensions across."""
+    marks: list[Mark] = []
+    mm, up = section.panel.per_px
+    fits = design.d_1 / mm > text_width(f"D = {short(design.D)} mm", SMALL) + 34
+    lens_side = 1 if fits or design.d_1 > design.d_3 else -1
+    before = section.panel.at(-design.d_3, 0.0)[0] - (0.0 if section.panel.bare else section.panel.box[0])
+    pupil_side = -1 if before > text_width(f"D_F = {short(design.D_F)} mm", SMALL) + 20 else 1
+    for symbol, z, middle, diameter, side in (
+        ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, pupil_side),
+        ("D", 0.0, design.main_lens.decentre[0], design.D, lens_side),
+    ):
+        at, top, low = z + side * 16 * mm, middle + diameter / 2, middle - diameter / 2
+        marks.append(Line([at, at], [top, low], "grey", 1.0, ends="|", clip=False))
+        words, anchor = f"{symbol} = {short(diameter)} mm", "start" if side > 0 else "end"
+        # Fields are drawn on the upper side of the lens, so on the lower side of what lies before the FAP.
+        beside = low + 0.12 * diameter if diameter / up > 40 else low - 15 * up
+        y, dx, dy = (beside, 5.0 * side, 0.0) if symbol == "D" else (top, -2.0, -6.0) if side < 0 else (low, 0.0, 16.0)
+        marks.append(Text(at, y, words, "ink", SMALL, anchor, dx, dy, plate=True))
+    return marks
+
+
+def _lengths(design: Design, section: Section, whole: bool) -> list[Mark]:
+    """Distances as dimensions along."""
+    marks: list[Mark] = []
+    mm, up = section.panel.per_px
+    bottom, end = -section.half, design.d_1 + design.d_2
+    rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
+    if whole:
+        rows.append(("d_f", -design.d_f, 0.0, 1))
+    for symbol, start, stop, row in rows:
+        level = bottom - (13 + DIMENSION_ROW * row) * up
+        if (stop - start) / mm < 1:
+            continue
+        words = f"{symbol} = {short(stop - start)} mm"
+        marks += [Line([z, z], [bottom - 2 * up, level - 4 * up], "grid", clip=False) for z in (start, stop)]
+        marks.append(Line([start, stop], [level, level], "grey", 1.0, ends="|", clip=False))
+        if (stop - start) / mm > text_width(words, SMALL) + 24:
+            marks.append(Text((start + stop) / 2, level, words, "ink", SMALL, "middle", dy=4, plate=True))
+        elif symbol == "d_1":
+            marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4 + DIMENSION_ROW))
+        else:
+            marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
+    marks.append(Text(end, bottom, f"d_2 = {short(design.d_2)} mm", "ink", SMALL, dx=8, dy=17))
+    return marks
+
+
+def _keys(drawn: list[LabelledFan]) -> list[Key]:
+    keys = [
+        line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
+        for fan, colour in zip(drawn, FIELDS, strict=True)
+    ]
+    if not all(fan.kept.all() for fan in drawn):
+        cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
+        keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
+    return keys
+
+
+def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
+    words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+    return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
+
+
+def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310), microlenses: int = 5) -> Picture:
+    """Draw neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
+
+    Parameters
+    ----------
+    design : Design
+    places : mapping
+        x of the middle microlens on the MLA [mm], by what to call it.
+    size : (width, height)
+        [px].
+    microlenses : int
+        How many; an odd number.
+    """
+    each = size[0] / len(places), size[1]
+    pictures = [_cells(design, label, place, each, microlenses) for label, place in places.items()]
+    return beside("cells", f"Light cones behind {microlenses} microlenses of {design.name}", pictures)
+
+
+def _cells(design: Design, label: str, place: float, size: Point, microlenses: int) -> Picture:
+    half = microlenses // 2
+    offsets = design.d * np.arange(-half, half + 1)
+    share = np.linspace(-1, 1, 129)
+    rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
+    origin = place + design.microlens_array.decentre[0]
+    landing = 1e3 * (rays.sensor[0] + design.sensor.decentre[0] - origin)
+    passed = np.isin(rays.status, PASSED)
+    depth, axes, pitch = 1e3 * design.d_2, 1e3 * offsets, 1e3 * design.d
+    marks: list[Mark] = []
+    for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
+        colour = "sky" if (k - half) % 2 else "blue"
+        for start, stop, kept in _runs(lit):
+            a, b = ends[start], ends[stop]
+            edge = colour if kept else "vermillion"
+            marks.append(Area([0.0, depth, depth], [axis, a, b], edge, 0.4 if kept else 1.0, hatch=not kept))
+            marks.append(Line([depth, 0.0, depth], [a, axis, b], edge, 0.9))
+    t = np.linspace(-1, 1, 31)
+    bulge = 0.03 * depth * (1 - t**2)
+    for axis in axes:
+        x, y = [*-bulge, *bulge[::-1]], axis + pitch / 2 * np.concatenate([t, t[::-1]])
+        marks.append(Area(x, y, "pale", 1.0, "grey", 0.9))
+    low, high = (float(axes[0] - 0.6 * pitch), float(axes[-1] + 0.6 * pitch))
+    low, high = min(low, float(landing.min())), max(high, float(landing.max()))
+    marks += _pixel_row(design, 1e3 * (origin - design.sensor.decentre[0]), low, high, depth)
+    panel = Panel(
+        room(size, (), 62, 26, 12), Scale(-0.16 * depth, 1.16 * depth), Scale(low, high), tuple(marks),
+        "distance behind the MLA [µm]", "height from this microlens's axis [µm]",
+        f"{label}, x = {place:.4g} mm", grid="",
+    )  # fmt: skip
+    return Picture(f"cells-{label}", label, size, (panel,))
+
+
+def _runs(lit: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+    """Stretches of equal fate: first and last index (shared with the next stretch), and the fate."""
+    cuts = [0, *(np.flatnonzero(np.diff(lit.astype(int))) + 1).tolist(), len(lit) - 1]
+    return [(a, b, bool(lit[a])) for a, b in pairwise(cuts) if b > a]
+
+
+def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:
+    size = 1e3 * design.q
+    # The sensor's first pixel starts at its edge.
+    edge = -500 * design.pixels[0] * design.q - origin
+    first, last = max(math.floor((low - edge) / size), 0), min(math.ceil((high - edge) / size), design.pixels[0])
+    left, right = depth, 1.06 * depth
+    dark = edge + size * np.arange(first + (first + 1) % 2, last, 2)
+    gap = np.full(len(dark), np.nan)
+    x = np.tile([left, right, right, left, np.nan], len(dark))
+    y = np.stack([dark, dark, dark + size, dark + size, gap], -1).ravel()
+    marks: list[Mark] = [Area(x, y, "pale")] if len(dark) else []
+    if first < last:
+        edges = edge + size * np.array([first, last])
+        corners = [left, right, right, left], [edges[0], edges[0], edges[1], edges[1]]
+        marks.append(Area(*corners, "none", 1.0, "grey", 0.6))
+    return [*marks, Line([depth, depth], [low, high], "ink", 1.6)]
+
+
+ROOM = 0.35
+"""Exponent that brings distances of all sizes into one drawing; 1 would be to scale."""
+WALL = 1.12
+"""Where mounts end, in half heights of the tallest element."""
+
+
+class Element(NamedTuple):
+    """Something on the axis."""
+
+    name: str
+    z: float
+    """In front of the lens below 0 [mm]."""
+    diameter: float
+    """Or height [mm]; 0 where it has none."""
+    says: tuple[str, ...]
+    """Lines that are written above it."""
+
+
+def dimensions(design: Design, size: Point = (PAGE, 0)) -> Picture:
+    """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are.
+
+    Parameters
+    ----------
+    design : Design
+    size : (width, height)
+        [px]; the picture is as high as its lines ask for.
+    """
+    elements = _all_elements(design)
+    place = _spread_out(elements)
+    tallest = max(element.diameter for element in elements)
+    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) for e in elements}
+    left, right = place["object plane"], place["sensor"]
+    lines = _dimension_lines(design)
+    lowest = -WALL - 0.25 - 0.36 * len(lines)
+    x = Scale(left - 0.45, right + 0.75)
+    unit = size[0] / (x.high - x.low)
+    words, highest = _words_above(elements, place, high, 1 / unit, 1 / (0.86 * unit))
+    y = Scale(lowest + 0.05, highest)
+    height = 0.86 * unit * (y.high - y.low)
+    panel = Panel((0.0, 0.0, size[0], height), x, y, bare=True)
+    marks: list[Mark] = [Line([left - 0.1, right + 0.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
+    for element in elements:
+        marks += _drawn(element, place[element.name], high[element.name])
+    marks += words
+    level = -WALL - 0.25
+    for told, start, stop in lines:
+        a, b = place[start], place[stop]
+        for at, top in ((a, -high[start]), (b, -high[stop])):
+            marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
+        marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
+        inside = (b - a) * unit > text_width(told, SMALL) + 24
+        at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
+        marks.append(Text(at, level, told, "ink", SMALL, anchor, dx, 4, plate=True))
+        level -= 0.36
+    title = f"Elements of {design.name} and their dimensions"
+    return Picture("dimensions", title, (size[0], height), (panel.with_marks(*marks),))
+
+
+def _all_elements(design: Design) -> list[Element]:
+    """Everything on the axis, from the object to the sensor."""
+    mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
+    elements = [
+        Element("object plane", -design.d_f, 0.0, ("object plane",)),
+        Element("FAP", -design.d_3, design.D_F, ("FAP", f"D_F = {say(design.D_F)}")),
+        Element("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
+        Element("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
+        Element(
+            "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
+        ),
+    ]
+    for number, stop in enumerate(design.stops, 1):
+        elements.append(
+            Element(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
+        )
+    return sorted(elements, key=lambda element: element.z)
+
+
+def _spread_out(elements: list[Element]) -> dict[str, float]:
+    """Where each element is drawn, from 0 at the object plane to 8 at the sensor, in their order."""
+    gaps = [b.z - a.z for a, b in pairwise(elements)]
+    drawn = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
+    return {element.name: 8 * float(at / drawn[-1]) for element, at in zip(elements, drawn, strict=True)}
+
+
+def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
+    """What each dimension line says, and the elements it runs between."""
+    lines = [
+        (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
+        (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
+        (f"d_3 = {length(design.d_3)}", "FAP", "main lens"),
+    ]
+    for number, stop in enumerate(design.stops, 1):
+        lines.append((f"stop {number}: {length(stop.distance)}", f"stop {number}", "main lens"))
+    lines.append((f"d_f = {length(design.d_f)}", "object plane", "main lens"))
+    front = max(design.all_stops, key=lambda stop: stop.distance)
+    name = "FAP" if front is design.all_stops[0] else f"stop {design.all_stops.index(front)}"
+    name = name if front.distance > 0 else "main lens"
+    overall = max(front.distance, 0.0) + design.d_1 + design.d_2
+    return [*lines, (f"overall {length(overall)}", name, "sensor")]
+
+
+def _drawn(element: Element, x: float, half: float) -> list[Mark]:
+    if element.name == "object plane":
+        return [Line([x, x], [-0.8, 0.8], "ink", 1.3, "5 4")]
+    if element.name == "sensor":
+        return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
+    if element.name in ("main lens", "MLA"):
+        count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
+        turn = np.append(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.nan)
+        middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
+        xs, ys = np.tile(x + wide * np.cos(turn), count), (middles + half / count * np.sin(turn)).ravel()
+        return [Area(xs, ys, "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
+    colour = stop_colour(0 if element.name == "FAP" else int(element.name.split()[1]))
+    return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]
+
+
+def _words_above(
+    elements: list[Element], place: Mapping[str, float], high: Mapping[str, float], across: float, up: float
+) -> tuple[list[Mark], float]:
+    """What each element is, above it, rows higher where its neighbour's words would touch; and how high that is."""
+    reached = [-math.inf] * 3
+    marks: list[Mark] = []
+    highest = WALL
+    for element in elements:
+        x = place[element.name]
+        half = 0.5 * across * (max(text_width(line, SMALL) for line in element.says) + 6)
+        row = next((r for r, end in enumerate(reached) if x - half > end), 0)
+        shift = 0.0
+        if all(x - half <= end for end in reached):
+            row = min(range(len(reached)), key=lambda r: reached[r])
+            shift = reached[row] - (x - half) + 0.05
+        reached[row] = x + half + shift
+        bottom = WALL + (10 + 44 * row) * up
+        stop = element.name == "FAP" or element.name.startswith("stop")
+        top = WALL if stop else 0.8 if element.name == "object plane" else high[element.name]
+        marks.append(Line([x, x + shift], [top + 0.03, bottom - 2 * up], "grey", 0.7))
+        for k, line in enumerate(reversed(element.says)):
+            marks.append(Text(x + shift, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
+        highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
+    return marks, highest

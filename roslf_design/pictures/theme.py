@@ -1,0 +1,130 @@
+"""Colours of all pictures, once: Okabe and Ito's, shifted where text or a dark ground asks for it.
+
+Marks name colours by what they are for ("ink", "blue", "grid"); a theme says which that is on its ground.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+ThemeName = Literal["light", "dark"]
+
+FIELDS = ("blue", "green", "purple")
+"""Colours of centre, edge and corner."""
+STOPS = ("orange", "green", "purple", "sky")
+"""Of further stops of the bore, again from the start where there are more."""
+MANY = ("blue", "orange", "green", "purple", "sky", "vermillion", "grey")
+"""Of things without a colour of their own."""
+
+
+class Theme(NamedTuple):
+    """Colours on one ground; every hue is told apart with any colour vision, and text has a contrast above 4.5."""
+
+    ground: str
+    """Behind everything."""
+    ink: str
+    """Text and outlines."""
+    grey: str
+    """Secondary text, dimension lines."""
+    grid: str
+    """Lines behind the data."""
+    pale: str
+    """Fillings that recede."""
+    blue: str
+    sky: str
+    green: str
+    orange: str
+    vermillion: str
+    """What is blocked, and the design itself."""
+    purple: str
+    whole: str
+    """On maps: images that are kept whole, those cut a little and cut to nearly nothing, dark ones."""
+    cut: str
+    lost: str
+    dark: str
+
+    def colour(self, name: str) -> str:
+        """What to write for a colour's name; "none" and colours written as #rrggbb stay."""
+        return name if name == "none" or name.startswith("#") else str(getattr(self, name))
+
+    def shades(self, ramp: str, values: Floats) -> NDArray[np.uint8]:
+        """Colours of values from 0 to 1, shape (..., 4).
+
+        Parameters
+        ----------
+        ramp : str
+            "grey", "blues" or "cividis", even in lightness; "kept" for kept fractions of images; or a colour's name,
+            which is the more opaque the larger the value is.
+        values : ndarray
+            Beyond 0 and 1 they count as those; NaN is transparent.
+        """
+        empty = np.isnan(values)
+        share = np.clip(np.where(empty, 0.0, values), 0.0, 1.0)
+        opaque = np.full(share.shape, 255.0)
+        if ramp in RAMPS:
+            stops, colours = zip(*RAMPS[ramp], strict=True)
+            channels = [np.interp(share, stops, [colour[k] for colour in colours]) for k in range(3)]
+        elif ramp == "kept":
+            whole, cut, lost, dark = (rgb(colour) for colour in (self.whole, self.cut, self.lost, self.dark))
+            channels = [
+                np.where(share == 1, whole[k], np.where(share == 0, dark[k], lost[k] + (cut[k] - lost[k]) * share))
+                for k in range(3)
+            ]
+        else:
+            channels = [np.full(share.shape, float(part)) for part in rgb(self.colour(ramp))]
+            opaque = 255 * share
+        return np.stack([*channels, np.where(empty, 0.0, opaque)], -1).round().astype(np.uint8)
+
+
+RAMPS: dict[str, tuple[tuple[float, tuple[int, int, int]], ...]] = {
+    "grey": ((0.0, (0, 0, 0)), (1.0, (255, 255, 255))),
+    "blues": (
+        (0.0, (0, 0, 0)), (0.35, (0, 62, 112)), (0.6, (0, 114, 178)), (0.85, (86, 180, 233)), (1.0, (255, 255, 255)),
+    ),
+    "cividis": (
+        (0.0, (0, 34, 78)), (0.25, (65, 77, 107)), (0.5, (124, 123, 120)), (0.75, (188, 175, 111)),
+        (1.0, (254, 232, 56)),
+    ),
+}  # fmt: skip
+"""Places from 0 to 1 and their colours; "cividis" (Nunez et al. 2018) is the same to every colour vision."""
+
+THEMES: dict[str, Theme] = {
+    "light": Theme(
+        ground="#ffffff", ink="#1a1d21", grey="#5f6368", grid="#e3e5e8", pale="#d5d8dc",
+        blue="#0072b2", sky="#56b4e9", green="#007d5b", orange="#b87900", vermillion="#c14600", purple="#a8487f",
+        whole="#e4f2ec", cut="#fbe3b0", lost="#9a5200", dark="#15181b",
+    ),
+    "dark": Theme(
+        ground="#171b21", ink="#e6e9ed", grey="#a4abb3", grid="#2c3238", pale="#454c54",
+        blue="#4da8ea", sky="#9ad4f5", green="#2fc79a", orange="#f0b429", vermillion="#ff8a4c", purple="#e39ac4",
+        whole="#1e4a3c", cut="#8a6a1f", lost="#ffb74d", dark="#000000",
+    ),
+}  # fmt: skip
+
+
+def theme_named(name: str) -> Theme:
+    """The theme of that name.
+
+    Raises
+    ------
+    ValueError
+        There is none.
+    """
+    if name not in THEMES:
+        raise ValueError(f"theme {name!r} is not known; use {' or '.join(THEMES)}")
+    return THEMES[name]
+
+
+def stop_colour(number: int) -> str:
+    """Colour of a stop: 0 is the FAP, further ones count from 1."""
+    return "ink" if number == 0 else STOPS[(number - 1) % len(STOPS)]
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of #rrggbb, 0 to 255."""
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return red, green, blue

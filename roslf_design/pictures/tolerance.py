@@ -1,0 +1,398 @@
+"""What a tolerance run found: yield by grade and by scale, what spoils builds, how limited numbers scatter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from .marks import (
+    PLAIN,
+    SMALL,
+    Area,
+    Dots,
+    Floats,
+    Key,
+    Line,
+    Mark,
+    Panel,
+    Point,
+    Scale,
+    Text,
+    bars,
+    box_key,
+    line_key,
+    named_ticks,
+    short,
+    text_width,
+    whiskers,
+)
+from .picture import Picture, legend_height, one_panel
+
+if TYPE_CHECKING:
+    from ..explorer.runs import LimitSpread, Offender
+
+ROW = 24.0
+"""Height of a bar's row, its text beside it [px]."""
+TALL_ROW = 36.0
+"""The same with the text above the bar [px]."""
+SIDE = 14.0
+"""Margin on either side of bars with their text above [px]."""
+RIGHT, BELOW = 16.0, 42.0
+"""Margins [px]."""
+LARGEST = 3.0
+"""Times the way to the limit beyond which bars are cut off."""
+
+
+class Share(Protocol):
+    """A measured yield, 0 to 1, with the ends of its 95 % interval."""
+
+    @property
+    def value(self) -> float: ...  # noqa: D102
+    @property
+    def low(self) -> float: ...  # noqa: D102
+    @property
+    def high(self) -> float: ...  # noqa: D102
+
+
+class Measured(NamedTuple):
+    """A `Share`."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Yields(Protocol):
+    """Yields of a run."""
+
+    @property
+    def grade(self) -> str:
+        """That of the run itself."""
+
+    @property
+    def share(self) -> Share:
+        """Of the run itself."""
+
+    @property
+    def grades(self) -> Sequence[tuple[str, Share]]:
+        """By grade."""
+
+    @property
+    def curve(self) -> Sequence[tuple[float, Share]]:
+        """By a common factor on all tolerances."""
+
+
+class RunYields(NamedTuple):
+    """`Yields` as plain values."""
+
+    grade: str
+    share: Share
+    grades: Sequence[tuple[str, Share]]
+    curve: Sequence[tuple[float, Share]]
+
+
+def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = None) -> Picture:
+    """Draw the yield of every grade with its 95 % interval; that of the run itself stands out.
+
+    Parameters
+    ----------
+    result : Yields
+    size : (width, height)
+        [px]; the picture may be higher, so that its rows are legible.
+    target : float, optional
+        Wanted yield, marked by a line.
+    """
+    rows = [(f"{name} grade", share, name == result.grade) for name, share in result.grades]
+    rows = [(name, result.share if own else share, own) for name, share, own in rows]
+    left = 14 + 1.1 * max(text_width(name, SMALL) for name, _, _ in rows)
+    marks: list[Mark] = []
+    for k, (name, share, own) in enumerate(rows):
+        at = ROW * (k + 0.5)
+        testid = f"yield-{name.split()[0]}"
+        bar = bars(0.0, 100 * share.value, at, ROW - 8, fill="blue" if own else "pale", testid=testid)
+        marks += [bar, whiskers(100 * share.low, 100 * share.high, at)]
+        marks.append(Text(0.0, at, name, "ink", SMALL, "end", dx=-7, dy=4, bold=own))
+        percent = f"{100 * share.value:.1f} %"
+        marks.append(Text(100 * share.high, at, percent, "ink", SMALL, dx=8, dy=4, bold=own))
+    top = 12.0
+    if target is not None:
+        top = 24.0
+        marks.append(Line([100 * target] * 2, [-4.0, ROW * len(rows)], "orange", 2, clip=False))
+        marks.append(Text(100 * target, 0.0, "target", "orange", SMALL, "middle", dy=-8, bold=True))
+    box = (left, top, max(size[0] - left - RIGHT - 60, 80.0), ROW * len(rows))
+    panel = _rows_panel(box, Scale(0, 100), marks, "builds that hold every limit [%]")
+    title = "Yield by grade: " + ", ".join(f"{100 * share.value:.1f} % {name}" for name, share, _ in rows)
+    return Picture("yield", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+
+
+def yield_curve(
+    result: Yields, size: Point = (420, 240), target: float | None = None, reached: float | None = None
+) -> Picture:
+    """Draw the yield over a common factor on all tolerances, with its interval.
+
+    Parameters
+    ----------
+    result, size, target
+        As for `yield_bars`.
+    reached : float, optional
+        The factor at which the target is met.
+    """
+    scales = np.array([scale for scale, _ in result.curve])
+    value, low, high = (100 * np.array([getattr(s, n) for _, s in result.curve]) for n in ("value", "low", "high"))
+    marks: list[Mark] = [
+        Area(np.append(scales, scales[::-1]), np.append(high, low[::-1]), "blue", 0.22),
+        Line([1.0, 1.0], [0.0, 105.0], "grey", 1.2, "6 3"),
+        Text(1.0, 2.0, "as given", "grey", SMALL, dx=5, dy=-2),
+        Line(scales, value, "blue", 2.2, testid="yield-curve"),
+        Dots(scales, value, "blue", size=3.5),
+    ]
+    if target is not None:
+        marks.append(Line([scales.min(), scales.max()], [100 * target] * 2, "orange", 1.6))
+        if reached is not None:
+            at = min(reached, float(scales.max()))
+            marks.append(Dots([at], [100 * target], "vermillion", "D", 4.5, edge="ground", width=1.2))
+            words = f"{100 * target:.3g} % at {reached:.3g} times"
+            marks.append(Text(at, 100 * target, words, "ink", SMALL, "end", dx=-8, dy=16, halo=True))
+    ticks = scales if len(scales) < 10 else np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+    ticks = ticks[(ticks >= scales.min()) & (ticks <= scales.max())]
+    grade = f"all tolerances of the grade {result.grade}, times" if result.grade else "all tolerances times"
+    panel = Panel(
+        (0, 0, 1, 1), Scale(float(scales.min()), float(scales.max()), log=True), Scale(0, 105), tuple(marks), grade,
+        "yield [%]", x_ticks=named_ticks(ticks.tolist()),
+    )  # fmt: skip
+    title = "Yield over a common factor on all tolerances: " + ", ".join(
+        f"{v:.0f} % at {scale:g}" for scale, v in zip(scales.tolist(), value.tolist(), strict=True)
+    )
+    keys = [
+        line_key("yield", "blue", 2.2, "", Dots((0.0,), (0.0,), "blue", size=3.5)),
+        box_key("95 % interval", "blue", 0.22),
+    ]
+    return one_panel("yield-curve", title, size, panel, keys, left=56)
+
+
+def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, most: int = 8) -> Picture:
+    """Draw what each tolerance alone uses of the limits, worst first.
+
+    Parameters
+    ----------
+    offenders : sequence of Offender
+        ``ToleranceResult.offenders``.
+    size : (width, height)
+        [px]; the picture may be higher, so that its rows are legible.
+    most : int
+        How many are shown.
+    """
+    shown = [row for row in offenders if row.used > 1e-3][:most]
+    high = min(max([1.0, *(row.used for row in shown)]) * 1.05, LARGEST)
+    width = max(size[0] - 2 * SIDE, 100.0)
+    tall = TALL_ROW * max(len(shown), 1)
+    across = 100 * high / width
+    marks: list[Mark] = []
+    for k, row in enumerate(shown):
+        y, colour = k * TALL_ROW, "vermillion" if row.used > 1 else "blue"
+        end = 100 * min(row.used, high)
+        marks.append(bars(0.0, end, y + 25, 10, fill=colour, testid=f"offender-{k}"))
+        if row.used > high:  # cut off
+            slant = end - across * np.array([11.0, 17.0, 13.0, 7.0])
+            marks.append(Area(slant, y + np.array([18.0, 32.0, 32.0, 18.0]), "ground"))
+    marks.append(Line([100.0, 100.0], [-4.0, tall], "orange", 2, clip=False))
+    marks.append(Text(100.0, 0.0, "limit", "orange", SMALL, "middle", dy=-9, bold=True))
+    told = []
+    for k, row in enumerate(shown):
+        y, name = k * TALL_ROW + 14, f"{row.place} ±{row.tolerance}"
+        note = next((note for note in _used(row) if text_width(f"{name} {note}", SMALL) + 12 < width), _used(row)[-1])
+        marks.append(Text(0.0, y, name, plate=True))
+        marks.append(Text(100 * high, y, note, anchor="end", plate=True))
+        told.append(f"{name} uses {_used(row)[0]}")
+    if not shown:
+        marks.append(Text(50 * high, 16.0, "no tolerance matters", "ink", PLAIN, "middle"))
+    label = "part of the way to a limit that it uses alone [%]"
+    panel = _rows_panel((SIDE, 24, width, tall), Scale(0, 100 * high), marks, label)
+    title = f"Worst offenders: {'; '.join(told)}"
+    return Picture("offenders", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+
+
+def _used(row: Offender) -> tuple[str, ...]:
+    """What it uses of which limit, from long to short."""
+    label = row.limited_by.split(",")[0]
+    if math.isinf(row.used):
+        return f"{row.limited_by} undefined", f"{label} undefined", "undefined"
+    part = f"{short(100 * row.used, 2)} %"
+    return f"{part}: {row.limited_by}", f"{part}: {label}", part
+
+
+def spread_bars(spreads: Sequence[LimitSpread], size: Point = (560, 300)) -> Picture:
+    """Draw how limited numbers scatter: 5th to 95th percentile on the way from nominal (0) to the limits (100 %).
+
+    Parameters
+    ----------
+    spreads : sequence of LimitSpread
+        ``ToleranceResult.spreads``.
+    size : (width, height)
+        [px]; the picture may be higher, so that its rows are legible.
+    """
+    rows = [(row.label, *_ends(row)) for row in spreads]
+    left = 14 + max((text_width(name, SMALL) for name, *_ in rows), default=40.0)
+    reach = max([1.15, *(abs(end) for _, *ends in rows for end in ends if math.isfinite(end))])
+    reach = min(reach * 1.05, LARGEST)
+    width, tall = max(size[0] - left - RIGHT, 100.0), ROW * max(len(rows), 1)
+    least = 1.5 * 200 * reach / width
+    marks: list[Mark] = [Line([0.0, 0.0], [0.0, tall], "grey", 1.2)]
+    for k, (name, low, high) in enumerate(rows):
+        at = ROW * (k + 0.5)
+        a, b = (100 * min(max(end, -reach), reach) for end in (low, high))
+        colour = "vermillion" if max(abs(low), abs(high)) > 1 else "blue"
+        marks.append(bars(a, max(b, a + least), at, ROW - 12, fill=colour, testid=f"spread-{k}"))
+        marks.append(Text(-100 * reach, at, name, "ink", SMALL, "end", dx=-7, dy=4))
+    marks += [Line([end, end], [-4.0, tall], "orange", 2, clip=False) for end in (-100.0, 100.0)]
+    px = width / (200 * reach)
+    apart = 200 * px > text_width("lower limit", SMALL) + 16
+    names = [(-100.0, "lower limit"), (100.0, "upper limit")] if apart else [(0.0, "limits")]
+    edge = 100 * reach - (0.55 * text_width("upper limit", SMALL) + 2 - RIGHT) / px
+    marks += [Text(min(x, edge), 0.0, told, "orange", SMALL, "middle", dy=-9, bold=True) for x, told in names]
+    box = (left, 24.0, width, tall)
+    label = "way from nominal to limit: 90 % of builds [%]"
+    panel = _rows_panel(box, Scale(-100 * reach, 100 * reach), marks, label)
+    title = f"Scatter of {len(rows)} limited numbers over the builds, as shares of the way from nominal to their limits"
+    return Picture("spread", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+
+
+def _ends(row: LimitSpread) -> tuple[float, float]:
+    """Percentiles as shares of the way to the limit on their side; of the other limit's where there is none."""
+    above, below = row.limit_high - row.nominal, row.nominal - row.limit_low
+
+    def share(value: float) -> float:
+        way = value - row.nominal
+        room = (above if math.isfinite(above) else below) if way > 0 else (below if math.isfinite(below) else above)
+        if way == 0 or math.isnan(way):
+            return 0.0
+        return way / room if room > 0 else math.copysign(math.inf, way)
+
+    return share(row.low), share(row.high)
+
+
+def _rows_panel(box: tuple[float, float, float, float], x: Scale, marks: Sequence[Mark], label: str) -> Panel:
+    """Bars in rows: the ordinate counts pixels downwards."""
+    ticks = named_ticks(x.ticks(max(2, int(box[2] / 64))))
+    return Panel(box, x, Scale(box[3], 0.0), tuple(marks), label, grid="x", x_ticks=ticks, y_ticks=())
+
+
+def ranked_moves(
+    names: Sequence[str], plus: Floats, minus: Floats, limits: Sequence[float], label: str, width: float = 540
+) -> Picture:
+    """Draw how far each perturbation alone moves a number, ranked, at both ends of its tolerance.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the perturbations, N of them.
+    plus, minus : ndarray
+        Moves at both ends, shape (N,).
+    limits : sequence of float
+        Moves that reach a limit, where they are near.
+    label : str
+        Of the number, with its unit.
+    width : float
+        [px].
+    """
+    reach = max(float(np.abs([plus, minus]).max(initial=0.0)), 1e-300)
+    near = [edge for edge in limits if abs(edge) < 3 * reach]
+    scale = Scale.around([*plus, *minus, 0.0, *near], 0.12 if near else 0.05)
+    at = ROW * (np.arange(len(names)) + 0.5)
+    marks: list[Mark] = [
+        bars(0.0, plus, at - ROW / 5, ROW / 2.5, fill="blue"), bars(0.0, minus, at + ROW / 5, ROW / 2.5, fill="orange"),
+    ]  # fmt: skip
+    tall = ROW * len(names)
+    for edge in near:
+        marks += _limit(edge, tall, 0.0, 0.0)
+    keys = [box_key("at + tolerance", "blue"), box_key("at − tolerance", "orange")]
+    return _ranked("sensitivity", names, scale, marks, f"change of {label}", keys, width)
+
+
+def ranked_correlations(names: Sequence[str], values: Floats, noise: float, label: str, width: float = 540) -> Picture:
+    """Draw the correlation of each perturbation with a number over all trials, ranked; parameters as `ranked_moves`.
+
+    Parameters
+    ----------
+    names, label, width
+        As for `ranked_moves`.
+    values : ndarray
+        Correlations, shape (N,).
+    noise : float
+        What chance alone may give.
+    """
+    at = ROW * (np.arange(len(names)) + 0.5)
+    tall = ROW * len(names)
+    marks: list[Mark] = [Area([-noise, noise, noise, -noise], [0.0, 0.0, tall, tall], "pale", 0.8)]
+    for up, colour in ((values > 0, "blue"), (values <= 0, "orange")):
+        if up.any():
+            marks.append(bars(0.0, values[up], at[up], 0.6 * ROW, fill=colour))
+    keys = [box_key("rises with it", "blue"), box_key("falls with it", "orange"), box_key("chance", "pale", 0.8)]
+    return _ranked("correlation", names, Scale(-1.05, 1.05), marks, f"correlation with {label}", keys, width)
+
+
+def _ranked(
+    name: str, names: Sequence[str], scale: Scale, marks: Sequence[Mark], label: str, keys: Sequence[Key], width: float
+) -> Picture:
+    left = 16 + max(text_width(row, SMALL) for row in names)
+    tall = ROW * len(names)
+    box = (left, 20.0, width - left - RIGHT, tall)
+    rows = [Text(scale.low, ROW * (k + 0.5), row, "ink", SMALL, "end", dx=-7, dy=4) for k, row in enumerate(names)]
+    zero = Line([0.0, 0.0], [0.0, tall], "ink", 0.9)
+    panel = _rows_panel(box, scale, (*marks, zero, *rows), label)
+    foot = panel.bottom + BELOW
+    size = (width, foot + legend_height(keys, width - 24))
+    return Picture(name, f"Ranked: {label}", size, (panel,), tuple(keys), (14.0, foot - 2, width - 24))
+
+
+def distributions(
+    variants: Sequence[tuple[str, Floats, Floats]], nominal: float, limits: Sequence[float], span: Point, label: str,
+    size: Point = (500, 320),
+) -> Picture:  # fmt: skip
+    """Draw the distribution of a number over the builds, as built and, where anything is adjusted, afterwards.
+
+    Parameters
+    ----------
+    variants : sequence of (name, cuts, counts)
+        Up to two; N + 1 cuts and N counts each.
+    nominal : float
+    limits : sequence of float
+    span : (low, high)
+        Least and greatest value of the last variant.
+    label : str
+        Of the number, with its unit.
+    size : (width, height)
+        [px].
+    """
+    marks: list[Mark] = []
+    keys: list[Key] = []
+    ends, top = [*limits], 0.0
+    for (name, cuts, counts), filled in zip(variants, (True, False), strict=False):
+        if not len(cuts):
+            continue
+        density = counts / counts.sum() / np.diff(cuts)
+        x, y = np.repeat(cuts, 2), np.concatenate([[0.0], np.repeat(density, 2), [0.0]])
+        marks.append(Area(x, y, "sky", 0.6) if filled else Line(x, y, "blue", 1.8))
+        keys.append(box_key(name, "sky", 0.6) if filled else line_key(name, "blue", 1.8))
+        ends += [float(cuts[0]), float(cuts[-1])]
+        top = max(top, float(density.max()))
+    reach = max([span[1] - span[0], *(abs(edge - nominal) for edge in limits)])
+    low, high = min(ends, default=span[0]) - 0.1 * reach, max(ends, default=span[1]) + 0.1 * reach
+    low, high = max(low, nominal - 1.5 * reach), min(high, nominal + 1.5 * reach)
+    up = 1.08 * top or 1.0
+    for edge in limits:
+        marks += _limit(edge, 0.0, up, nominal)
+    marks.append(Line([nominal, nominal], [0.0, up], "grey", 1.2, "6 3"))
+    across = Scale(low, high) if high > low else Scale.around([nominal])
+    panel = Panel((0, 0, 1, 1), across, Scale(0.0, up), tuple(marks), label, "share of builds per unit", grid="x")
+    return one_panel("spread", f"Distribution of {label} over the builds", size, panel, keys, left=64, top=20)
+
+
+def _limit(place: float, low: float, high: float, nominal: float) -> list[Mark]:
+    """A limit's line, its name above it, on the side where nothing is allowed."""
+    anchor, dx = ("start", -3.0) if place >= nominal else ("end", 3.0)
+    line = Line([place, place], [low, high], "vermillion", 1.6)
+    return [line, Text(place, high, "limit", "vermillion", SMALL, anchor, dx, -4.0)]

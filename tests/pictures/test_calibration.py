@@ -1,0 +1,70 @@
+"""Pictures of a calibration of synthetic corners: what they show is what was found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from roslf_design.calibration import Captures, calibrate
+from roslf_design.calibration.result import UNITS
+from roslf_design.pictures.calibration import pictures_of
+from roslf_design.pictures.marks import Area, Disc, Dots, Line
+from tests.calibration.made import SHEET, captured
+
+PICTURES = pictures_of(UNITS)
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    rng = np.random.default_rng(1)
+    found = calibrate(captured(Captures(noise=0.05, boards=5), 1), SHEET)
+    samples = {name: rng.normal(k + 1.0, 0.1, 4000) for k, name in enumerate(("H", "d_3", "d_2", "A", "m", "f"))}
+    distance = np.linspace(200.0, 400.0, 21)
+    half = 1e-5 * distance**2
+    return SimpleNamespace(
+        calibration=found, sheet=SHEET, posterior=None, draws=SimpleNamespace(draws=samples.get), samples=samples,
+        depths={"distance": distance, "low_95": -half, "high_95": half, "from_lens": half / 2, "from_pupil": half / 3},
+        estimates={"d_3": SimpleNamespace(value=120.0)},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def pictures(outcome):
+    return {name: draw(outcome) for name, (_, draw) in PICTURES.items()}
+
+
+def test_every_picture_is_printed_both_ways_and_always_the_same(outcome, pictures):
+    for name, picture in pictures.items():
+        assert picture.svg() == PICTURES[name][1](outcome).svg()
+        assert "nan" not in picture.svg().lower()
+        assert picture.to_png(40).startswith(b"\x89PNG")
+    assert "Laplace" in pictures["posterior"].svg()
+
+
+def test_residuals_and_lines_are_those_of_the_fit(outcome, pictures):
+    found = outcome.calibration
+    (circle,) = [mark for mark in pictures["residuals"].marks if isinstance(mark, Disc)]
+    assert circle.radius == found.joint.rms
+    (line,) = [mark for mark in pictures["epi-lines"].panels[0].marks if isinstance(mark, Line) and len(mark.x) > 2]
+    np.testing.assert_array_equal(np.sort(line.x), np.sort(1e3 * found.second.inverse_depth))
+    rest = next(mark for mark in pictures["epi-lines"].panels[1].marks if isinstance(mark, Dots))
+    order = np.argsort(found.second.inverse_depth)
+    np.testing.assert_allclose(rest.y, 1e3 * (found.second.slope - found.second.fitted)[order])
+
+
+def test_regions_hold_the_shares_of_the_draws_that_they_promise(outcome, pictures):
+    from matplotlib.path import Path
+
+    panel = pictures["posterior"].panels[1]  # d_3 over H
+    draws = np.stack([outcome.samples["H"], outcome.samples["d_3"]], -1)
+    for mark, share in zip([m for m in panel.marks if isinstance(m, Area)], (0.95, 0.68), strict=True):
+        corners = np.stack([mark.x, mark.y], -1)
+        rings = np.split(corners, np.flatnonzero(np.isnan(corners[:, 0])))
+        inside = np.logical_xor.reduce([Path(r[~np.isnan(r[:, 0])]).contains_points(draws) for r in rings])
+        # Smoothing widens regions by about a bin; 4000 draws scatter by less than a hundredth.
+        assert float(inside.mean()) == pytest.approx(share, abs=0.04)
+
+
+def test_depth_errors_stand_over_their_distances(outcome, pictures):
+    area = next(mark for mark in pictures["depth"].marks if isinstance(mark, Area))
+    np.testing.assert_allclose(area.y[:21], outcome.depths["high_95"])

@@ -1,0 +1,337 @@
+"""What every picture must be, and that each says what the theory and the engines say."""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design import theory
+from roslf_design.effects.field import half_sizes
+from roslf_design.errors import InputError
+from roslf_design.evaluation import default_fields, evaluate
+from roslf_design.evaluation.fields import field_discs
+from roslf_design.explorer.patch import KEPT, white_patch
+from roslf_design.imaging.render import render
+from roslf_design.microlens.discs import intersect
+from roslf_design.pictures.depth import depth_comparison, depth_curve, depth_precision
+from roslf_design.pictures.effects import effects_budget
+from roslf_design.pictures.field import field_map, field_maps, mla_map
+from roslf_design.pictures.marks import Area, Image
+from roslf_design.pictures.matching import matching_plane, plane_of
+from roslf_design.pictures.microlens import (
+    image_view,
+    microlens_image,
+    microlens_images,
+    nearest_microlens,
+    preview,
+    rays_and_waves,
+)
+from roslf_design.pictures.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
+from tests.pictures.designs import DESIGNS, EXTREMES, PAPER
+
+SVG = "{http://www.w3.org/2000/svg}"
+ALL = DESIGNS | EXTREMES
+PICTURES = {
+    "meridional": meridional,
+    "meridional-instrument": lambda d: meridional(d, (500, 260), whole=False),
+    "rays": ray_diagrams,
+    "cells": lambda d: cells(d.thin_twin, {"centre": 0.0, "edge": 0.4 * d.sensor_size[0]}),
+    "dimensions": dimensions,
+    "microlens": lambda d: microlens_image(d, default_fields(d)[2]),
+    "microlens-waves": lambda d: microlens_image(d, default_fields(d)[0], waves=white_patch, label="centre"),
+    "images": lambda d: microlens_images({"corner": (d, default_fields(d)[2])})[0],
+    "mla-map": lambda d: mla_map(d, (0.3, -0.2)),
+    "maps": lambda d: field_maps(d.thin_twin, field_map(d.thin_twin, 40)),
+    "matching-plane": matching_plane,
+    "depth": depth_precision,
+    "effects": lambda d: effects_budget(evaluate(d.thin_twin).effects),
+}
+
+
+def _numbers(svg):
+    for element in ET.fromstring(svg).iter():
+        for key in ("x", "y", "x1", "x2", "y1", "y2", "cx", "cy", "r", "width", "height"):
+            if key in element.attrib:
+                yield float(element.attrib[key])
+        if "d" in element.attrib:
+            yield from (float(n) for n in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?|nan|inf", element.attrib["d"]))
+
+
+def _find(svg, testid):
+    return [e for e in ET.fromstring(svg).iter() if e.attrib.get("data-testid") == testid]
+
+
+def _mark(picture, testid):
+    (mark,) = [m for m in picture.marks if m.testid == testid]
+    return mark
+
+
+def _words(svg):
+    return " ".join(ET.fromstring(svg).itertext()).replace("\u200b", "")
+
+
+@pytest.mark.parametrize("design", ALL.values(), ids=ALL)
+@pytest.mark.parametrize("name", PICTURES)
+def test_every_picture_of_every_design_is_sound(name, design):
+    picture = PICTURES[name](design)
+    for theme in ("light", "dark"):
+        svg = picture.svg(theme)
+        root = ET.fromstring(svg)
+        assert root.attrib["role"] == "img"
+        label = root.find(f"{SVG}title")
+        assert label.attrib["id"] == root.attrib["aria-labelledby"]
+        assert label.text
+        assert not re.search(r"\b(nan|inf)\b", " ".join(root.itertext()))
+        assert all(math.isfinite(number) and abs(number) < 2e5 for number in _numbers(svg))
+        assert min(float(e.attrib["font-size"]) for e in root.iter(f"{SVG}text")) >= 11
+        ids = [e.attrib["id"] for e in root.iter() if "id" in e.attrib]
+        prefix = root.attrib["data-testid"].removeprefix("picture-")
+        assert len(ids) == len(set(ids))
+        assert all(i.startswith(prefix) for i in ids)
+        assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_axes_have_labels_with_units_for_every_printer(name):
+    picture = PICTURES[name](DESIGNS["vignetted"])
+    panels = [panel for panel in picture.panels if not panel.bare]
+    for panel in panels:
+        x_ticks, y_ticks = panel.ticks()
+        assert not any(label for _, label in x_ticks) or "[" in panel.x_label
+        assert not any(label for _, label in y_ticks) or "[" in panel.y_label
+    assert len(picture.figure().axes) == len(picture.panels) + 1  # legend and remarks
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_blocked_rays_end_at_an_opening_they_miss_and_kept_ones_on_the_sensor(name):
+    design = ALL[name].thin_twin
+    openings = {-stop.distance: stop.diameter / 2 for stop in design.all_stops} | {0.0: design.D / 2}
+    for fan in labelled_fans(design):
+        # Within half a millimetre per mm of stop radius for the stop that is tilted in one of them.
+        np.testing.assert_allclose(fan.z[fan.kept, -1], design.d_1 + design.d_2, rtol=1e-12)
+        for z in fan.z[~fan.kept, -1]:
+            assert min(abs(z - plane) for plane in openings) < 0.5
+    if name == "vignetted":
+        edge = labelled_fans(design)[1]
+        inside = np.abs(edge.x[:, -1]) > design.D / 2
+        assert (inside | (edge.z[:, -1] == -design.d_3)).all()
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_lengths_are_to_scale_and_dimensioned(whole):
+    picture = meridional(PAPER, whole=whole)
+    words = _words(picture.svg()).replace("d 3", "d3")
+    for text in ("d 3 = 120 mm", "d 1 = 140 mm", "d 2 = 2 mm", "D = 50.8 mm", "D F = 2.9 mm"):
+        assert text.replace(" ", "") in words.replace(" ", "")
+    assert ("df=350mm" in words.replace(" ", "")) == whole
+    m = picture.mapping
+    factor = (m.height / (m.y1 - m.y0)) / (m.width / (m.x1 - m.x0))
+    assert f"heights ×{factor:.3g}" in words
+    for panel in ray_diagrams(PAPER).panels:
+        across, up = panel.per_px
+        assert across == pytest.approx(up)
+
+
+def test_pixels_of_a_microlens_are_its_exact_coverage():
+    place = nearest_microlens(PAPER, (5.0, -3.0))
+    (image,) = [mark for mark in microlens_image(PAPER, place).marks if isinstance(mark, Image)]
+    exact = intersect(*field_discs(PAPER, [place])).area[0] / PAPER.q**2
+    assert image.values.sum() == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["paper", "mismatched-borescope", "strange"])
+def test_pixels_hold_what_a_fine_grid_of_points_finds(name):
+    design = DESIGNS[name]
+    place = (0.93 * design.sensor_size[0] / 2, 0.4 * design.sensor_size[1] / 2) if name != "strange" else (2.0, 1.0)
+    view = image_view(design, place)
+    n = 24
+    fine = (np.arange(n) + 0.5) / n * design.q
+    x, y = ((edges[:-1, None] + fine).ravel() for edges in (view.x, view.y))
+    across, up = np.meshgrid(x, y)
+    inside = np.ones(across.shape, bool)
+    for centre, radius in zip(view.centres, view.radii, strict=True):
+        inside &= np.hypot(across - centre[0], up - centre[1]) <= radius
+    counted = inside.reshape(len(view.y) - 1, n, len(view.x) - 1, n).mean(axis=(1, 3))
+    # A boundary of length at most ~2 pixels passes a pixel: that many of its n x n points may be miscounted.
+    assert np.abs(counted - view.coverage).max() < 2.0 / n
+    assert counted.mean() == pytest.approx(view.coverage.mean(), abs=2e-3)
+    assert len(view.outline) > 0
+    if view.on_sensor == pytest.approx(1, abs=1e-9):
+        area = view.kept_fraction * math.pi * view.radii[0] ** 2
+        assert view.coverage.sum() * design.q**2 == pytest.approx(area, rel=1e-9)
+
+
+def test_pixels_lie_where_the_sensor_has_them():
+    design = DESIGNS["rigid-scope"]
+    assert image_view(design, (0.0, 0.0)).on_sensor == pytest.approx(1, abs=1e-9)
+    assert image_view(design, (design.sensor_size[0] / 2, 0.0)).on_sensor == 0
+    edges = image_view(design, (0.3, 0.2)).x + 0.3
+    steps = (edges + design.pixels[0] * design.q / 2) / design.q
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_the_nearest_microlens_is_one_and_near():
+    x, y = nearest_microlens(PAPER, (1.0, -2.0))
+    assert (x / PAPER.d) == pytest.approx(round(x / PAPER.d))
+    assert abs(x - 1) <= PAPER.d / 2 + 1e-12
+    assert abs(y + 2) <= PAPER.d / 2 + 1e-12
+    corner = default_fields(PAPER)[2]
+    inner = nearest_microlens(PAPER, corner, inward=True)
+    assert all(a <= b + 0.002 * PAPER.d for a, b in zip(inner, corner, strict=True))
+    assert all(b - a < 1.01 * PAPER.d for a, b in zip(inner, corner, strict=True))
+    with pytest.raises(InputError, match="d: 900 mm is more than the microlens array is wide"):
+        microlens_image(PAPER.replace(d=900.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-mismatched", "rigid-scope", "ear-speculum", "dark"])
+@pytest.mark.parametrize("corner", [False, True])
+def test_the_quick_patch_is_the_rendered_image(name, corner):
+    design = ALL[name]
+    side = 24
+    width, height = design.pixels
+    column, row = (width - side, height - side) if corner else (width // 2 - 12, height // 2 - 12)
+    quick = white_patch(design, slice(column, column + side), slice(row, row + side)).values
+    whole = render(design, region=(column, row, side, side), threads=1, overrides=KEPT).pixels
+    # What `white_patch` promises: light of far microlenses is replaced by that of the other side.
+    np.testing.assert_allclose(quick, whole, atol=1e-2)
+
+
+def test_what_cannot_be_seen_is_told_instead():
+    told = _words(PICTURES["microlens-waves"](ALL["a thousandfold overlap"]).svg())
+    assert "too many images overlap for diffraction" in told or "pixels too small to draw" in told
+    assert "pixels too small to draw" in _words(PICTURES["microlens"](ALL["pixels by the million"]).svg())
+
+
+@pytest.mark.parametrize("change", [{"q": 1e-9}, {"q": 900.0}, {"D_F": 1e5}, {"f_ml": 1e-9}, {"d_2": 1e5}, {"D": 1e-9}])
+def test_extreme_numbers_are_drawn_or_told_within_little_memory(change):
+    design = PAPER.replace(**change)
+    for waves in (white_patch, None):
+        assert len(microlens_image(design, default_fields(design)[2], waves=waves).svg()) < 500_000
+
+
+def test_a_dark_microlens_is_called_dark():
+    corner = default_fields(ALL["dark"])[2]
+    view = image_view(ALL["dark"], corner)
+    assert (view.kept_fraction, view.outline.shape, view.coverage.any()) == (0, (0, 2), False)
+    svg = microlens_image(ALL["dark"], corner).svg()
+    assert _find(svg, "microlens-kept")[0].text == "dark"
+    assert not _find(svg, "microlens-outline")
+    assert "dark" in _find(mla_map(ALL["dark"]).svg(), "mla-shares")[0].text
+    assert _find(mla_map(PAPER).svg(), "mla-shares")[0].text.endswith("all whole")
+
+
+@pytest.mark.parametrize("name", ["mismatched-borescope", "vignetted"])
+def test_kept_fraction_is_whole_inside_the_circle_of_eq_6_and_nowhere_outside(name):
+    design = DESIGNS[name]
+    fields = field_map(design, points=60)
+    radius = evaluate(design).non_distortion.x_ml_max_mm
+    distance = np.hypot(*np.meshgrid(fields.x, fields.y))
+    assert ((fields.kept == 1) == (distance <= radius)).all()
+    assert _mark(mla_map(design), "eq6-circle").radius == pytest.approx(radius)
+    (shown,) = [mark for mark in mla_map(design).marks if isinstance(mark, Image)]
+    at = np.random.default_rng(1).integers(min(shown.values.shape), size=(40, 2))
+    left, right, low, high = shown.box
+    rows, columns = shown.values.shape
+    places = np.stack(
+        [left + (at[:, 1] + 0.5) / columns * (right - left), low + (at[:, 0] + 0.5) / rows * (high - low)], -1
+    )
+    np.testing.assert_allclose(
+        shown.values[tuple(at.T)], intersect(*field_discs(design, places)).kept_fraction, rtol=1e-9
+    )
+
+
+def test_offset_map_is_the_pitch_law_where_nothing_is_clipped():
+    fields = field_map(PAPER, points=20)
+    growth = evaluate(PAPER).microlens_image.pitch_mm / PAPER.d - 1
+    expected = np.stack(np.meshgrid(fields.x, fields.y), axis=-1) * growth / PAPER.q
+    np.testing.assert_allclose(fields.offset_px, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_maps_and_images_follow_a_turned_and_shifted_array():
+    moved = PAPER.replace(
+        {"microlens_array.rotation": math.pi / 2, "microlens_array.decentre.0": 0.5, "sensor.decentre.1": 0.25}
+    )
+    sensor = _mark(mla_map(moved), "mla-sensor")
+    # In the array's axes the sensor, at (-0.5, 0.25) from its centre, is turned by a quarter the other way.
+    np.testing.assert_allclose((np.mean(sensor.x), np.mean(sensor.y)), (0.25, 0.5), atol=1e-12)
+    np.testing.assert_allclose((np.ptp(sensor.x), np.ptp(sensor.y)), PAPER.sensor_size[::-1], rtol=1e-12)
+    view, straight = image_view(moved, (2.0, 1.0)), image_view(PAPER, (-1.0 + 0.5, 2.0))
+    np.testing.assert_allclose(view.centres, straight.centres, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper", "ear-speculum", "rigid-scope", "pipe-bore"])
+def test_matched_curve_passes_through_matched_designs(name):
+    plane = plane_of(DESIGNS[name])
+    for d_3, D_F in list(zip(plane.d_3, plane.exact, strict=True))[::40]:
+        # 1e-12: a few roundings of quantities of order one.
+        assert evaluate(DESIGNS[name].replace(d_3=d_3, D_F=D_F)).f_number.fill_factor == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", roslf.preset_names())
+def test_plane_shows_design_and_curve_and_agrees_with_the_verdict(name):
+    design = DESIGNS[name].thin_twin
+    plane, result = plane_of(design), evaluate(design)
+    assert 0 <= design.d_3 < plane.d_3[-1]
+    assert 0 < design.D_F < plane.D_F[-1]
+    assert np.count_nonzero((plane.exact > 0) & (plane.exact < plane.D_F[-1])) > 0.3 * plane.d_3.size
+    column, row = np.searchsorted(plane.d_3, design.d_3), np.searchsorted(plane.D_F, design.D_F)
+    near = plane.margin[row - 1 : row + 1, max(column - 1, 0) : column + 1] >= 0
+    assert near.any() or not result.non_distortion.undistorted_in_field
+    assert not near.all() or result.non_distortion.undistorted_in_field
+
+
+def test_the_design_point_maps_to_the_design_and_axes_stay_when_told():
+    picture = matching_plane(PAPER)
+    (point,) = _find(picture.svg(), "design-point")
+    value = picture.mapping.to_value(float(point.attrib["cx"]), float(point.attrib["cy"]))
+    assert value == pytest.approx((120.0, 2.9), rel=1e-3)  # a hundredth of a pixel
+    limits = picture.mapping.x1, picture.mapping.y1
+    assert matching_plane(PAPER.replace(d_3=30.0, D_F=4.0), limits=limits).mapping == picture.mapping
+
+
+def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
+    picture = matching_plane(PAPER)
+    region = _mark(picture, "eq6-region")
+    x0 = math.hypot(*half_sizes(PAPER)) * PAPER.d_f / PAPER.d_1
+    corners = [(x, y) for x, y in zip(region.x, region.y, strict=True) if 0 < y < 0.98 * picture.mapping.y1]
+    assert len(corners) > 3
+    for d_3, D_F in corners:
+        assert abs(float(theory.nondistortion_margin(PAPER.D, D_F, d_3, PAPER.d_f, x0))) < 1e-9 * PAPER.D * PAPER.d_f
+
+
+def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():
+    curve, told = depth_curve(PAPER), evaluate(PAPER).depth
+    at_focus = np.interp(PAPER.d_f, curve.distance, np.sqrt(curve.sigma)) ** 2  # sqrt of a parabola is linear
+    assert at_focus == pytest.approx(told.sigma_z_mm, rel=1e-9)
+    away = curve.distance - PAPER.d_f
+    near = np.abs(away) < 5
+    rate = np.polyfit(away[near], curve.blur[near] * np.sign(away[near]), 2)[1]
+    assert rate == pytest.approx(told.disparity_pitches_per_mm, rel=1e-3)
+    both = depth_comparison({"A": PAPER, "B": DESIGNS["rigid-scope"]})
+    assert [key.text[0] for key in both.keys] == ["A", "B"]
+
+
+def test_bars_of_effects_are_as_long_as_their_shares():
+    effects = evaluate(PAPER).effects
+    picture = effects_budget(effects)
+    for effect in effects:
+        if effect.estimate:
+            bar = _mark(picture, f"effect-{effect.name}")
+            assert isinstance(bar, Area)
+            assert np.max(bar.x) == pytest.approx(abs(effect.estimate) / effect.budget)
+    roomy, tight = (_words(effects_budget(effects, (560, h)).svg()) for h in (640, 240))
+    assert "blur width" in roomy
+    assert "Of no size here: vignetting" in roomy
+    assert "blur width" not in tight
+    assert "no effect has a size" in effects_budget(()).svg()
+
+
+def test_waves_and_raw_images_are_shown_with_their_scales():
+    picture = rays_and_waves(PAPER, samples=31)
+    assert "74.1%" in picture.panels[2].title
+    assert all("µm" in panel.x_label for panel in picture.panels[::2])
+    raw = render(PAPER, region=(0, 0, 200, 100), threads=1)
+    assert {panel.title for panel in preview(raw).panels} >= {"centre", "edge", "corner"}

@@ -1,0 +1,163 @@
+"""Pictures of what runs found say what they found."""
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from roslf_design.explorer.runs import LimitSpread, Offender, OptimiseResult, Share, ToleranceResult, VariableMove
+from roslf_design.pictures.optimise import (
+    SearchEnd,
+    bore_and_stop,
+    change_bars,
+    front,
+    goal_front,
+    robust_yields,
+    search_history,
+)
+from roslf_design.pictures.tolerance import (
+    distributions,
+    offender_bars,
+    ranked_correlations,
+    ranked_moves,
+    spread_bars,
+    yield_bars,
+    yield_curve,
+)
+
+SVG = "{http://www.w3.org/2000/svg}"
+HALF, MOST = Share(0.5, 0.45, 0.55), Share(0.9, 0.88, 0.92)
+TOLERANCE = ToleranceResult(
+    grade="precision",
+    trials=1000,
+    share=HALF,
+    limits=(("fill factor, edge", HALF),),
+    offenders=(
+        Offender("lens focal length", "1 mm", math.inf, "kept fraction, corner"),
+        Offender("sensor distance", "20 um", 2.5, "fill factor, edge"),
+        Offender("aperture diameter", "50 um", 0.25, "depth spread σ_Z"),
+        Offender("aperture tilt x", "3 mrad", 1e-9, "fill factor, edge"),
+    ),
+    spreads=(
+        LimitSpread("fill factor, edge", 1.0, 0.03, 0.95, 1.05, 0.9, 1.1),
+        LimitSpread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
+        LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
+    ),
+    grades=(("commercial", Share(0.1, 0.08, 0.12)), ("precision", Share(0.48, 0.4, 0.56)), ("high", MOST)),
+    curve=((0.5, MOST), (1.0, HALF), (2.0, Share(0.0, 0.0, 0.01))),
+    question="",
+)
+OPTIMUM = OptimiseResult(
+    feasible=True,
+    goal="finest depth",
+    quantity="depth spread σ_Z",
+    unit="mm",
+    before=1.25,
+    after=0.6,
+    changes=(VariableMove("D_F", 2.9, 5.8, 1.45, 5.8), VariableMove("d_3", 120.0, 100.0, 60.0, 240.0)),
+    design=None,
+    sentences=(),
+    ends=(
+        SearchEnd(20, 0.0, "start"),
+        SearchEnd(50, 0.3, "start"),
+        SearchEnd(60, 5.0, "bad"),
+        SearchEnd(900, 0.0, "check"),
+    ),
+    against="widest field",
+    against_quantity="field half width",
+    against_unit="mm",
+    front=((0.6, 20.0), (0.8, 28.0), (1.4, 40.0)),
+)
+MOVES = np.array([3.0, -1.0, 0.2])
+PICTURES = {
+    "yield": yield_bars(TOLERANCE, target=0.8),
+    "yield-curve": yield_curve(TOLERANCE, target=0.8, reached=0.7),
+    "offenders": offender_bars(TOLERANCE.offenders),
+    "spread": spread_bars(TOLERANCE.spreads),
+    "sensitivity": ranked_moves(["d_3", "d_2", "D"], MOVES, -MOVES, [2.5, -math.inf], "offset [px]"),
+    "correlation": ranked_correlations(["d_3", "d_2", "D"], MOVES / 4, 0.1, "offset"),
+    "changes": change_bars(OPTIMUM.changes),
+    "history": search_history(OPTIMUM.ends),
+    "front": front(OPTIMUM),
+    "bore": bore_and_stop(np.arange(3.0), np.ones(3), np.ones(3) / 2, np.zeros(3)),
+    "robust": robust_yields([("fill factor ≤ 1", 0.5, 0.9), ("all together", 0.0, 1.0)]),
+}
+
+
+def _find(svg, testid):
+    return [e for e in ET.fromstring(svg).iter() if e.attrib.get("data-testid") == testid]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("name", PICTURES)
+def test_every_picture_is_sound(name, theme):
+    root = ET.fromstring(PICTURES[name].svg(theme))
+    assert root.attrib["data-testid"] == f"picture-{name}"
+    assert root.attrib["role"] == "img"
+    assert min(float(e.attrib["font-size"]) for e in root.iter(f"{SVG}text")) >= 11
+    for element in root.iter():
+        for key in ("x", "y", "width", "height", "cx", "cy", "r", "x1", "x2", "y1", "y2"):
+            if key in element.attrib:
+                assert math.isfinite(float(element.attrib[key]))
+    assert "nan" not in " ".join(root.itertext())
+
+
+def test_pictures_say_what_they_are_of_in_png_too():
+    for picture in PICTURES.values():
+        assert picture.to_png(40).startswith(b"\x89PNG")
+
+
+def _widths(picture, *testids):
+    return [float(np.ptp(np.asarray(m.x)[:5])) for t in testids for m in picture.marks if m.testid == t]
+
+
+def test_bars_of_yields_are_as_long_as_the_yields():
+    # That of the run itself, not of the shorter one by grade.
+    assert _widths(PICTURES["yield"], *(f"yield-{n}" for n in ("commercial", "precision", "high"))) == [10, 50, 90]
+
+
+def test_offenders_that_break_a_limit_alone_look_different_and_small_ones_are_left_out():
+    picture = PICTURES["offenders"]
+    shown = [m for k in range(4) for m in picture.marks if m.testid == f"offender-{k}"]
+    assert [bar.fill for bar in shown] == ["vermillion", "vermillion", "blue"]
+    assert _widths(picture, "offender-1", "offender-2") == pytest.approx([250, 25])
+    words = [m.text for m in offender_bars(TOLERANCE.offenders, (210, 300)).marks if hasattr(m, "text")]
+    assert "250 %" in words
+    assert any("kept fraction, corner undefined" in m.text for m in picture.marks if hasattr(m, "text"))
+    assert "no tolerance matters" in offender_bars(()).svg()
+
+
+def test_scatter_is_drawn_on_the_way_to_its_limit():
+    assert _widths(PICTURES["spread"], "spread-0") == pytest.approx([100])
+
+
+def test_a_variable_at_its_bound_is_marked():
+    (at_bound,), (inside,) = (_find(PICTURES["changes"].svg(), f"change-{name}") for name in ("D_F", "d_3"))
+    assert at_bound.attrib["fill"] != inside.attrib["fill"]
+    assert "at bound" in PICTURES["changes"].svg()
+
+
+def test_no_front_without_a_second_goal():
+    with pytest.raises(ValueError, match="one goal alone"):
+        front(replace(OPTIMUM, against=""))
+    assert "the goals do not compete" in front(replace(OPTIMUM, front=((0.6, 20.0),))).svg()
+    assert "no design holds every limit" in front(replace(OPTIMUM, front=())).svg()
+
+
+def test_a_third_goal_is_told_by_shade_and_bar():
+    points = np.array([[1.0, 5.0, 1.0], [2.0, 3.0, 10.0], [5.0, 2.4, 100.0]])
+    picture = goal_front(points, ["a [mm]", "b [mm]", "c [1]"], log=(True, False, True), answer=(2.0, 3.0))
+    assert len({m.colour for m in picture.marks if m.__class__.__name__ == "Dots" and m.edge == "grey"}) == 3
+    assert {"a [mm]", "b [mm]", "c [1]", "the optimum"} <= {
+        "".join(e.itertext()) for e in ET.fromstring(picture.svg()).iter()
+    }
+
+
+def test_densities_hold_all_builds():
+    cuts, counts = np.linspace(0, 4, 9), np.array([0, 1, 5, 9, 8, 4, 1, 0])
+    picture = distributions([("as built", cuts, counts), ("adjusted", cuts / 2, counts)], 1.0, [3.0], (0, 2), "x [mm]")
+    for mark in picture.marks[:2]:
+        x, y = np.asarray(mark.x), np.asarray(mark.y)
+        assert float(np.sum((y[1:] + y[:-1]) / 2 * np.diff(x))) == pytest.approx(1.0)
