@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
 
-.PHONY: bench-quick bench-compare report test lint bench docs clean
+.PHONY: bench-quick bench-compare report reports test lint pins bench docs clean
 
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
@@ -18,6 +18,12 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+# What the commands answer against what 0.1 answered; PINS is the folder of pins.py and pins.json.
+PINS ?= ../shared/pins
+pins: $(INSTALLED_DEV)
+	$(BIN)/python $(PINS)/pins.py check $(BIN)/roslf $(PINS)/pins.json
 
 bench: $(INSTALLED_DEV)
 	$(BIN)/python -m benchmarks
@@ -38,7 +44,7 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); echo "Could not make $(VENV); on Debian: apt-get install python3-venv"; exit 1; }
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[accuracy]'
 	@touch $@
 
 $(INSTALLED_DEV): pyproject.toml constraints.txt | $(BIN)/python

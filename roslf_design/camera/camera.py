@@ -100,10 +100,22 @@ class Camera:
         Raises
         ------
         DesignError
-            A place that the design has not, or that is no number.
+            A place that the design has not, or that is no number; arrays that do not broadcast; f, d_f and d_1 all
+            three.
         """
         camera = _nominal(design)
-        return camera.replace(changes or {}, in_focus=in_focus) if changes or in_focus else camera
+        if not changes and not in_focus:
+            return camera
+        changes = changes or {}
+        if all(key in {PATHS.get(place, place) for place in changes} for key in CONJUGATES):
+            raise DesignError((Problem(", ".join(CONJUGATES), "vary two of these; the third follows"),))
+        camera = camera.replace(changes, in_focus=in_focus)
+        try:
+            _ = camera.shape
+        except ValueError:
+            shapes = ", ".join(f"{place} {np.shape(value)}" for place, value in changes.items())
+            raise DesignError((Problem("", f"shapes do not broadcast together: {shapes}"),)) from None
+        return camera
 
     def replace(self, changes: Mapping[str, ArrayLike], *, in_focus: bool = False) -> Camera:
         """The same camera with other numbers at some places; parameters and errors as for `of`."""

@@ -1,22 +1,19 @@
 """What a system is: frozen values, units at the boundary, TOML in and out, presets, batches."""
 
-from .batch import DesignBatch
 from .design import Design
 from .errors import DesignError, Problem
 from .files import dumps, load, loads, save
-from .parameters import PATHS, Parameters
+from .parameters import PATHS
 from .parts import Light, MainLens, MicrolensArray, Sensor, Stop
 from .presets import preset_names, preset_path
 
 __all__ = [
     "PATHS",
     "Design",
-    "DesignBatch",
     "DesignError",
     "Light",
     "MainLens",
     "MicrolensArray",
-    "Parameters",
     "Problem",
     "Sensor",
     "Stop",

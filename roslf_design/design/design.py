@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, model_validator
 
-from ..theory.conjugates import focal_length, focal_plane_distance, mla_distance
-from .check import CONJUGATES, cross_check
+from .check import cross_check
+from .conjugates import CONJUGATES, focal_length, focal_plane_distance, follower, mla_distance
 from .errors import DesignError, Problem
 from .messages import problems_of
-from .parameters import PATHS, Parameters
+from .parameters import PATHS
 from .parts import Light, MainLens, MicrolensArray, Part, Sensor, Stop
 from .real_lens import focal_length_at, lens_problems, mounted_lens, own_diameter
+from .units import format_quantity
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
@@ -48,6 +50,15 @@ class Design(Part):
     """At z = d_1 + d_2."""
     light: Light = Light()
     """Wavelength."""
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise DesignError(problems_of(error, data, Design, from_file=False)) from None
+
+    # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
@@ -98,6 +109,14 @@ class Design(Part):
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
         return build(data, from_file=False)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{symbol}</td><td>{format_quantity(float(f'{getattr(self, symbol):.7g}'), 'length')}</td>"
+            f"<td>{path}</td></tr>"
+            for symbol, path in PATHS.items()
+        )
+        return f"<h4>{escape(self.name)}</h4><p>{escape(self.source)}</p><table>{rows}</table>"
 
     @property
     def f(self) -> float:
@@ -211,11 +230,6 @@ class Design(Part):
         tilts += [stop.tilt for stop in self.all_stops]
         return all(tilt == (0.0, 0.0) for tilt in tilts)
 
-    @property
-    def parameters(self) -> Parameters:
-        """The numbers under the paper's symbols."""
-        return Parameters(*(float(getattr(self, symbol)) for symbol in Parameters._fields))
-
 
 def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path = "") -> Design:
     """A design from nested values, or every fault of them in one `DesignError`; `folder` is that of the design file."""
@@ -248,16 +262,11 @@ def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
     """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
     if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
         return _with_lens_follower(design, wanted)
-    changed = [key for key in CONJUGATES if wanted.get(key) is not None]
-    if not changed or len(changed) == 3:
+    follows = follower([key for key in CONJUGATES if wanted.get(key) is not None])
+    if follows is None:
         return wanted
-    if len(changed) == 1:
-        _, plane, distance = CONJUGATES
-        follower = distance if changed[0] == plane else plane
-    else:
-        follower = next(key for key in CONJUGATES if key not in changed)
     resolved = dict(zip(CONJUGATES, (design.f, design.d_f, design.d_1), strict=True))
-    return {**resolved, **wanted, follower: None}
+    return {**resolved, **wanted, follows: None}
 
 
 def _with_lens_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:

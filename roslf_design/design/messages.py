@@ -10,7 +10,8 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from .check import CONJUGATES, cross_check
+from .check import cross_check
+from .conjugates import CONJUGATES
 from .errors import InputError, Problem
 from .parts import Light
 from .real_lens import focal_length_at, lens_problems, read_prescription

@@ -1,41 +1,6 @@
-"""The numbers of a design under the paper's symbols, scalars or arrays that broadcast."""
+"""The paper's symbols and where their numbers stand in a design file."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-Values = float | NDArray[np.float64]
-
-
-class Parameters(NamedTuple):
-    """What the closed forms take; every entry a float or an array, all broadcast together. Lengths in mm."""
-
-    D: Values
-    """Main lens clear aperture."""
-    f: Values
-    """Main lens focal length."""
-    d_f: Values
-    """Focal-plane distance."""
-    d_1: Values
-    """Main lens to MLA."""
-    D_F: Values
-    """FAP diameter."""
-    d_3: Values
-    """FAP distance."""
-    d: Values
-    """Microlens pitch."""
-    f_ml: Values
-    """Microlens focal length."""
-    d_2: Values
-    """MLA to sensor."""
-    q: Values
-    """Pixel pitch as seen at the MLA's image plane."""
-    wavelength: Values
-    """Light's wavelength."""
-
 
 PATHS: dict[str, str] = {
     "D": "main_lens.diameter",

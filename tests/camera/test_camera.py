@@ -73,3 +73,15 @@ def test_unknown_places_are_errors(place):
 def test_light_meets_the_farthest_stop_first():
     design = PAPER.replace({"stops": [{"diameter": 9.0, "distance": 60.0}, {"diameter": 5.0, "distance": 200.0}]})
     assert [rim.name for rim in Camera.of(design).in_light_order] == ["stop 2", "FAP", "stop 1", "main lens"]
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"d_3": [1.0, 2.0], "D_F": [1.0, 2.0, 3.0]}, "do not broadcast together: d_3 .2,., D_F .3,."),
+        ({"f": 100.0, "d_f": 350.0, "d_1": 140.0}, "vary two of these"),
+    ],
+)
+def test_what_makes_no_camera_is_named(values, said):
+    with pytest.raises(DesignError, match=said):
+        Camera.of(PAPER, values)

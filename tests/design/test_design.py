@@ -1,7 +1,6 @@
 import copy
 import pickle
 
-import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -10,7 +9,6 @@ from pydantic import ValidationError
 
 from roslf_design.design import (
     Design,
-    DesignBatch,
     DesignError,
     Light,
     MainLens,
@@ -91,8 +89,20 @@ def test_presets_load_and_round_trip(name):
 
 def test_the_paper_is_the_first_preset_and_its_numbers_are_exact():
     assert preset_names()[0] == "paper"
-    p = load("paper").parameters
-    assert p == (50.8, 100.0, 350.0, 140.0, 2.9, 120.0, 0.063, 2.0, 2.0, 0.004847826, 550e-6)
+    p = load("paper")
+    assert (p.D, p.f, p.d_f, p.d_1, p.D_F, p.d_3, p.d, p.f_ml, p.d_2, p.q, p.wavelength) == (
+        50.8,
+        100.0,
+        350.0,
+        140.0,
+        2.9,
+        120.0,
+        0.063,
+        2.0,
+        2.0,
+        0.004847826,
+        550e-6,
+    )
     assert load("paper").pixels == (4600, 3080)
 
 
@@ -235,62 +245,16 @@ def test_save_is_whole_or_nothing(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["d.toml"]
 
 
-@given(st.lists(st.floats(0, 300), min_size=1, max_size=5), st.floats(0.1, 10))
-def test_a_batch_holds_the_designs_it_gives(distances, diameter):
-    batch = DesignBatch(load("paper"), d_3=distances, D_F=diameter)
-    assert batch.valid.all()
-    for index, design in enumerate(batch):
-        one = [float(np.broadcast_to(v, batch.shape)[index]) for v in batch.parameters]
-        assert one == list(design.parameters)
-        assert batch[index] == design
+def test_a_bare_design_says_what_is_missing_in_our_words():
+    with pytest.raises(DesignError) as error:
+        Design(name="bare")
+    text = str(error.value)
+    assert "main_lens" in text
+    assert "microlens_array" in text
+    assert "validation error" not in text
 
 
-@pytest.mark.parametrize(
-    "varied",
-    [
-        {"f": [99.0, 101.0]},
-        {"d_1": [139.0, 141.0]},
-        {"d_f": [300.0, 400.0]},
-        {"d_f": [300.0], "d_1": [150.0]},
-        {"q": [0.004]},
-    ],
-)
-def test_a_batch_follows_like_replace(varied):
-    batch = DesignBatch(load("paper"), **varied)
-    for index in range(len(batch)):
-        got = [float(np.broadcast_to(v, batch.shape)[index]) for v in batch.parameters]
-        assert_allclose(got, batch[index].parameters, rtol=1e-15)
-
-
-def test_batches_are_values():
-    batch = DesignBatch(load("paper"), {"aperture.decentre.0": [0.0, 0.1]}, d_3=[[20.0], [120.0]])
-    assert batch.shape == (2, 2)
-    twin = pickle.loads(pickle.dumps(batch))
-    assert twin == batch
-    assert hash(twin) == hash(batch)
-    assert batch.replace(d_3=10.0) != batch
-    assert "2, 1" in repr(batch)
-    with pytest.raises(ValueError, match="read-only"):
-        batch.values["aperture.distance"][0] = 1.0
-
-
-def test_a_batch_knows_what_is_no_design():
-    batch = DesignBatch(load("paper"), d_3=[120.0, 350.0, -1.0])
-    assert batch.valid.tolist() == [True, False, False]
-    with pytest.raises(DesignError):
-        batch[1]
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ({"aperture.distanc": [1.0]}, "not a place"),
-        ({"name": [1.0]}, "not a number"),
-        ({"aperture.distance": [np.nan]}, "not finite"),
-        ({"aperture.distance": [1.0, 2.0], "aperture.diameter": [1.0, 2.0, 3.0]}, "do not broadcast"),
-        ({"main_lens.focal_length": 1, "main_lens.focal_plane": 2, "microlens_array.distance": 2}, "vary two"),
-    ],
-)
-def test_what_a_batch_refuses(values, said):
-    with pytest.raises(DesignError, match=said):
-        DesignBatch(load("paper"), values)
+def test_notebooks_show_a_design_as_a_table():
+    page = load("paper")._repr_html_()
+    assert "<table>" in page
+    assert "<td>d_3</td><td>120 mm</td>" in page
