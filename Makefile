@@ -20,6 +20,34 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+# Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
+R ?= paper story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
+  optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage
+reports: $(addprefix report-,$(R))
+
+.PHONY: $(addprefix report-,$(R))
+report-paper: $(INSTALLED)
+	$(BIN)/roslf report designs/paper.toml -o reports/paper --pdf --figure rays
+report-story-%: $(INSTALLED)
+	$(BIN)/roslf report studies/story-$*/story.toml -o reports/story-$* --pdf
+report-tolerance-%: $(INSTALLED)
+	rm -rf reports/tolerance-$*
+	$(BIN)/roslf tolerance studies/tolerance-$*/study.toml -o reports/tolerance-$*
+report-optimize-%: $(INSTALLED)
+	$(BIN)/roslf optimize studies/optimize-$*/study.toml -o reports/optimize-$*
+report-accuracy: $(INSTALLED)
+	$(BIN)/roslf accuracy paper --jobs 108 -o reports/accuracy
+report-hard-cases: $(INSTALLED)
+	$(BIN)/roslf accuracy hard-cases paper -o reports/hard-cases
+report-paper-images: $(INSTALLED)
+	$(BIN)/python studies/paper-images/make.py
+report-paper-real-lens: $(INSTALLED)
+	$(BIN)/python studies/paper-real-lens/real_lens.py
+report-calibration-circle: $(INSTALLED)
+	$(BIN)/python studies/calibration-circle/full_circle.py
+report-calibration-coverage: $(INSTALLED)
+	$(BIN)/python studies/calibration-coverage/coverage_study.py
+
 # What the commands answer against what 0.1 answered; PINS is the folder of pins.py and pins.json.
 PINS ?= ../shared/pins
 pins: $(INSTALLED_DEV)
