@@ -22,7 +22,7 @@ PACKAGES = {
     "roslf_design.theory": "closed forms, Eqs. 1-12 and beyond, on numbers and arrays",
     "roslf_design.design": "designs, units, files, batches",
     "roslf_design.rays": "backward and forward rays with their fates; ray budgets",
-    "roslf_design.microlens": "shapes of microlens images, exact pixel coverage",
+    "roslf_design.shapes": "shapes of microlens images, exact pixel coverage",
     "roslf_design.lenses": "real main lenses: prescriptions, exact trace",
     "roslf_design.effects": "sizes of effects, and the plan that switches them",
     "roslf_design.scenes": "what is looked at",

@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._jit import THREADS, kernel, prange
+from ..camera import Camera
 from ..design import Design
-from ..effects.field import blur_width, image_diameter
 from ..imaging.transfer import MicrolensTransfer
+from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.light import diffraction_width
 from .calibrate import Calibration, calibrate
 from .corners import fit_saddles, fit_window
 from .datasheet import DataSheet
@@ -163,14 +165,15 @@ def _looked_at(
     design: Design, white: ArrayLike, dark: ArrayLike | None, lattice: CentreLattice, wish: Wish
 ) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
-    expected = blur_width(design, design.wavelength) / design.q
+    camera = Camera.of(design)
+    expected = float(diffraction_width(camera)) / design.q
     if wish == "off":
         return DiffractionCheck(False, "Microlens diffraction was left alone, as asked", expected)
     if wish == "auto" and expected < _SMALL:
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, round_lenses = image_diameter(design) / (2 * design.q), design.microlens_array.lens_shape == "circular"
+    radius, round_lenses = float(microlens_image_diameter(camera)) / (2 * design.q), camera.lens_shape == "circular"
     start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, round_lenses)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)

@@ -9,9 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..camera import Camera
 from ..design import Design
-from ..effects.field import image_pitch
 from ..evaluation.rims import field_limit
+from ..theory.exit_pupil import microlens_image_pitch
 from .calibrate import Calibration
 from .centres import MicrolensCentres
 from .datasheet import QUANTITIES, CameraDraws, DataSheet, depth_errors, derived, variance_shares
@@ -289,4 +290,4 @@ def undistorted_radius(design: Design) -> float:
     bound = field_limit(design, 0.0).radius
     if not math.isfinite(bound):
         return math.inf
-    return bound * design.d_1 / design.d_f * abs(image_pitch(design)) / design.d / design.q
+    return bound * design.d_1 / design.d_f * abs(float(microlens_image_pitch(Camera.of(design)))) / design.d / design.q

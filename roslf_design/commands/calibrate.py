@@ -32,15 +32,16 @@ from ..calibration.frames import Capture
 from ..calibration.planning import reason
 from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
 from ..calibration.result import LAPLACE_DRAWS
+from ..camera import Camera
 from ..design import Design, DesignError, dumps, load
 from ..design.units import parse_quantity
 from ..design.write import write_atomically
-from ..effects.field import image_pitch
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..report import calibration as pages
 from ..report.html import render_html
 from ..report.terminal import print_blocks, print_statements
+from ..theory.exit_pupil import microlens_image_pitch
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -260,7 +261,7 @@ def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) ->
 
 def _mismatch(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
     """A warning where the white image's pitch is not the design's."""
-    expected, shown = abs(image_pitch(design)) / design.q, centres.lattice.pitch
+    expected, shown = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q, centres.lattice.pitch
     if abs(shown / expected - 1) < 0.02:
         return ()
     return (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import Plan
-from ..microlens.coverage import coverage_image
 from ..microlens.images import stop_images
+from ..shapes.coverage import coverage_image
 from .camera import ImageLattice
 from .grid import Region, pixel_centres
 

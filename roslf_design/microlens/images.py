@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .discs import DiscIntersection, intersect
+from ..shapes.discs import DiscIntersection, intersect
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from roslf_design.camera import Camera
 from roslf_design.design import Design, load
-from roslf_design.effects.field import image_pitch
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
 from roslf_design.pictures.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
 from roslf_design.theory.aperture import effective_image_distance
+from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.pupils import centre_shift_per_microlens
 
 Floats = NDArray[np.float64]
@@ -55,7 +56,7 @@ def microlens_images(paper: Design) -> Figure:
 def centres(design: Design) -> tuple[NDArray[np.int64], Floats]:
     """Indices of microlenses along x and the centres of their images [px from the sensor's middle], from an image."""
     width, height = design.pixels
-    pitch = abs(image_pitch(design)) / design.q
+    pitch = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q
     rows = round(pitch)
     image = render(design, region=(0, height // 2 - rows // 2, width, rows)).pixels.sum(0).astype(float)
     found: dict[int, float] = {}
@@ -150,7 +151,7 @@ def _line(image: Floats, views: NDArray[np.int64]) -> tuple[float, Floats]:
 def epi(design: Design, scene: Scene, views: NDArray[np.int64], overrides: list[str]) -> Floats:
     """Brightness against view (rows) and microlens index (columns), read off a rendered row of microlenses."""
     width, height = design.pixels
-    pitch, count = abs(image_pitch(design)) / design.q, 60
+    pitch, count = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q, 60
     side = round((2 * count + 3) * pitch)
     left = width // 2 - side // 2
     region = (left, height // 2 - 3, side, 6)

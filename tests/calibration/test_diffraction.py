@@ -25,10 +25,11 @@ from roslf_design.calibration.diffraction import (
     view_weights,
     white_cell,
 )
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import load, save
-from roslf_design.effects.field import image_diameter, image_pitch
 from roslf_design.imaging.render import render
+from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
@@ -38,8 +39,9 @@ IMAGE = PupilImage(6.5, 3.6, 12.94)
 def pupil_of(design):
     blur = design.wavelength * design.d_2 / design.d / design.q
     array = design.microlens_array
-    pitch = abs(image_pitch(design)) / design.q
-    return PupilImage(image_diameter(design) / 2 / design.q, blur, pitch, array.layout, array.lens_shape == "circular")
+    camera = Camera.of(design)
+    pitch, diameter = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera))
+    return PupilImage(diameter / 2 / design.q, blur, pitch / design.q, array.layout, array.lens_shape == "circular")
 
 
 @pytest.mark.parametrize(

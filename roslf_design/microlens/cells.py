@@ -1,3 +1,0 @@
-"""For modules that are being moved."""
-
-from ..shapes.cells import *  # noqa: F403

@@ -1,3 +1,0 @@
-"""For modules that are being moved."""
-
-from ..shapes.ellipses import *  # noqa: F403
