@@ -119,7 +119,7 @@ def textured(inputs, options):
     """Rays of a checkerboard out of focus, finite microlenses, 64 rays a pixel."""
     from roslf_design.design import load
     from roslf_design.effects import plan
-    from roslf_design.imaging.grid import Region
+    from roslf_design.imaging.camera import Region
     from roslf_design.imaging.trace import Sampling, Tracer
     from roslf_design.scenes import Checkerboard, Plane, Scene
 

@@ -81,9 +81,8 @@ PRESCRIPTION = (
 
 def scene_file() -> str:
     """Every table of a scene file."""
-    from roslf_design.scenes.objects import OBJECTS
+    from roslf_design.scenes.objects import OBJECTS, TEXTURES
     from roslf_design.scenes.scene import Scene, SceneLight
-    from roslf_design.scenes.textures import TEXTURES
 
     own = {"objects": "Tables `[[objects]]`, each with its `kind`; at least one.", "light": "Table `[light]`."}
     parts = [f"### The file\n\n{keys_table(Scene, own)}", f"### `[light]`\n\n{keys_table(SceneLight)}"]

@@ -372,6 +372,14 @@ class Camera:
         return self._numbers["sensor.size.0"] / relay, self._numbers["sensor.size.1"] / relay
 
     @cached_property
+    def pixels(self) -> tuple[int, int]:
+        """Whole pixels across the sensor's width and height, of one camera."""
+        width, height = (float(self._numbers[f"sensor.size.{axis}"]) for axis in (0, 1))
+        pixel = float(self._numbers["sensor.pixel"])
+        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
+        return int(width / pixel + 1e-3), int(height / pixel + 1e-3)
+
+    @cached_property
     def tip(self) -> Array:
         """Distance of the bore's outer end from the main lens: the farthest of FAP, stops and `TIP` [mm]."""
         farthest = np.maximum(self.d_3, self._numbers[TIP])

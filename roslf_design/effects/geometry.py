@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from ..camera import Rim
+from ..camera import Camera, Number, Rim
 from ..design import Design
 from ..errors import InputError, Problem
+from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -120,32 +121,38 @@ def mla_rotation(s: Subject) -> Estimate:
     return Estimate(moved, f"{angle * 1e3:.3g} mrad move microlenses by {moved:.3g} px {s.at}")
 
 
-def tilt_shift(s: Subject) -> float:
-    """How far tilts move or blur a microlens image at the field's rim, first order, all added up [mm].
+def tilt_shift(camera: Camera, x_ml: float) -> float:
+    """How far tilts move or blur a microlens image at X_ml = `x_ml`, first order, all added up [mm].
 
     An array or sensor tilted by t lies X_ml t out of place there: the chief ray (slope X_ml/L), the image's radius
     (D_F H/2 d_1) and the microlens's own rays (d/2 d_2) each turn that into a shift; in the tilted plane lengths
     shrink by 1 - cos t. A tilted rim reaches D_F t/2 out of its plane, seen under the field angle; a tilted thin
     lens refracts at height l about l t away from z = 0, where it bends by l/f.
     """
-    design, camera, x_ml = s.design, s.camera, s.x_ml
+
+    def tilt(part: str) -> float:
+        return math.hypot(*(float(camera[f"{part}.tilt.{axis}"]) for axis in (0, 1)))
+
+    def scale(distance: Number) -> float:
+        return float(camera.d_2 * stop_angle(camera, distance))
+
     slope = abs(x_ml * float(camera.vergence))
-    cone = (s.diameter + design.d) / (2 * design.d_2)
-    array, sensor = math.hypot(*design.microlens_array.tilt), math.hypot(*design.sensor.tilt)
+    cone = float((microlens_image_diameter(camera) + camera.d) / (2 * camera.d_2))
+    array, sensor = tilt("microlens_array"), tilt("sensor")
     moved = x_ml * (array + sensor) * (slope + cone)
     moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
     angle = x_ml * float(camera.inverse_m) / float(camera.gap)
-    for stop in design.all_stops:
-        moved += stop.diameter / 2 * math.hypot(*stop.tilt) * angle * s.scale(stop.distance)
-    height = x_ml * design.d_3 / float(camera.A)
-    return moved + height**2 / design.f * math.hypot(*design.main_lens.tilt) * s.scale(design.d_3)
+    for rim in (camera.fap, *camera.rims[1:]):
+        moved += float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
+    height = x_ml * float(camera.d_3 / camera.A)
+    return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.d_3)
 
 
 def tilts(s: Subject) -> Estimate:
     """Shift [px] at the field's rim."""
-    if s.design.aligned:
+    if not s.camera.tilted:
         return Estimate(0.0, "nothing is tilted")
-    moved = tilt_shift(s) / s.design.q
+    moved = tilt_shift(s.camera, s.x_ml) / s.design.q
     return Estimate(moved, f"tilts move microlens images by {moved:.3g} px {s.at}")
 
 

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import plan
-from ..effects.field import image_diameter
-from ..imaging.camera import ImageLattice, planned_design
-from ..imaging.convolve import fineness
-from ..imaging.grid import Region
-from ..imaging.transfer import MicrolensTransfer
+from ..imaging.camera import ImageLattice, Region, planned_camera
+from ..imaging.transfer import MicrolensTransfer, fineness
 from ..imaging.white import FRAME, WhiteGeometry
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands
 from ..shapes.discs import shapes
+from ..theory.exit_pupil import microlens_image_diameter
 
 Floats = NDArray[np.float64]
 
@@ -59,21 +57,20 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
         1e-2 of full scale or of the brightest pixel. None where more than `MOST_IMAGES` images overlap or
         one is thousands of pixels wide.
     """
-    seen = design.thin_twin
-    effects = plan(seen, overrides=KEPT)
-    seen = planned_design(seen, effects)
+    effects = plan(design.thin_twin, overrides=KEPT)
+    seen = planned_camera(design, effects)
     transfer = MicrolensTransfer.of(seen, effects)
     wide, high = columns.stop - columns.start, rows.stop - rows.start
-    vast = 4 * image_diameter(seen) > LARGEST_PART * seen.q  # up to four subpixels a pixel
+    vast = 4 * microlens_image_diameter(seen) > LARGEST_PART * seen.q  # up to four subpixels a pixel
     if vast or (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
         return None
     if wide <= 0 or high <= 0:
         return Patch(columns, rows, np.zeros((max(high, 0), max(wide, 0))))
-    halo = min(FRAME, math.ceil(NEIGHBOURS * seen.d / seen.q))
-    fine = max(1, min(fineness(transfer, seen.q), MOST // (max(wide, high) + 2 * halo)))
+    halo = min(FRAME, math.ceil(NEIGHBOURS * float(seen.d / seen.q)))
+    fine = max(1, min(fineness(transfer, float(seen.q)), MOST // (max(wide, high) + 2 * halo)))
     region = Region(columns.start - halo, rows.start - halo, wide + 2 * halo, high + 2 * halo)
     light = WhiteGeometry.of(seen, effects).image(region, fine)
-    step = seen.q / fine
+    step = float(seen.q) / fine
     frequency_y, frequency_x = np.fft.fftfreq(light.shape[0], step), np.fft.rfftfreq(light.shape[1], step)
     wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
     pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))

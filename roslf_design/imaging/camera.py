@@ -1,116 +1,174 @@
-"""The camera that a plan asks for, and where on the sensor its microlens images lie."""
+"""The camera that a plan asks for, its pixels, and where on its sensor the microlens images lie."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..design import Design
-from ..effects import Plan, SceneBrief, Subject
-from ..effects.field import exit_pupil_vergence, image_diameter, ray_blur, stop_scale
+from ..effects import Plan
 from ..effects.geometry import tilt_shift
+from ..errors import InputError, Problem
+from ..theory.light import microlens_defocus_blur
+from ..theory.stop_images import stop_discs
 
 Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
 
-STRAIGHT = (0.0, 0.0)
 
+def planned_camera(design: Design, plan: Plan) -> Camera:
+    """The camera of a design without what the plan leaves out, its main lens ideal.
 
-def planned_design(design: Design, plan: Plan) -> Design:
-    """The design without what the plan leaves out, its main lens ideal.
-
-    Misalignments that are off become zero; without vignetting the lens is wide and the bore has no further rims;
-    without microlens defocus the microlenses image the exit pupil onto the sensor.
+    Misalignments that are off become zero; without vignetting no rim but the FAP's clips; without microlens defocus
+    the microlenses image the exit pupil onto the sensor.
     """
-    design = straightened(design, plan).thin_twin
-    changes: dict[str, Any] = {}
-    if not plan.on("microlens_defocus"):
-        power = 1 / design.d_2 + exit_pupil_vergence(design)
-        if power > 0:
-            changes["microlens_array.focal_length"] = 1 / power
-    if not plan.on("vignetting"):
-        changes |= {"main_lens.diameter": _wide(design), "stops": ()}
-    return design.replace(changes)
+    camera = Camera.of(straightened(design, plan).thin_twin)
+    wide = {} if plan.on("vignetting") else {f"{rim.part}.diameter": math.inf for rim in camera.rims}
+    return camera.replace(wide, in_focus=not plan.on("microlens_defocus"))
 
 
 def straightened(design: Design, plan: Plan) -> Design:
     """The design without the misalignments that the plan leaves out; a real main lens stays."""
-    changes: dict[str, Any] = {}
     places = ("main_lens", "aperture", *(f"stops.{k}" for k in range(len(design.stops))), "microlens_array", "sensor")
-    for effect, key in (("tilts", "tilt"), ("decentres", "decentre")):
-        if not plan.on(effect):
-            changes |= {f"{place}.{key}": STRAIGHT for place in places}
+    off = [key for effect, key in (("tilts", "tilt"), ("decentres", "decentre")) if not plan.on(effect)]
+    straight: dict[str, object] = {f"{place}.{key}": (0.0, 0.0) for key in off for place in places}
     if not plan.on("mla_rotation"):
-        changes["microlens_array.rotation"] = 0.0
-    return design.replace(changes)
+        straight["microlens_array.rotation"] = 0.0
+    return design.replace(straight)
 
 
-def _wide(design: Design) -> float:
-    """A main lens that clips nothing: as wide as the array's far corner needs, ten times over [mm]."""
-    corner = math.hypot(*design.microlens_array.size)
-    reach = corner * (1 + design.d_1 / design.d_2) + design.D_F
-    return 10 * (design.D + reach * design.d_f / (design.d_f - design.d_3))
+class Region(NamedTuple):
+    """A rectangle of pixels."""
+
+    column: int
+    """First column."""
+    row: int
+    """First row."""
+    columns: int
+    """How many columns."""
+    rows: int
+    """How many rows."""
+
+    @classmethod
+    def checked(cls, camera: Camera, region: tuple[int, int, int, int] | None) -> Region:
+        """A region of the sensor; None is all of it.
+
+        Raises
+        ------
+        InputError
+            Outside the sensor, or empty.
+        """
+        width, height = camera.pixels
+        piece = cls(0, 0, width, height) if region is None else cls(*region)
+        inside = 0 <= piece.column < piece.column + piece.columns <= width
+        if not (inside and 0 <= piece.row < piece.row + piece.rows <= height):
+            message = f"{tuple(piece)} is no part of the sensor; give column, row, columns, rows within"
+            raise InputError((Problem("region", f"{message} {width} x {height}"),))
+        return piece
 
 
-@dataclass(frozen=True)
+def pixel_centres(camera: Camera, region: Region, fine: int = 1) -> tuple[Floats, Floats]:
+    """Coordinates of pixel centres in the sensor's frame [mm].
+
+    Parameters
+    ----------
+    camera : Camera
+    region : Region
+        May reach beyond the sensor.
+    fine : int
+        Subpixels per pixel and axis.
+
+    Returns
+    -------
+    x, y : ndarray
+        Shapes (columns * fine,) and (rows * fine,); the sensor's centre is 0, rows count along +y.
+    """
+    width, height = camera.pixels
+    x = region.column + (np.arange(region.columns * fine) + 0.5) / fine - width / 2
+    y = region.row + (np.arange(region.rows * fine) + 0.5) / fine - height / 2
+    return x * camera.q, y * camera.q
+
+
+@dataclass(frozen=True, eq=False)
 class ImageLattice:
-    """Where microlenses stand on the array and their images' centres on the sensor, both affine in the index."""
+    """Where microlenses stand and their images' centres on the sensor, all affine in a whole-numbered index.
+
+    The index counts steps of the lattice's own two axes, so that images have reciprocal vectors and kernels find them
+    by rounding; `shapes.lattice.Lattice` counts rows, and lists an array's microlenses.
+    """
 
     axes: Floats
     """Columns: steps of a microlens in its array's frame [mm], shape (2, 2)."""
-    image_axes: Floats
-    """Columns: steps of an image's centre in the sensor's frame [mm]."""
+    turned: Floats
+    """The same along the main lens's axes: turned as the array is."""
+    offset: Floats
+    """The array's centre from the main lens's [mm], shape (2,)."""
+    grow: float
+    """Pitch of the images over that of the microlenses."""
     image_origin: Floats
-    """Image centre of the microlens at the array's centre [mm], shape (2,)."""
-    half_size: tuple[float, float]
-    """Microlenses whose centres lie beyond this are not there [mm]."""
+    """Image centre of the microlens at the array's centre, in the sensor's frame [mm], shape (2,)."""
+    half_size: Floats
+    """Microlenses whose centres lie beyond this in the array's frame are not there: whole cells only [mm]."""
     reach: float
     """How far from an image's centre its light may fall, by rays [mm]."""
 
     @classmethod
-    def of(cls, design: Design) -> ImageLattice:
-        """The lattice of a design; tilts widen `reach`, everything else is exact."""
-        array, sensor = design.microlens_array, design.sensor
-        step = np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if array.layout == "hexagonal" else np.eye(2)
-        axes = design.d * step
-        c, s = math.cos(array.rotation), math.sin(array.rotation)
-        turn = np.array([[c, -s], [s, c]])
-        grow = 1 + design.d_2 * exit_pupil_vergence(design)
-        lens, fap = np.array(design.main_lens.decentre), np.array(design.aperture.decentre)
-        shift = stop_scale(design, design.d_3) * (lens * (design.d_3 / design.f) - fap)
-        origin = grow * np.array(array.decentre) + shift - np.array(sensor.decentre)
-        width, height = array.size
-        slack = (
-            0.0
-            if design.aligned
-            else 2 * tilt_shift(Subject(design, SceneBrief(field_radius=math.hypot(width, height) / 2)))
+    def of(cls, camera: Camera) -> ImageLattice:
+        """The lattice of one camera; tilts widen `reach`, everything else is exact."""
+        step = np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if camera.layout == "hexagonal" else np.eye(2)
+        axes = camera.d * step
+        angle = float(camera["microlens_array.rotation"])
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        offset = np.array(camera.decentre("microlens_array"))
+        centres, radii = stop_discs(camera, *offset)
+        slack = 2 * tilt_shift(camera, float(np.hypot(*camera.array_size)) / 2) if camera.tilted else 0.0
+        return cls(
+            axes,
+            turn @ axes,
+            offset,
+            float(1 + camera.d_2 * camera.vergence),
+            offset + centres[0] - np.array(camera.decentre("sensor")),
+            (np.array(camera.array_size) - [camera.d, axes[1, 1]]) / 2 + 1e-9,
+            # A stop cannot widen an image, but a microlens out of focus can, and a finite one moves it.
+            float(radii[0] + microlens_defocus_blur(camera) * math.sqrt(0.5) + slack),
         )
-        # A stop cannot widen an image, but a microlens out of focus can, and a finite one moves it.
-        reach = image_diameter(design) / 2 + ray_blur(design) * math.sqrt(0.5) + slack
-        # A microlens belongs to the array if its whole cell fits.
-        half = (width - design.d) / 2, (height - axes[1, 1]) / 2
-        return cls(axes, grow * turn @ axes, origin, half, reach)
+
+    @property
+    def image_axes(self) -> Floats:
+        """Columns: steps of an image's centre in the sensor's frame [mm]."""
+        return self.grow * self.turned
+
+    def microlens(self, index: NDArray[np.number]) -> Floats:
+        """Axes of microlenses from the main lens's centre [mm], shape (..., 2)."""
+        return np.asarray(index @ self.turned.T + self.offset)
+
+    def image(self, index: NDArray[np.number]) -> Floats:
+        """Centres of their images in the sensor's frame [mm]."""
+        return np.asarray(index @ self.image_axes.T + self.image_origin)
+
+    def holds(self, index: NDArray[np.number]) -> NDArray[np.bool_]:
+        """Whether the array has these microlenses."""
+        return np.asarray((np.abs(index @ self.axes.T) <= self.half_size).all(-1))
 
     @property
     def neighbours(self) -> int:
         """How many lattice steps around the nearest image may reach a sensor point."""
-        height = abs(np.linalg.det(self.image_axes)) / np.linalg.norm(self.image_axes, axis=0).max()
+        axes = self.image_axes
+        height = abs(np.linalg.det(axes)) / np.linalg.norm(axes, axis=0).max()
         return math.ceil(float(self.reach / height) + 0.5)
 
     def indices(self, left: float, right: float, low: float, high: float) -> NDArray[np.int64]:
         """Indices of the microlenses whose images may touch a rectangle of the sensor, shape (N, 2), row by row."""
-        corners = np.array(
-            [[x, y] for x in (left - self.reach, right + self.reach) for y in (low - self.reach, high + self.reach)]
-        )
-        found = np.linalg.solve(self.image_axes, (corners - self.image_origin).T)
-        (i0, j0), (i1, j1) = np.floor(found.min(1)).astype(int), np.ceil(found.max(1)).astype(int)
-        i, j = np.meshgrid(np.arange(i0, i1 + 1), np.arange(j0, j1 + 1))
-        index = np.stack([i.ravel(), j.ravel()], -1)
-        place, image = index @ self.axes.T, index @ self.image_axes.T + self.image_origin
-        near = (image[:, 0] >= left - self.reach) & (image[:, 0] <= right + self.reach)
-        near &= (image[:, 1] >= low - self.reach) & (image[:, 1] <= high + self.reach)
-        there = (np.abs(place) <= np.array(self.half_size) + 1e-9).all(1)
-        return np.asarray(index[near & there])
+        least, most = np.array([left, low]) - self.reach, np.array([right, high]) + self.reach
+        corners = np.array([[x, y] for x in (least[0], most[0]) for y in (least[1], most[1])])
+        ends = np.linalg.solve(self.image_axes, (corners - self.image_origin).T)
+        (i0, j0), (i1, j1) = np.floor(ends.min(1)).astype(int), np.ceil(ends.max(1)).astype(int)
+        index = np.stack(np.meshgrid(np.arange(i0, i1 + 1), np.arange(j0, j1 + 1)), -1).reshape(-1, 2)
+        image = self.image(index)
+        near = ((image >= least) & (image <= most)).all(-1)
+        return np.asarray(index[near & self.holds(index)])

@@ -14,26 +14,25 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._jit import kernel
+from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
-from ..effects.field import ray_blur
 from ..errors import InputError, Problem
+from ..lenses.camera import LensCamera, camera_of, microlenses, tilted_parts, views
+from ..lenses.prescription import LensError
+from ..lenses.surrogate import fitted
+from ..lenses.tracer import KEPT
 from ..scenes import Scene
-from ..scenes.scene import mouth
-from .camera import ImageLattice, straightened
-from .grid import Region, pixel_centres
-from .surfaces import Surfaces, encode, radiance
-from .trace import Sampling
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.float32]
+from ..shapes.lattice import Lattice, lens_centres
+from ..theory.light import microlens_defocus_blur
+from .camera import Floats, Image, Region, pixel_centres, straightened
+from .trace import Sampling, Surfaces, encode, radiance, refocused
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
@@ -75,14 +74,12 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
     """
     if design.lens is None or not any(plan.on(name) for name in LENS_EFFECTS):
         return None
-    from ..lenses.camera import tilted_parts
-
-    seen = straightened(design, plan)
+    straight = straightened(design, plan)
     off = "switch off " + ", ".join(f"-{name}" for name in LENS_EFFECTS) + " to take the lens as thin"
     problems = []
     if scene.points:
         problems.append(Problem("objects", f"point sources behind a real main lens are not rendered; {off}"))
-    if tilted := tilted_parts(seen):
+    if tilted := tilted_parts(straight):
         message = f"a tilted {' and '.join(tilted)} behind a real main lens is not rendered; add -tilts, or {off}"
         problems.append(Problem("effects", message))
     textured = scene.white is None
@@ -95,7 +92,7 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
         )
     if problems:
         raise InputError(tuple(problems), design.name)
-    return _tracer(seen, plan, scene)
+    return _tracer(straight, plan, scene)
 
 
 @functools.lru_cache(maxsize=2)
@@ -108,7 +105,7 @@ def _tracer(design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
 class RealLensTracer:
     """Everything that tracing takes."""
 
-    design: Design
+    camera: Camera
     """Without the misalignments that are left out."""
     microlenses: Floats
     """Axes in the lens's frame (M, 2) [mm]."""
@@ -125,31 +122,30 @@ class RealLensTracer:
     finite: bool
     """Whether rays go all over a microlens, rather than through its middle."""
     in_focus: bool
+    """Whether objects are taken on the focal plane."""
     falloff: bool
     own_only: bool
     """Whether no pixel of a uniform scene gets more than a whole image gives."""
     only_fap: bool
     """Whether nothing but the FAP clips."""
-    fap_distance: float = field(default=0.0)
+    mouth: float
+    """Z of the bore's mouth [mm]."""
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
         """For a design without tilts of other parts than the main lens, a plan and a scene."""
-        from ..lenses.camera import camera_of, microlenses
-
-        camera = camera_of(design)
-        lattice = ImageLattice.of(design.thin_twin)
-        places = microlenses(design, _on_array(lattice))
+        mounted, camera, array = camera_of(design), Camera.of(design), design.microlens_array
+        places = microlenses(design, lens_centres(Lattice(array.pitch, array.size, array.layout)))
         waves = (scene.light.wavelengths or (design.wavelength,)) if plan.on("lens_colour") else (design.wavelength,)
-        finite = scene.white is None and plan.on("finite_microlens_aperture")
-        margin = ray_blur(design.thin_twin) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1 if finite else 0.0
-        forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
-        rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in camera.rims]
         level = scene.white
+        finite = level is None and plan.on("finite_microlens_aperture")
+        blur = float(microlens_defocus_blur(camera)) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1
+        forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
+        rims = [(mounted.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in mounted.rims]
         return cls(
-            design,
+            camera,
             places,
-            _boxes(design, places, waves, margin),
+            _boxes(mounted, places, waves, blur if finite else 0.0),
             tuple(_way(design, places, wave) for wave in waves),
             np.array(rims[:1] if forced else rims),
             encode(scene, design.d_f) if level is None else None,
@@ -159,7 +155,7 @@ class RealLensTracer:
             plan.on("cos4"),
             level is not None and not plan.on("overlap"),
             forced,
-            mouth(design),
+            float(camera.tip),
         )
 
     def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
@@ -178,105 +174,95 @@ class RealLensTracer:
         return out, rays
 
     def _strip(self, piece: Region, fine: int, seed: int) -> tuple[Image, int]:
-        design = self.design
-        x, y = pixel_centres(design, piece, fine)
-        shift = np.subtract(design.sensor.decentre, design.main_lens.decentre)
-        step = design.q / fine
-        start = np.array([x[0], y[0]]) + shift
+        """One sample for each of so many subpixels, (rows * fine, columns * fine), and how many rays it took."""
+        x, y = pixel_centres(self.camera, piece, fine)
+        step = float(self.camera.q) / fine
+        start = np.array([x[0], y[0]]) + np.array(self.camera.decentre("sensor"))
         total = np.zeros((y.size, x.size), np.float32)
         low = np.floor((self.microlenses + self.boxes[:, :2] - start) / step).astype(int)
         high = np.ceil((self.microlenses + self.boxes[:, 2:] - start) / step).astype(int)
         near = np.all((high >= 0) & (low < [x.size, y.size]) & (self.boxes[:, 2:] > self.boxes[:, :2]), axis=1)
         chosen = np.flatnonzero(near)
-        sizes = (high - low)[chosen]
         # Alike in size, so that the common window of a batch fits all of it.
-        chosen = chosen[np.argsort(sizes.max(1), kind="stable")]
+        chosen = chosen[np.argsort((high - low)[chosen].max(1), kind="stable")]
         spent, first = 0, 0
         while first < len(chosen):
             width = int((high - low)[chosen[first]].max()) + 3
-            last = first + max(1, BATCH // width**2)
-            batch = chosen[first:last]
+            batch = chosen[first : first + max(1, BATCH // width**2)]
             width = int((high - low)[batch].max()) + 3
             first += len(batch)
             k = np.arange(width)
             columns, rows = low[batch, :1] - 1 + k, low[batch, 1:] - 1 + k
-            px, py = start[0] + step * columns, start[1] + step * rows
-            light = sum(self._light(way, batch, px, py, columns + piece.column * fine, rows + piece.row * fine, seed)
-                        for way in self.ways) / len(self.ways)  # fmt: skip
+            p = start[0] + step * columns, start[1] + step * rows
+            lens = self._points_on_lens(columns + piece.column * fine, rows + piece.row * fine, seed)
+            light = sum(self._light(way, self.microlenses[batch], p, lens) for way in self.ways) / len(self.ways)
             deposit.compiled(total, rows[:, 0], columns[:, 0], np.asarray(light, np.float32))
             spent += len(batch) * width * width * len(self.ways)
         if self.own_only:
             np.minimum(total, np.float32(self.level), out=total)
         return total, spent
 
-    def _light(
-        self, way: LensRays, batch: NDArray[np.int64], px: Floats, py: Floats, i: Any, j: Any, seed: int
-    ) -> Floats:
-        """Light of samples on windows behind microlenses, (n, rows, columns)."""
-        design = self.design
-        n, width = px.shape
+    def _light(self, way: LensRays, c: Floats, p: tuple[Floats, Floats], w: tuple[Floats, Floats]) -> Floats:
+        """Light of samples on windows behind microlenses at `c`, through points `w` of theirs, (n, rows, columns)."""
+        n, width = p[0].shape
         shape = (n, width, width)
-        c = self.microlenses[batch]
-        cx, cy = c[:, 0, None], c[:, 1, None]
-        x = np.broadcast_to(px[:, None, :], shape).reshape(n, -1)
-        y = np.broadcast_to(py[:, :, None], shape).reshape(n, -1)
-        wx, wy = _points_on_lens(design, i, j, seed) if self.finite else (np.zeros((n, 1)), np.zeros((n, 1)))
-        if self.finite:
-            found = way(
-                cx + wx, cy + wy, (x - cx - wx) / design.d_2 + wx / design.f_ml,
-                (y - cy - wy) / design.d_2 + wy / design.f_ml,
-            )  # fmt: skip
-        else:
-            found = way(cx, cy, (x - cx) / design.d_2, (y - cy) / design.d_2)
-        room = np.full(n * width * width, np.inf).reshape(n, -1) if self.only_fap else found.room
+        x = np.broadcast_to(p[0][:, None, :], shape).reshape(n, -1)
+        y = np.broadcast_to(p[1][:, :, None], shape).reshape(n, -1)
+        at_x, at_y = c[:, 0, None] + w[0], c[:, 1, None] + w[1]
+        leg_x, leg_y = (x - at_x) / self.camera.d_2, (y - at_y) / self.camera.d_2
+        rays = way(at_x, at_y, leg_x + w[0] / self.camera.f_ml, leg_y + w[1] / self.camera.f_ml)
+        room = np.full((n, width * width), np.inf) if self.only_fap else rays.room
         for ahead, stop_x, stop_y, radius in self.stops:
-            at_x, at_y = found.x - found.slope_x * ahead - stop_x, found.y - found.slope_y * ahead - stop_y
-            room = np.minimum(room, 1 - (at_x**2 + at_y**2) / radius**2)
+            off_x, off_y = rays.x - rays.slope_x * ahead - stop_x, rays.y - rays.slope_y * ahead - stop_y
+            room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
         room = np.maximum(room, -1.0).reshape(shape)
         if self.finite:
             weight = (room >= 0).astype(float)
         else:
             slopes = np.abs(np.gradient(room, axis=1)) + np.abs(np.gradient(room, axis=2))
             weight = np.clip(room / (slopes + 1e-300) + 0.5, 0.0, 1.0)
-        light = self.level * weight if self.surfaces is None else weight * self._seen(found, weight).reshape(shape)
+        light = weight * (self.level if self.surfaces is None else self._met(self.surfaces, rays, weight))
         if self.falloff:
-            legs = ((x - cx - wx) / design.d_2) ** 2 + ((y - cy - wy) / design.d_2) ** 2
-            light = light * ((1 + legs) ** -2.0).reshape(shape)
+            light = light * ((1 + leg_x**2 + leg_y**2) ** -2.0).reshape(shape)
         return np.asarray(light)
 
-    def _seen(self, found: ObjectRays, weight: Floats) -> Floats:
+    def _met(self, surfaces: Surfaces, rays: ObjectRays, weight: Floats) -> Floats:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
-        design, surfaces = self.design, self.surfaces
-        assert surfaces is not None
-        lens_x, lens_y = design.main_lens.decentre
+        camera = self.camera
         out = np.zeros(weight.size)
         shade_rays.compiled(
-            surfaces.rows, surfaces.pictures, surfaces.beyond, self.fap_distance, design.d_3, design.d_f,
-            self.in_focus, lens_x, lens_y, found.x.reshape(-1), found.y.reshape(-1), found.slope_x.reshape(-1),
-            found.slope_y.reshape(-1), weight.reshape(-1), out,
+            *surfaces, self.mouth, float(camera.d_3), float(camera.d_f), self.in_focus,
+            float(camera["main_lens.decentre.0"]), float(camera["main_lens.decentre.1"]), rays.x.reshape(-1),
+            rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1), weight.reshape(-1), out,
         )  # fmt: skip
-        return out
+        return out.reshape(weight.shape)
 
-
-def _on_array(lattice: ImageLattice) -> Floats:
-    """Every microlens of an array, in its own frame (M, 2) [mm]."""
-    half = np.array(lattice.half_size) + 1e-9
-    most = np.ceil(np.abs(np.linalg.inv(lattice.axes)) @ half).astype(int)
-    i, j = np.meshgrid(*(np.arange(-count, count + 1) for count in most))
-    places = np.stack([i.ravel(), j.ravel()], -1) @ lattice.axes.T
-    return np.asarray(places[np.all(np.abs(places) <= half, axis=1)])
+    def _points_on_lens(self, columns: Any, rows: Any, seed: int) -> tuple[Floats, Floats]:
+        """A point on the microlens for every sample (n, rows * columns), evenly spread over neighbouring ones [mm]."""
+        n, width = columns.shape
+        if not self.finite:
+            return np.zeros((n, 1)), np.zeros((n, 1))
+        i = np.broadcast_to(columns[:, None, :], (n, width, width)).reshape(n, -1).astype(float)
+        j = np.broadcast_to(rows[:, :, None], (n, width, width)).reshape(n, -1).astype(float)
+        turn = 0.5 + 0.001 * (seed % 997)
+        # Steps from the plastic number: low discrepancy along both axes and over any block.
+        u = np.mod(turn + 0.7548776662466927 * i + 0.5698402909980532 * j, 1.0)
+        v = np.mod(turn + 0.5698402909980532 * i + 0.3294 * j + 0.2 * u, 1.0)
+        half = float(self.camera.d) / 2
+        if self.camera.lens_shape == "circular":
+            radius, angle = half * np.sqrt(u), 2 * np.pi * v
+            return radius * np.cos(angle), radius * np.sin(angle)
+        x, y = (2 * u - 1) * half, (2 * v - 1) * half
+        turned = float(self.camera["microlens_array.rotation"])
+        c, s = math.cos(turned), math.sin(turned)
+        return c * x - s * y, s * x + c * y
 
 
 def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
     """A fast polynomial twin of the lens where it is symmetric and smooth enough, else the lens itself."""
-    from ..lenses.camera import camera_of
-    from ..lenses.prescription import LensError
-    from ..lenses.surrogate import fitted
-    from ..lenses.tracer import KEPT
-
     camera = camera_of(design)
     pixel = design.q * min(design.d_f - design.d_3, design.d_f) / design.d_2  # coarser than any ray needs
-    on_fap = design.D_F * design.q / (design.d * design.d_2 / design.d_2)
+    on_fap = design.D_F * design.q / design.d
     try:
         radius = float(np.max(np.hypot(*places.T))) + design.d
         twin = fitted(camera, radius, tolerance=SURROGATE_ERROR * min(pixel, on_fap), wavelength=wavelength)
@@ -292,16 +278,13 @@ def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
     def exactly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
         there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.mla, end=camera.fap.z)
         room = np.where(there.state == KEPT, there.room, -1.0)
-        return ObjectRays(*there.height, *there.slope, room)
+        return ObjectRays(there.height[0], there.height[1], there.slope[0], there.slope[1], room)
 
     return exactly
 
 
-def _boxes(design: Design, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
+def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
     """Where light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
-    from ..lenses.camera import camera_of, views
-
-    camera = camera_of(design)
     half = 0.6 * camera.lens_diameter * camera.d_2 / camera.d_1
     side = np.linspace(-half, half, RANGE)
     step = side[1] - side[0]
@@ -326,27 +309,8 @@ def _boxes(design: Design, places: Floats, waves: tuple[float, ...], margin: flo
     spacing = np.maximum((high - low) / [across - 1, along - 1], 1e-12)
     cell = np.minimum(((places - low) / spacing).astype(int), [across - 2, along - 2])
     boxes = np.concatenate([low_box, high_box], axis=-1)[cell[:, 1], cell[:, 0]]
-    dark = ~np.all(np.isfinite(boxes), axis=1)
-    boxes[dark] = 0.0
+    boxes[~np.all(np.isfinite(boxes), axis=1)] = 0.0
     return np.asarray(boxes)
-
-
-def _points_on_lens(design: Design, columns: Any, rows: Any, seed: int) -> tuple[Floats, Floats]:
-    """A point on the microlens for every sample (n, rows * columns), evenly spread over neighbouring samples [mm]."""
-    n = len(columns)
-    i = np.broadcast_to(columns[:, None, :], (n, rows.shape[1], columns.shape[1])).reshape(n, -1).astype(float)
-    j = np.broadcast_to(rows[:, :, None], (n, rows.shape[1], columns.shape[1])).reshape(n, -1).astype(float)
-    turn = 0.5 + 0.001 * (seed % 997)
-    # Steps from the plastic number: low discrepancy along both axes and over any block.
-    u = np.mod(turn + 0.7548776662466927 * i + 0.5698402909980532 * j, 1.0)
-    v = np.mod(turn + 0.5698402909980532 * i + 0.3294 * j + 0.2 * u, 1.0)
-    half = design.d / 2
-    if design.microlens_array.lens_shape == "circular":
-        radius, angle = half * np.sqrt(u), 2 * np.pi * v
-        return radius * np.cos(angle), radius * np.sin(angle)
-    x, y = (2 * u - 1) * half, (2 * v - 1) * half
-    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-    return c * x - s * y, s * x + c * y
 
 
 @kernel()
@@ -375,8 +339,5 @@ def shade_rays(
         ox, oy = slope_x[n], slope_y[n]
         hx, hy = x[n] + lens_x + ox * d_3, y[n] + lens_y + oy * d_3
         if in_focus:
-            # The same point of the focal plane, seen from the middle of the FAP.
-            fx, fy = hx - ox * d_f, hy - oy * d_f
-            ox, oy = -fx / (d_f - d_3), -fy / (d_f - d_3)
-            hx, hy = ox * d_3, oy * d_3
+            hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
         out[n] = radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)

@@ -10,32 +10,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design import Design, Stop
-from .camera import ImageLattice
-from .grid import Region, pixel_centres
-from .sobol import sobol_points
+from ..camera import Camera
+from .camera import Floats, Image, ImageLattice, Region, pixel_centres
+from .trace import sobol_points
 
-Floats = NDArray[np.float64]
 Field = NDArray[np.complex128]
+RoundField = Callable[[Floats, Floats], Field]
 
 FINE = 4
 """Gauss-Legendre nodes per pixel and axis: exact to 1e-4 for the fringes of lenses three pitches apart."""
-
 WIDEST = 64
 """Microlenses (per axis) that one point may light."""
-
-
 WIDEST_TAIL = 24.0
 """Blur widths beyond a microlens's geometric image at which its light is cut off."""
-
-
 LEAST_TOLERANCE = 2e-3
 """Smallest share of far tails that is gone after: light beyond falls off only as one over the distance."""
+RAYS = 1 << 18
+"""Rays for one point without diffraction: landings are counted, to about 1/500 of a pixel's share."""
 
 
 class Opening(NamedTuple):
@@ -69,7 +66,7 @@ class Opening(NamedTuple):
 class PointSource:
     """One point as a camera sees it; positions against the main lens's axis."""
 
-    design: Design
+    camera: Camera
     """As planned, not tilted."""
     x: float
     y: float
@@ -79,41 +76,36 @@ class PointSource:
     @property
     def reach(self) -> float:
         """Distance from the FAP, R = Z - d_3 [mm]."""
-        return self.distance - self.design.d_3
+        return float(self.distance - self.camera.d_3)
 
     @property
     def throw(self) -> float:
-        """B of the ray matrix from the FAP to the array, d_1/H [mm]."""
-        design = self.design
-        return design.d_1 * (design.d_f - design.d_3) / design.d_f
+        """B of the ray matrix from the FAP to the array, A = d_1/H [mm]."""
+        return float(self.camera.A)
 
     @property
     def defocus(self) -> float:
         """Curvature of the wave on the FAP that the main lens does not undo, 1/R - 1/(d_f - d_3) [1/mm]."""
-        design = self.design
-        return (design.d_f - self.distance) / (self.reach * (design.d_f - design.d_3))
+        return float((self.camera.d_f - self.distance) / (self.reach * self.camera.gap))
 
     @property
-    def spot(self) -> tuple[float, float]:
+    def spot(self) -> Floats:
         """Where the ray through the FAP plane's axis point meets the array [mm]."""
-        return -self.x * self.throw / self.reach, -self.y * self.throw / self.reach
+        return -np.array([self.x, self.y]) * (self.throw / self.reach)
 
+    @cached_property
     def opening(self) -> Opening:
         """What the FAP, the lens and further rims leave open for this point."""
-        design = self.design
-        lens = Stop(diameter=design.D, distance=0.0)
         centres, radii = [], []
-        for stop in (*design.all_stops, lens):
-            grow = self.reach / (self.distance - stop.distance)
-            at = np.subtract(stop.decentre, design.main_lens.decentre if stop is not lens else (0.0, 0.0))
-            centres.append([self.x + (at[0] - self.x) * grow, self.y + (at[1] - self.y) * grow])
-            radii.append(stop.diameter / 2 * grow)
+        for rim in (self.camera.fap, *self.camera.rims):
+            grow = self.reach / (self.distance - rim.distance)
+            at_x, at_y = self.camera.decentre(rim.part)
+            centres.append([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow])
+            radii.append(rim.radius * grow)
         return Opening(np.array(centres), np.array(radii))
 
 
-def point_image(
-    source: PointSource, region: Region, wavelengths: tuple[float, ...], tolerance: float
-) -> NDArray[np.float32]:
+def point_image(source: PointSource, region: Region, wavelengths: tuple[float, ...], tolerance: float) -> Image:
     """Image of a point source, the FAP's whole light being 1 when summed over all pixels.
 
     Parameters
@@ -130,106 +122,82 @@ def point_image(
     -------
     ndarray of float32, shape (rows, columns)
     """
-    lattice = ImageLattice.of(source.design)
-    image = np.zeros((region.rows, region.columns), np.float32)
+    lattice = ImageLattice.of(source.camera)
     if not wavelengths:
-        _add_rays(image, source, region)
-        return image
-    for wavelength in wavelengths:
-        _add_wave(image, source, region, lattice, wavelength, tolerance, 1 / len(wavelengths))
-    return image
-
-
-def _array_offset(design: Design) -> Floats:
-    return np.subtract(design.microlens_array.decentre, design.main_lens.decentre)
-
-
-def _turn(design: Design) -> Floats:
-    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-    return np.array([[c, -s], [s, c]])
+        return _by_rays(source, region, lattice)
+    images = [_by_waves(source, region, lattice, wavelength, tolerance) for wavelength in wavelengths]
+    return np.asarray(sum(images) / len(images), np.float32)
 
 
 def _lit_lenses(source: PointSource, lattice: ImageLattice, beyond: float) -> Floats:
-    """Microlens axes (against the main lens's) within the geometric spot and `beyond` around it, shape (N, 2)."""
-    design = source.design
-    opening = source.opening()
-    blur = source.throw * abs(source.defocus)
-    reach = blur * opening.radii[0] + beyond + design.d
-    centre = np.array(source.spot) + source.throw * source.defocus * opening.centres[0] * -1.0
-    turned = _turn(design) @ lattice.axes
-    guess = np.linalg.solve(turned, centre - _array_offset(design))
-    span = min(WIDEST, math.ceil(reach / design.d * 1.2) + 1)
+    """Indices of the microlenses within the geometric spot and `beyond` around it, shape (N, 2)."""
+    d, spread, opening = float(source.camera.d), source.throw * source.defocus, source.opening
+    reach = abs(spread) * opening.radii[0] + beyond + d
+    centre = source.spot - spread * opening.centres[0]
+    span = min(WIDEST, math.ceil(reach / d * 1.2) + 1)
     steps = np.arange(-span, span + 1)
-    i, j = np.meshgrid(np.round(guess[0]) + steps, np.round(guess[1]) + steps)
-    index = np.stack([i.ravel(), j.ravel()], -1)
-    place = index @ lattice.axes.T
-    there = (np.abs(place) <= np.array(lattice.half_size) + 1e-9).all(1)
-    axis = index @ turned.T + _array_offset(design)
-    return np.asarray(axis[there & (np.hypot(*(axis - centre).T) <= reach)])
+    nearest = np.round(np.linalg.solve(lattice.turned, centre - lattice.offset))
+    index = nearest + np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    near = np.hypot(*(lattice.microlens(index) - centre).T) <= reach
+    return np.asarray(index[near & lattice.holds(index)])
 
 
-def _add_wave(
-    image: NDArray[np.float32], source: PointSource, region: Region, lattice: ImageLattice, wavelength: float,
-    tolerance: float, share: float,
-) -> None:  # fmt: skip
-    design = source.design
+def _by_waves(
+    source: PointSource, region: Region, lattice: ImageLattice, wavelength: float, tolerance: float
+) -> Floats:
+    camera = source.camera
+    d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.d_2, camera.f_ml, camera.D_F))
+    image = np.zeros((region.rows, region.columns))
     # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B).
-    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * design.D_F)
-    axes = _lit_lenses(source, lattice, beyond)
-    if not len(axes):
-        return
-    blur = wavelength * design.d_2 / design.d
-    shift = np.subtract(design.sensor.decentre, design.main_lens.decentre)
+    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * D_F)
+    index = _lit_lenses(source, lattice, beyond)
+    if not len(index):
+        return image
+    blur = wavelength * d_2 / d
     at, weight = np.polynomial.legendre.leggauss(FINE)
-    x, y = ((centres[:, None] + at * design.q / 2).ravel() for centres in pixel_centres(design, region))
-    x, y = x + shift[0], y + shift[1]
+    x, y = ((centres[:, None] + at * float(camera.q) / 2).ravel() for centres in pixel_centres(camera, region))
+    shift = camera.decentre("sensor")
     field = np.zeros((y.size, x.size), np.complex128)
     # Cycles of phase across one microlens: towards the farthest sensor point kept, and of the light that comes in.
-    cycles = (lattice.reach + WIDEST_TAIL * blur) / blur + design.d * design.D_F / (wavelength * source.throw)
+    cycles = (lattice.reach + WIDEST_TAIL * blur) / blur + d * D_F / (wavelength * source.throw)
     samples = 24 + 2 * math.ceil(cycles)
     nodes, weights = np.polynomial.legendre.leggauss(samples)
-    v, dv = nodes * design.d / 2, weights * design.d / 2
+    v, dv = nodes * d / 2, weights * d / 2
     window = np.ones((samples, samples))
-    if design.microlens_array.lens_shape == "circular":
+    if camera.lens_shape == "circular":
         # Columns of the disc, each with its own chord, keep the quadrature smooth: here as fractional rows.
-        window = np.clip((design.d / 2 - np.hypot(v[:, None], v)) / (design.d / samples) + 0.5, 0, 1)
-    opening = source.opening()
-    arriving = _round_field(source, opening, wavelength, beyond + 3 * design.d) if opening.unclipped else None
-    full = math.pi * design.D_F**2 / 4
-    grow = float((lattice.image_axes @ np.linalg.inv(_turn(design) @ lattice.axes))[0, 0])
-    for axis in axes:
-        lens = _on_array(source, opening, axis, v, wavelength, arriving) * window
+        window = np.clip((d / 2 - np.hypot(v[:, None], v)) / (d / samples) + 0.5, 0, 1)
+    bend = np.exp(-1j * math.pi / (wavelength * f_ml) * v**2) * dv
+    arriving = _arriving(source, wavelength, beyond + 3 * d)
+    full = math.pi * D_F**2 / 4
+    for axis, centre in zip(lattice.microlens(index), lattice.image(index), strict=True):
+        lens = _on_array(source, axis, v, wavelength, arriving) * window
         part = float((np.abs(lens) ** 2 * dv[:, None] * dv).sum()) / full
         if part < tolerance**2:
             continue
         # t blur widths out, a lens's field is down to 1/(pi t), and what it adds to the brightest is twice that.
-        tail = blur * min(WIDEST_TAIL, 2 + 2 * math.sqrt(part) / (math.pi * tolerance))
-        centre = grow * axis
-        half = lattice.reach + tail
+        half = lattice.reach + blur * min(WIDEST_TAIL, 2 + 2 * math.sqrt(part) / (math.pi * tolerance))
         columns = slice(*np.searchsorted(x, (centre[0] - half, centre[0] + half)))
         rows = slice(*np.searchsorted(y, (centre[1] - half, centre[1] + half)))
         if columns.start == columns.stop or rows.start == rows.stop:
             continue
-        bend = np.exp(-1j * math.pi / (wavelength * design.f_ml) * v**2) * dv
-        over = [
-            np.exp(1j * math.pi / (wavelength * design.d_2) * (p[:, None] - v) ** 2) * bend
-            for p in (y[rows] - axis[1], x[columns] - axis[0])
-        ]
-        field[rows, columns] += over[0] @ lens @ over[1].T / (wavelength * design.d_2)
-    power = np.abs(field) ** 2
-    power = power.reshape(region.rows, FINE, region.columns, FINE)
-    pixels = np.einsum("jaib,a,b->ji", power, weight, weight) * (design.q**2 / (4 * full))
-    image += (share * pixels).astype(np.float32)
+        along, across = (
+            np.exp(1j * math.pi / (wavelength * d_2) * (p[:, None] - v) ** 2) * bend
+            for p in (y[rows] + (shift[1] - axis[1]), x[columns] + (shift[0] - axis[0]))
+        )
+        field[rows, columns] += along @ lens @ across.T / (wavelength * d_2)
+    power = (np.abs(field) ** 2).reshape(region.rows, FINE, region.columns, FINE)
+    return np.asarray(np.einsum("jaib,a,b->ji", power, weight, weight) * float(camera.q**2 / (4 * full)))
 
 
-RoundField = Callable[[Floats, Floats], Field]
-
-
-def _round_field(source: PointSource, opening: Opening, wavelength: float, beyond: float) -> RoundField:
-    """Diffraction integral over a whole disc against the distance from the geometric spot's middle, tabulated."""
+def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundField:
+    """The diffraction integral over the opening as a function of places on the array, counted from the spot [mm]."""
+    if not source.opening.unclipped:
+        return lambda u_x, u_y: _clipped_field(source, u_x, u_y, wavelength)
     from scipy.special import j0
 
-    throw, radius, centre = source.throw, opening.radii[0], opening.centres[0]
+    # Over a whole disc it depends on the distance from the geometric spot's middle alone, and is tabulated.
+    throw, radius, centre = source.throw, source.opening.radii[0], source.opening.centres[0]
     k = math.pi / wavelength
     farthest = throw * abs(source.defocus) * radius + beyond
     step = wavelength * throw / (2 * radius) / 256
@@ -249,25 +217,12 @@ def _round_field(source: PointSource, opening: Opening, wavelength: float, beyon
     return field
 
 
-def _on_array(
-    source: PointSource, opening: Opening, axis: Floats, v: Floats, wavelength: float, arriving: RoundField | None
-) -> Field:
-    """Field on one microlens's square, shape (v.size, v.size); its squared size integrates to the light there."""
-    design, throw = source.design, source.throw
-    u_x, u_y = axis[0] + v - source.spot[0], axis[1] + v - source.spot[1]
-    field = _clipped_field(source, opening, u_x, u_y, wavelength) if arriving is None else arriving(u_x, u_y)
-    vergence = (design.f - design.d_3) / (design.f * throw)
-    bent = [np.exp(1j * math.pi / wavelength * vergence * (axis[n] + v) ** 2) for n in (0, 1)]
-    return np.asarray(field * bent[1][:, None] * bent[0] / (wavelength * throw))
-
-
-def _clipped_field(source: PointSource, opening: Opening, u_x: Floats, u_y: Floats, wavelength: float) -> Field:
+def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: float) -> Field:
     """Diffraction integral over what the rims leave open, chord by chord."""
-    throw = source.throw
+    throw, opening = source.throw, source.opening
     widest = float(opening.radii.min())
-    cycles = (
-        2 * widest * (max(np.abs(u_x).max(), np.abs(u_y).max()) / throw + abs(source.defocus) * widest) / wavelength
-    )
+    farthest = max(np.abs(u_x).max(), np.abs(u_y).max())
+    cycles = 2 * widest * (farthest / throw + abs(source.defocus) * widest) / wavelength
     count = 24 + 2 * math.ceil(cycles)
     height, weight, left, right = opening.chords(count)
     nodes, weights = np.polynomial.legendre.leggauss(count)
@@ -279,44 +234,41 @@ def _clipped_field(source: PointSource, opening: Opening, u_x: Floats, u_y: Floa
     return np.asarray((np.exp(-2j * k / throw * u_y[:, None] * height) * along) @ across)
 
 
-RAYS = 1 << 18
-"""Rays for one point without diffraction: landings are counted, to about 1/500 of a pixel's share."""
+def _on_array(source: PointSource, axis: Floats, v: Floats, wavelength: float, arriving: RoundField) -> Field:
+    """Field on one microlens's square, shape (v.size, v.size); its squared size integrates to the light there."""
+    field = arriving(*(at + v - spot for at, spot in zip(axis, source.spot, strict=True)))
+    vergence = float(source.camera.vergence)
+    bent = [np.exp(1j * math.pi / wavelength * vergence * (at + v) ** 2) for at in axis]
+    return np.asarray(field * bent[1][:, None] * bent[0] / (wavelength * source.throw))
 
 
-def _add_rays(image: NDArray[np.float32], source: PointSource, region: Region) -> None:
-    design = source.design
-    lattice = ImageLattice.of(design)
-    opening = source.opening()
+def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Image:
+    camera, opening = source.camera, source.opening
     unit = (sobol_points(RAYS)[:, :2] + 0.5) / 2.0**32
     rho, phi = opening.radii[0] * np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]
     a = np.stack([rho * np.cos(phi), rho * np.sin(phi)], -1) + opening.centres[0]
     kept = (np.hypot(*(a[:, None] - opening.centres).transpose(2, 0, 1)) <= opening.radii * (1 + 1e-12)).all(1)
     # The ray (a, slope (a - X)/R) through d_3 of air, lens, d_1 of air.
     slope = (a - (source.x, source.y)) / source.reach
-    height = a + slope * design.d_3
-    after = slope - height / design.f
-    hit = height + after * design.d_1
-    turned = _turn(design) @ lattice.axes
-    local = np.linalg.solve(turned, (hit - _array_offset(design)).T).T
-    index = _nearest(local, lattice)
-    axis = index @ turned.T + _array_offset(design)
-    offset = hit - axis
-    kept &= (np.abs(index @ lattice.axes.T) <= np.array(lattice.half_size) + 1e-9).all(1)
-    if design.microlens_array.lens_shape == "circular":
-        kept &= np.hypot(*offset.T) <= design.d / 2
-    land = hit + (after - offset / design.f_ml) * design.d_2
-    land = land - np.subtract(design.sensor.decentre, design.main_lens.decentre)
-    width, rows = design.pixels
-    column = np.floor(land[:, 0] / design.q + width / 2).astype(int) - region.column
-    row = np.floor(land[:, 1] / design.q + rows / 2).astype(int) - region.row
-    kept &= (column >= 0) & (column < region.columns) & (row >= 0) & (row < region.rows)
-    np.add.at(image, (row[kept], column[kept]), np.float32(1 / RAYS))
+    height = a + slope * camera.d_3
+    after = slope - height / camera.f
+    hit = height + after * camera.d_1
+    index = _nearest(hit, lattice)
+    offset = hit - lattice.microlens(index)
+    kept &= lattice.holds(index)
+    if camera.lens_shape == "circular":
+        kept &= np.hypot(*offset.T) <= camera.d / 2
+    land = hit + (after - offset / camera.f_ml) * camera.d_2 - np.array(camera.decentre("sensor"))
+    pixel = np.floor(land / camera.q + np.array(camera.pixels) / 2).astype(int) - region[:2]
+    kept &= ((pixel >= 0) & (pixel < region[2:])).all(-1)
+    image = np.zeros((region.rows, region.columns), np.float32)
+    np.add.at(image, tuple(pixel[kept].T[::-1]), np.float32(1 / RAYS))
+    return image
 
 
-def _nearest(local: Floats, lattice: ImageLattice) -> Floats:
-    """Index of the nearest lattice point, for square and hexagonal packing."""
-    base = np.floor(local)
-    corners = [base + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
+def _nearest(places: Floats, lattice: ImageLattice) -> Floats:
+    """Index of the microlens nearest to places on the array [mm], for square and hexagonal packing."""
+    local = np.linalg.solve(lattice.turned, (places - lattice.offset).T).T
+    corners = [np.floor(local) + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
     far = [np.hypot(*((local - corner) @ lattice.axes.T).T) for corner in corners]
-    choice = np.argmin(far, axis=0)
-    return np.asarray(np.choose(choice[:, None], corners))
+    return np.asarray(np.choose(np.argmin(far, axis=0)[:, None], corners))

@@ -5,28 +5,23 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
-from .camera import ImageLattice, planned_design
-from .convolve import CORE, Geometry, bands
-from .grid import Region, pixel_centres
+from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
-from .series import MOST_GROUPS, HarmonicSeries, harmonic_series
 from .trace import Sampling, Tracer
-from .transfer import MicrolensTransfer
-from .white import WhiteGeometry, add_falloff
-
-Image = NDArray[np.float32]
+from .transfer import CORE, Geometry, MicrolensTransfer, bands
+from .white import MOST_GROUPS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +112,7 @@ def render(
         raise InputError((Problem("seed", f"{seed} is negative; give a whole number from 0 on"),))
     if sampling is None:
         sampling = Sampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
-    piece = Region.checked(design, region)
+    piece = Region.checked(Camera.of(design), region)
     job = _Job(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
     pixels = np.empty((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
@@ -143,46 +138,41 @@ class _Job:
     ) -> None:
         self.design, self.scene, self.plan = design, scene, effects
         self.budget, self.sampling, self.threads = budget, sampling, threads
-        self.seen = planned_design(design, effects)
+        self.camera = planned_camera(design, effects)
         self.real = real_camera(design, scene, effects)
         self.rays = 0
-        transfer = MicrolensTransfer.of(self.seen, effects, scene.light.wavelengths)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and (self.real is not None or not self.seen.aligned)
+        self.traced |= scene.white is not None and (self.real is not None or self.camera.tilted)
+        transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         if self.traced and effects.on("finite_microlens_aperture"):
             # Rays through the whole microlens already carry its defocus.
-            transfer = MicrolensTransfer(
-                transfer.width,
-                transfer.sensor_distance,
-                0.0,
-                transfer.wavelengths,
-                transfer.circular,
-                transfer.rotation,
-            )
+            transfer = replace(transfer, defocus=0.0)
         self.transfer = None if transfer.trivial else transfer
         self.series = self._series()
-        ways = {"harmonics": self.series is not None, "rays": self.traced, "convolution": self.transfer is not None}
+        ways = {
+            "points": scene.white is None and not self.traced,
+            "harmonics": self.series is not None,
+            "rays": self.traced,
+            "convolution": self.transfer is not None,
+        }
         self.method = next((name for name, used in ways.items() if used), "coverage")
-        if not self.traced and scene.white is None:
-            self.method = "points"
 
     def bands(self, region: Region) -> Iterator[tuple[int, Image]]:
         """Everything but point sources, a band of rows at a time."""
         white = self.scene.white
         if self.series is not None and white is not None:
             for row in range(0, region.rows, CORE):
-                piece = Region(region.column, region.row + row, region.columns, min(CORE, region.rows - row))
+                piece = region._replace(row=region.row + row, rows=min(CORE, region.rows - row))
                 yield row, np.float32(white) * self._harmonics(self.series, piece)
-            return
-        if not self.traced and white is None:
+        elif not self.traced and white is None:
             yield 0, np.zeros((region.rows, region.columns), np.float32)
-            return
-        yield from bands(region, self._geometry(), self.transfer, self.seen.q, self.threads)
+        else:
+            yield from bands(region, self._geometry(), self.transfer, float(self.camera.q), self.threads)
 
     def _geometry(self) -> Geometry:
         if not self.traced:
             level = np.float32(self.scene.white or 0.0)
-            geometry = WhiteGeometry.of(self.seen, self.plan)
+            geometry = WhiteGeometry.of(self.camera, self.plan)
             return lambda region, fine: level * geometry.image(region, fine)
         tracer = self.real or Tracer.of(self.design.thin_twin, self.plan, self.scene)
 
@@ -194,9 +184,9 @@ class _Job:
         return traced
 
     def _harmonics(self, series: HarmonicSeries, region: Region) -> Image:
-        x, y = pixel_centres(self.seen, region)
+        x, y = pixel_centres(self.camera, region)
         image = series.at(x, y)
-        return add_falloff(image, self.seen, x, y) if self.plan.on("cos4") else image
+        return add_falloff(image, self.camera, x, y) if self.plan.on("cos4") else image
 
     def _series(self) -> HarmonicSeries | None:
         """The exact series, where neighbours are alike and diffraction ends it."""
@@ -204,29 +194,27 @@ class _Job:
             return None
         if self.plan.on("vignetting") and self.plan["vignetting"].estimate > 0:
             return None
-        if not self.plan.on("overlap") or not _array_fills_the_view(self.seen):
+        if not self.plan.on("overlap") or not _array_fills_the_view(self.camera):
             return None
-        if 2 * self.transfer.cutoff * self.seen.d > MOST_GROUPS:
+        if 2 * self.transfer.cutoff * self.camera.d > MOST_GROUPS:
             return None
-        series = harmonic_series(self.seen, self.transfer)
+        series = harmonic_series(self.camera, self.transfer)
         return series if series.groups <= MOST_GROUPS else None
 
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""
-        if not self.scene.points:
-            return
-        if not self.seen.aligned:
+        if self.scene.points and self.camera.tilted:
             message = (
                 "point sources through tilted parts are not rendered; add --effects -tilts to take them as straight"
             )
             raise InputError((Problem("effects", message),))
-        lens = self.seen.main_lens.decentre
+        lens_x, lens_y = self.camera["main_lens.decentre.0"], self.camera["main_lens.decentre.1"]
         for thing in self.scene.points:
             for x, y, distance in thing.positions:
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= (1 + (x * x + y * y) / (distance - self.seen.d_3) ** 2) ** -2.0
-                yield np.float32(light), PointSource(self.seen, x - lens[0], y - lens[1], distance)
+                    light *= (1 + (x * x + y * y) / (distance - self.design.d_3) ** 2) ** -2.0
+                yield np.float32(light), PointSource(self.camera, float(x - lens_x), float(y - lens_y), distance)
 
     @property
     def colours(self) -> tuple[float, ...]:
@@ -236,10 +224,10 @@ class _Job:
         return self.scene.light.wavelengths or (self.design.wavelength,)
 
 
-def _array_fills_the_view(design: Design) -> bool:
+def _array_fills_the_view(camera: Camera) -> bool:
     """Whether microlens images cover all of the sensor, with half of one to spare on each side."""
-    lattice = ImageLattice.of(design)
-    half = np.array(design.pixels) * design.q / 2
-    corners = np.array([[x, y] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
+    lattice = ImageLattice.of(camera)
+    half = np.array(camera.pixels) * camera.q / 2
+    corners = half * [[-1, -1], [-1, 1], [1, -1], [1, 1]]
     place = np.linalg.solve(lattice.image_axes, (corners - lattice.image_origin).T).T @ lattice.axes.T
-    return bool((np.abs(place) <= np.array(lattice.half_size) - design.d / 2).all())
+    return bool((np.abs(place) <= lattice.half_size - camera.d / 2).all())

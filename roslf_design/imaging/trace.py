@@ -1,7 +1,7 @@
-"""Geometric images by backward rays: pixel, microlens aperture and the FAP's diffraction sampled by Sobol points.
+"""Textured scenes by backward rays: pixel, microlens aperture and the FAP's diffraction sampled by Sobol points.
 
 Every pixel has its own random exclusive-or scramble of one common point set, so that a pixel's value depends on the
-seed and its place alone, never on tiles or threads.
+seed and its place alone, never on tiles or threads. Surfaces and textures are laid out as rows of numbers.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
+from ..camera.frames import frame
 from ..design import Design
+from ..design.parts import Part
 from ..effects import Plan
 from ..rays.backward import (
     ARRAY_X,
@@ -28,24 +30,32 @@ from ..rays.backward import (
     PER_F,
     PER_F_ML,
     SENSOR_X,
+    Layout,
     aligned_ray,
     crossing,
     lay_out,
     posed_ray,
 )
-from ..scenes import Scene
-from ..scenes.scene import mouth
-from .camera import ImageLattice, planned_design
-from .grid import Region, pixel_centres
-from .sobol import sobol_points
-from .surfaces import Surfaces, encode, radiance
+from ..scenes import Checkerboard, Picture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
-Floats = NDArray[np.float64]
+PLANE, SPHERE, TUBE = 0, 1, 2
+UNIFORM, CHECKERBOARD, SINUSOID, PICTURE = 0, 1, 2, 3
 
+KIND, ORIGIN, NORMAL, ACROSS, ALONG, EXTENT = 0, 1, 4, 7, 10, 13
+"""Places in a surface's row: kind; x, y, Z of its origin; a plane's normal and its u and v axes; two lengths (half
+width and height of a plane, radius of a sphere, radius and far end of a tube)."""
+LOOK, LEVELS, WIDTH = 15, 16, 20
+"""Texture's kind; its numbers; length of a row."""
+
+FAR = 1e300
+"""Distance of what is not met."""
 BATCH = 16
 """Rays between two looks at a pixel's error."""
 MOST = 64
 """Candidate microlenses that one pixel may have."""
+DIMENSIONS = 6
+"""Of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
 
 POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND = range(6)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
@@ -68,55 +78,206 @@ class Sampling:
     """Behind a real main lens: samples along a pixel's side, instead of rays; 0 is a few."""
 
 
+class Surfaces(NamedTuple):
+    """What rays may meet."""
+
+    rows: Floats
+    """One row a surface, shape (S, 20)."""
+    pictures: Image
+    """Pixels of all pictures, one after the other."""
+    beyond: float
+    """Radiance where nothing is met."""
+
+
+def encode(scene: Scene, focal_plane: float) -> Surfaces:
+    """Lay a scene out for the kernels; planes that give no distance lie at `focal_plane`, d_f [mm]."""
+    rows: list[Floats] = []
+    pictures: list[Image] = [np.zeros(1, np.float32)]
+    beyond = scene.background
+    for thing in scene.surfaces:
+        if isinstance(thing, White):
+            beyond = thing.level
+            continue
+        row = np.zeros(WIDTH)
+        if isinstance(thing, Plane):
+            pose = frame((0.0, 0.0), 0.0, thing.tilt)
+            row[KIND] = PLANE
+            row[ORIGIN : ORIGIN + 3] = (*thing.centre, focal_plane if thing.distance is None else thing.distance)
+            row[ACROSS : ACROSS + 3], row[ALONG : ALONG + 3], row[NORMAL : NORMAL + 3] = pose.x, pose.y, pose.z
+            row[EXTENT : EXTENT + 2] = np.inf if thing.size is None else np.divide(thing.size, 2)
+        elif isinstance(thing, Sphere):
+            row[KIND], row[EXTENT] = SPHERE, thing.radius
+            row[ORIGIN : ORIGIN + 3] = (*thing.centre, thing.distance)
+        else:
+            row[KIND] = TUBE
+            row[ORIGIN : ORIGIN + 3] = (*thing.centre, thing.start)
+            row[EXTENT : EXTENT + 2] = thing.radius, thing.end
+        look, levels = _texture(thing.texture, pictures)
+        row[LOOK], row[LEVELS : LEVELS + len(levels)] = look, levels
+        rows.append(row)
+    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond)
+
+
+def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ...]]:
+    """Kind and numbers of a texture; a picture's pixels go behind those of others."""
+    if isinstance(texture, Checkerboard):
+        return CHECKERBOARD, (2 / texture.period, texture.high, texture.low)
+    if isinstance(texture, Sinusoid):
+        wave = 2 * math.pi / texture.period
+        return SINUSOID, (wave * math.cos(texture.angle), wave * math.sin(texture.angle), texture.contrast)
+    if isinstance(texture, Picture):
+        values = texture.load()
+        first = sum(map(len, pictures))
+        pictures.append(values.ravel())
+        return PICTURE, (values.shape[1] / texture.width, first, *values.shape)
+    assert isinstance(texture, Uniform)
+    return UNIFORM, (texture.level,)
+
+
+@kernel()
+def shade(s: Any, u: float, v: float, pictures: Any) -> float:
+    """Radiance of a surface at its own (u, v)."""
+    look = int(s[LOOK])
+    if look == UNIFORM:
+        return float(s[LEVELS])
+    if look == CHECKERBOARD:
+        odd = (math.floor(u * s[LEVELS]) + math.floor(v * s[LEVELS])) & 1
+        return float(s[LEVELS + 2] if odd else s[LEVELS + 1])
+    if look == SINUSOID:
+        return float(0.5 * (1.0 + s[LEVELS + 2] * math.cos(u * s[LEVELS] + v * s[LEVELS + 1])))
+    first, rows, columns = int(s[LEVELS + 1]), int(s[LEVELS + 2]), int(s[LEVELS + 3])
+    x = u * s[LEVELS] + 0.5 * columns - 0.5
+    y = v * s[LEVELS] + 0.5 * rows - 0.5
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+    i, j = int(i) % columns, int(j) % rows
+    i2 = i + 1 if i + 1 < columns else 0
+    j2 = j + 1 if j + 1 < rows else 0
+    top = pictures[first + j * columns + i] * (1.0 - fx) + pictures[first + j * columns + i2] * fx
+    low = pictures[first + j2 * columns + i] * (1.0 - fx) + pictures[first + j2 * columns + i2] * fx
+    return float(top * (1.0 - fy) + low * fy)
+
+
+@kernel()
+def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
+    """Distance Z at which the ray (hx - ox Z, hy - oy Z), seen from the lens, meets a surface; FAR where it does not.
+
+    Of a sphere the near side counts, of a tube the wall behind its near end.
+    """
+    if int(s[KIND]) == PLANE:
+        fall = s[NORMAL] * ox + s[NORMAL + 1] * oy + s[NORMAL + 2]
+        if fall <= 0.0:
+            return FAR
+        height = s[NORMAL] * (hx - s[ORIGIN]) + s[NORMAL + 1] * (hy - s[ORIGIN + 1]) + s[NORMAL + 2] * s[ORIGIN + 2]
+        return float(height / fall)
+    # Counted from the surface's own distance, where the numbers are small.
+    rx, ry = hx - ox * s[ORIGIN + 2] - s[ORIGIN], hy - oy * s[ORIGIN + 2] - s[ORIGIN + 1]
+    b = rx * ox + ry * oy
+    c = rx * rx + ry * ry - s[EXTENT] * s[EXTENT]
+    if int(s[KIND]) == SPHERE:
+        a = 1.0 + ox * ox + oy * oy
+        under = b * b - a * c
+        if under < 0.0:
+            return FAR
+        return float(s[ORIGIN + 2] + (b - math.sqrt(under)) / a)
+    a = ox * ox + oy * oy
+    if c > 0.0 or a == 0.0:
+        return FAR
+    z = s[ORIGIN + 2] + (b + math.sqrt(b * b - a * c)) / a
+    return float(z if z <= s[EXTENT + 1] else FAR)
+
+
+@kernel()
+def radiance(
+    rows: Any, pictures: Any, beyond: float, mouth: float, hx: float, hy: float, ox: float, oy: float
+) -> float:
+    """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
+    nearest = FAR
+    value = beyond
+    for n in range(rows.shape[0]):
+        s = rows[n]
+        z = distance(s, hx, hy, ox, oy)
+        if z >= nearest or z <= mouth:
+            continue
+        dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+        if int(s[KIND]) == PLANE:
+            u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
+            v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
+            if abs(u) > s[EXTENT] or abs(v) > s[EXTENT + 1]:
+                continue
+        elif int(s[KIND]) == SPHERE:
+            u = s[EXTENT] * math.atan2(dx, dz)
+            v = s[EXTENT] * math.asin(min(1.0, max(-1.0, dy / s[EXTENT])))
+        else:
+            u = s[EXTENT] * math.atan2(dy, dx)
+            v = z
+        nearest = z
+        value = shade(s, u, v, pictures)
+    return float(value)
+
+
+@kernel()
+def refocused(d_3: float, d_f: float, hx: float, hy: float, ox: float, oy: float) -> Any:
+    """The ray from the FAP's middle to where a ray (height on the lens, slope) crosses the focal plane."""
+    fx, fy = hx - ox * d_f, hy - oy * d_f
+    ox, oy = -fx / (d_f - d_3), -fy / (d_f - d_3)
+    return ox * d_3, oy * d_3, ox, oy
+
+
+@functools.lru_cache(maxsize=4)
+def sobol_points(count: int) -> NDArray[np.uint32]:
+    """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly."""
+    from scipy.stats.qmc import Sobol
+
+    points = Sobol(DIMENSIONS, scramble=False, bits=32).random_base2((count - 1).bit_length())[:count]
+    return np.asarray(points * 2.0**32).astype(np.uint32)
+
+
 @dataclass(frozen=True, eq=False)
 class Tracer:
     """Everything the kernel needs, laid out."""
 
-    design: Design
+    camera: Camera
     """As planned."""
     lattice: ImageLattice
+    layout: Layout
     flags: NDArray[np.bool_]
-    constants: Floats
-    maps: Floats
-    rims: Floats
     surfaces: Surfaces
     kicks: Floats
     """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
+    """Z of the bore's mouth [mm]."""
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
         """For a design, a plan and a scene."""
-        seen = planned_design(design, plan)
-        camera = Camera.of(seen)
-        layout = lay_out(camera)
+        camera = planned_camera(design, plan)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
         kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
         flags = [
-            camera.tilted or seen.microlens_array.rotation != 0,
+            camera.tilted or camera["microlens_array.rotation"] != 0,
             not plan.on("finite_microlens_aperture"),
             not plan.on("object_defocus"),
             not plan.on("overlap"),
             kicked,
-            seen.microlens_array.lens_shape == "circular",
+            camera.lens_shape == "circular",
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)
-        falloff = seen.d_f / seen.d_1 / (seen.d_f - seen.d_3) if plan.on("cos4") else 0.0
         return cls(
-            seen,
-            ImageLattice.of(seen),
+            camera,
+            ImageLattice.of(camera),
+            lay_out(camera),
             np.array(flags),
-            *layout,
-            encode(scene, seen.d_f),
-            _airy_kicks(seen.D_F, wavelengths) if kicked else np.zeros((1, 3)),
-            falloff,
-            mouth(design),
+            encode(scene, design.d_f),
+            _airy_kicks(design.D_F, wavelengths) if kicked else np.zeros((1, 3)),
+            float(camera.inverse_m / camera.gap) if plan.on("cos4") else 0.0,
+            float(Camera.of(design).tip),
         )
 
-    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[NDArray[np.float32], int]:
+    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
         """Trace a region.
 
         Parameters
@@ -135,28 +296,21 @@ class Tracer:
         rays : int
             How many were traced.
         """
-        x, y = pixel_centres(self.design, region, fine)
-        share = fine * fine
-        counts = np.array([max(BATCH, sampling.least // share), max(BATCH, sampling.most // share)])
-        tolerance = sampling.tolerance * fine
+        camera, lattice = self.camera, self.lattice
+        x, y = pixel_centres(camera, region, fine)
+        counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)])
         image = np.zeros((y.size, x.size), np.float32)
         spent = np.zeros(y.size, np.int64)
-        lattice = self.lattice
-        inverse = np.linalg.inv(lattice.image_axes)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
+        points = sobol_points(int(counts[1]))
         with THREADS:
             _trace.compiled(
-                x, y, self.design.q / fine, lattice.axes, lattice.image_axes, inverse, lattice.image_origin,
-                np.array(lattice.half_size), lattice.reach, lattice.neighbours, self.flags, self.constants, self.maps,
-                self.rims, *self.surfaces, self.kicks, self.falloff, self.mouth, self.design.d_3, self.design.d_f,
-                _points(int(counts[1])), counts, tolerance, place, image, spent,
+                x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
+                lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags, *self.layout,
+                *self.surfaces, self.kicks, self.falloff, self.mouth, float(camera.d_3), float(camera.d_f), points,
+                counts, sampling.tolerance * fine, place, image, spent,
             )  # fmt: skip
         return image, int(spent.sum())
-
-
-@functools.lru_cache(maxsize=4)
-def _points(count: int) -> NDArray[np.uint32]:
-    return sobol_points(count)
 
 
 def _airy_kicks(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
@@ -212,7 +366,7 @@ def _trace(
                     if far > margin * margin:
                         continue
                     cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
-                    if abs(cx) > half_size[0] + 1e-9 or abs(cy) > half_size[1] + 1e-9:
+                    if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
                         continue
                     if n < MOST:
                         slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
@@ -288,10 +442,7 @@ def _trace(
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
                         if flags[IN_FOCUS]:
-                            # The same point of the focal plane, seen from the middle of the FAP.
-                            fx, fy = hx - ox * d_f, hy - oy * d_f
-                            ox, oy = -fx / (d_f - d_3), -fy / (d_f - d_3)
-                            hx, hy = ox * d_3, oy * d_3
+                            hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
                         ox, oy = ox + kick_x, oy + kick_y
                         hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
                         batch += gain[c] * radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)

@@ -1,30 +1,54 @@
-"""What a microlens's aperture does to the incoherent image of the pupil behind it, as a transfer function.
+"""What a microlens's aperture does to the incoherent image of the pupil behind it: its transfer function at work.
 
 A uniform scene fills the FAP with incoherent light (van Cittert-Zernike), and every point of it lights the sensor with
 the same pattern |Fresnel transform of the microlens aperture|^2, shifted. So the microlens image is its geometric shape
 convolved with that pattern, and in frequencies a product with the aperture's own autocorrelation.
+
+Every microlens spreads its light in the same pattern, so the isolated images with their own kernels, summed over
+vignetted, textured and missing neighbours, are one convolution of the whole geometric image, taken tile by tile. For
+uniform light this is exact; for a texture it takes the light in a microlens as incoherent, which misses 1 to 2 % rms of
+full scale in the paper's camera (full-contrast grating of 3 to 8 microlens pitches, against coherent points added up).
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..design import Design
+from ..camera import Camera
 from ..effects import Plan
-from ..effects.field import defocus
-
-Floats = NDArray[np.float64]
+from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.light import microlens_defocus
+from .camera import Floats, Image, Region
 
 NODES = 64
 """Gauss-Legendre nodes across a circular aperture's overlap, and four more for each cycle of defocus across it."""
 
 TABULATE_FROM = 20_000
 """Frequencies from which a circle's transfer is read from a table along the radius, to about 1e-7."""
+
+PANEL = 16
+"""Gauss-Legendre nodes for each oscillation of a product of spectra."""
+
+CORE = 512
+"""Pixels of a tile that are kept."""
+
+HALO = 96
+"""Pixels around them that lend their light. A square aperture's pattern has 1/(pi^2 t) of its light beyond t blur
+widths, and the tile's wrapped far side stands in for what lies farther out: it has about the same mean."""
+
+DEFAULT_FINE = 4
+"""Subpixels where no diffraction bounds the frequencies."""
+
+Geometry = Callable[[Region, int], Image]
+"""Geometric image of a region (it may reach beyond the sensor), in so many subpixels per pixel and axis."""
 
 
 @dataclass(frozen=True)
@@ -45,25 +69,15 @@ class MicrolensTransfer:
     """Of the square aperture's sides [rad]."""
 
     @classmethod
-    def of(cls, design: Design, plan: Plan, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
-        """As a plan has it.
-
-        Parameters
-        ----------
-        design : Design
-        plan : Plan
-        wavelengths : sequence of float
-            The scene's [mm]; empty is the design's own.
-        """
-        array = design.microlens_array
-        diffracts = plan.on("microlens_diffraction")
+    def of(cls, camera: Camera, plan: Plan, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
+        """As a plan has it; no `wavelengths` [mm] are the camera's own."""
         return cls(
-            design.d,
-            design.d_2,
-            defocus(design) if plan.on("microlens_defocus") else 0.0,
-            (tuple(wavelengths) or (design.wavelength,)) if diffracts else (),
-            array.lens_shape == "circular",
-            array.rotation if plan.on("mla_rotation") else 0.0,
+            float(camera.d),
+            float(camera.d_2),
+            -float(microlens_defocus(camera) / camera.d_2) if plan.on("microlens_defocus") else 0.0,
+            (tuple(wavelengths) or (float(camera.wavelength),)) if plan.on("microlens_diffraction") else (),
+            camera.lens_shape == "circular",
+            float(camera["microlens_array.rotation"]) if plan.on("mla_rotation") else 0.0,
         )
 
     @property
@@ -81,18 +95,7 @@ class MicrolensTransfer:
         return reach if self.circular else reach * turned
 
     def __call__(self, frequency_x: ArrayLike, frequency_y: ArrayLike) -> Floats:
-        """Transfer at spatial frequencies on the sensor.
-
-        Parameters
-        ----------
-        frequency_x, frequency_y : array_like
-            [1/mm]; broadcast.
-
-        Returns
-        -------
-        ndarray
-            Real, as the aperture is symmetric.
-        """
+        """Transfer at spatial frequencies on the sensor [1/mm], which broadcast; real, as the aperture is symmetric."""
         x, y = (np.asarray(values, float) for values in (frequency_x, frequency_y))
         if self.trivial:
             return np.ones(np.broadcast_shapes(x.shape, y.shape))
@@ -129,3 +132,105 @@ class MicrolensTransfer:
         ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
         turns = np.cos(2 * math.pi * self.defocus * self.sensor_distance * self.width * frequency[..., None] * x)
         return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
+
+
+class Encircled(NamedTuple):
+    """Fractions of one unclipped microlens image's light, before pixels integrate."""
+
+    disc: float
+    """Inside its geometric disc."""
+    cell: float
+    """Inside a square of one image pitch about its centre."""
+
+
+def encircled(camera: Camera) -> Encircled:
+    """Light that diffraction at a microlens in focus leaves inside its image's disc and inside its cell.
+
+    By Parseval, the light of the image ``P * K`` inside a shape S is the integral of the three spectra's product,
+    which ends where the transfer function does: a finite integral of a smooth function.
+    """
+    from scipy.special import j1
+
+    wave, circular = float(camera.wavelength), camera.lens_shape == "circular"
+    transfer = MicrolensTransfer(float(camera.d), float(camera.d_2), 0.0, (wave,), circular)
+    radius, pitch = float(microlens_image_diameter(camera)) / 2, abs(float(microlens_image_pitch(camera)))
+    panels = math.ceil(2 * transfer.cutoff * max(2 * radius, pitch)) + 1
+    nodes, weights = np.polynomial.legendre.leggauss(PANEL)
+    step = transfer.cutoff / panels
+    frequency = ((np.arange(panels)[:, None] + (nodes + 1) / 2) * step).ravel()
+    weight = np.tile(weights * step / 2, panels)
+    height = np.hypot(frequency[:, None], frequency)
+    spectrum = radius * j1(2 * math.pi * radius * height) / height
+    passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
+    box = pitch * np.sinc(frequency * pitch)
+    area = math.pi * radius**2
+    return Encircled(float((passed * spectrum).sum() / area), float((passed * box[:, None] * box).sum() / area))
+
+
+def fineness(transfer: MicrolensTransfer, pixel: float) -> int:
+    """Subpixels per pixel (of width `pixel` [mm]) that keep what a coarser grid would fold back below 1e-3."""
+    if not math.isfinite(transfer.cutoff):
+        return DEFAULT_FINE
+    return min(4, max(2, math.ceil(4 * pixel * transfer.cutoff)))
+
+
+def bands(
+    region: Region, geometry: Geometry, transfer: MicrolensTransfer | None, pixel: float, threads: int
+) -> Iterator[tuple[int, Image]]:
+    """Bands of rows of a region, from the top, with what diffraction makes of them.
+
+    Parameters
+    ----------
+    region : Region
+    geometry : callable
+        Gives geometric images.
+    transfer : MicrolensTransfer, optional
+        None leaves the geometric image as it is.
+    pixel : float
+        q [mm].
+    threads : int
+        For the tiles of a band; the bytes do not depend on it.
+
+    Yields
+    ------
+    row : int
+        First row of the band, counted from the region's first.
+    image : ndarray of float32, shape (rows, region.columns)
+    """
+    if transfer is None:
+        for row in range(0, region.rows, CORE):
+            piece = region._replace(row=region.row + row, rows=min(CORE, region.rows - row))
+            yield row, geometry(piece, 1)
+        return
+    fine = fineness(transfer, pixel)
+    wide = Region(region.column - HALO, 0, region.columns + 2 * HALO, 0)
+    kept = np.empty((0, wide.columns * fine), np.float32)
+    with ThreadPoolExecutor(threads) as pool:
+        for row in range(0, region.rows, CORE):
+            rows = min(CORE, region.rows - row)
+            have = kept.shape[0] // fine
+            start = region.row - HALO + row + have
+            band = np.concatenate([kept, geometry(wide._replace(row=start, rows=rows + 2 * HALO - have), fine)])
+            columns = range(0, region.columns, CORE)
+            ends = [min(column + CORE, region.columns) + 2 * HALO for column in columns]
+            tiles = [band[:, column * fine : end * fine] for column, end in zip(columns, ends, strict=True)]
+            done = pool.map(functools.partial(_tile, transfer=transfer, pixel=pixel, fine=fine), tiles)
+            yield row, np.concatenate(list(done), axis=1)
+            kept = band[rows * fine :]
+
+
+@functools.lru_cache(maxsize=8)
+def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float) -> Image:
+    frequency_y, frequency_x = np.fft.fftfreq(rows, step), np.fft.rfftfreq(columns, step)
+    return transfer(frequency_x, frequency_y[:, None]).astype(np.float32)
+
+
+def _tile(tile: Image, transfer: MicrolensTransfer, pixel: float, fine: int) -> Image:
+    """Convolve one tile, drop its halo, and gather subpixels into pixels."""
+    rows, columns = tile.shape
+    spectrum = np.fft.rfft2(tile)
+    spectrum *= _response(transfer, rows, columns, pixel / fine)
+    wave = np.fft.irfft2(spectrum, s=tile.shape)
+    edge = HALO * fine
+    core = wave[edge : rows - edge, edge : columns - edge]
+    return np.asarray(core.reshape(core.shape[0] // fine, fine, core.shape[1] // fine, fine).mean((1, 3)), np.float32)

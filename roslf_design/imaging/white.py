@@ -1,4 +1,8 @@
-"""White images by geometry: the exact share of every pixel that the microlens images cover."""
+"""White images: by geometry the exact share of every pixel that microlens images cover; by waves a Fourier series.
+
+Unclipped images repeat with the lattice, and diffraction lets no frequency above d/(lambda d_2) pass: a handful of
+harmonics (7 x 7 in the paper's camera) is then the whole image, overlaps with all neighbours included.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +12,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design import Design
+from ..camera import Camera
 from ..effects import Plan
-from ..microlens.images import stop_images
+from ..effects.waves import pixel_box
 from ..shapes.coverage import coverage_image
-from .camera import ImageLattice
-from .grid import Region, pixel_centres
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.float32]
+from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.stop_images import stop_discs
+from .camera import Floats, Image, ImageLattice, Region, pixel_centres
+from .transfer import MicrolensTransfer
 
 FRAME = 256
 """Pixels around the sensor that convolutions may ask for."""
+
+MOST_GROUPS = 400
+"""Rows of harmonics beyond which convolution is the cheaper way."""
+
+SMALLEST = 1e-9
+"""Harmonics below this part of the mean are left out."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhiteGeometry:
     """Shapes of a straight camera's microlens images under uniform light."""
 
-    design: Design
+    camera: Camera
     """As planned: whatever clips is in it."""
     lattice: ImageLattice
     falloff: bool
@@ -35,9 +44,9 @@ class WhiteGeometry:
     """Whether light on top of a neighbour's is left out: no pixel gets more than a whole image gives."""
 
     @classmethod
-    def of(cls, design: Design, plan: Plan) -> WhiteGeometry:
-        """For a planned design."""
-        return cls(design, ImageLattice.of(design), plan.on("cos4"), not plan.on("overlap"))
+    def of(cls, camera: Camera, plan: Plan) -> WhiteGeometry:
+        """For a planned camera."""
+        return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"))
 
     def image(self, region: Region, fine: int = 1) -> Image:
         """Relative intensities of a region's pixels, float32; parameters as `coverage`."""
@@ -45,7 +54,7 @@ class WhiteGeometry:
         if self.own_only:
             np.minimum(cover, 1.0, out=cover)
         image = cover.astype(np.float32)
-        return add_falloff(image, self.design, *pixel_centres(self.design, region, fine)) if self.falloff else image
+        return add_falloff(image, self.camera, *pixel_centres(self.camera, region, fine)) if self.falloff else image
 
     def coverage(self, region: Region, fine: int = 1) -> Floats:
         """Shares of pixels that microlens images cover, added up.
@@ -62,10 +71,10 @@ class WhiteGeometry:
         ndarray, shape (rows * fine, columns * fine)
             1 where one microlens image covers a whole pixel.
         """
-        x, y = pixel_centres(self.design, region, fine)
-        pixel = self.design.q / fine
+        x, y = pixel_centres(self.camera, region, fine)
+        pixel = float(self.camera.q) / fine
         discs = self._discs(x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2)
-        width, height = self.design.pixels
+        width, height = self.camera.pixels
         # Pixels are counted on the whole sensor and a frame around it: a value does not depend on the region.
         first_row, first_column = (region.row + FRAME) * fine, (region.column + FRAME) * fine
         cover = coverage_image(
@@ -79,55 +88,98 @@ class WhiteGeometry:
 
     def _discs(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Floats, Floats]:
         """Microlens axes in the sensor's frame (n, 2), discs relative to them (n, K, 2) and (n, K) [mm]."""
-        design, lattice = self.design, self.lattice
-        lens = np.array(design.main_lens.decentre)
-        stops = [*design.all_stops]
-        index = lattice.indices(left, right, low, high)
-        c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-        axis = index @ lattice.axes.T @ np.array([[c, s], [-s, c]]) + np.array(design.microlens_array.decentre) - lens
-        decentres = [[0.0, 0.0] if stop is None else np.subtract(stop.decentre, lens) for stop in (*stops, None)]
-        centres, radii = stop_images(
-            axis,
-            [*(stop.diameter for stop in stops), design.D],
-            [*(stop.distance for stop in stops), 0.0],
-            decentres,
-            focal_length=design.f,
-            focal_plane=design.d_f,
-            mla_distance=design.d_1,
-            sensor_distance=design.d_2,
-        )
+        axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
+        centres, radii = stop_discs(self.camera, *axis.T)
         apart = np.hypot(*np.moveaxis(centres - centres[:, :1], -1, 0))
         cuts = (apart + radii[:, :1] > radii).any(0)
         cuts[0] = True
-        place = axis + lens - np.array(design.sensor.decentre)
-        return np.ascontiguousarray(place), np.ascontiguousarray(centres[:, cuts]), np.ascontiguousarray(radii[:, cuts])
+        place = axis - np.array(self.camera.decentre("sensor"))
+        return place, np.ascontiguousarray(centres[:, cuts]), np.ascontiguousarray(radii[:, cuts])
 
 
-def add_falloff(image: Image, design: Design, x: Floats, y: Floats) -> Image:
-    """Darken an image by cos^4 of its chief rays' angles, in place.
+def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
+    """Darken an image, shape (y.size, x.size), in place by cos^4 of its chief rays' angles; sensor's frame [mm].
 
-    Parameters
-    ----------
-    image : ndarray, shape (y.size, x.size)
-    design : Design
-    x, y : ndarray
-        In the sensor's frame [mm].
-
-    Notes
-    -----
     Taken at each pixel's own place, between two microlenses as everywhere else: against one value for each microlens
     this differs by less than the change over half a pitch.
     """
-    lattice = ImageLattice.of(design)
-    to_array = np.linalg.inv(lattice.image_axes)
-    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-    steps = np.array([[c, -s], [s, c]]) @ lattice.axes @ to_array
-    grow = float(steps[0, 0])
-    shift = np.subtract(design.microlens_array.decentre, design.main_lens.decentre) - grow * lattice.image_origin
-    scale = design.d_f / design.d_1 / (design.d_f - design.d_3)
-    across = ((grow * x + shift[0]) * scale).astype(np.float32) ** 2
-    along = ((grow * y + shift[1]) * scale).astype(np.float32) ** 2
+    lattice = ImageLattice.of(camera)
+    scale = float(camera.inverse_m / camera.gap)
+    shift = lattice.offset - lattice.image_origin / lattice.grow
+    across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
+    along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
         slope = 1 + along[row] + across
         image[row] /= slope * slope
     return image
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicSeries:
+    """A periodic image, ``sum over G of C(G) exp(2 pi i G . p)``; of G and -G only one is kept, doubled."""
+
+    frequencies: Floats
+    """G [1/mm], shape (M, 2)."""
+    coefficients: NDArray[np.complex128]
+    """C(G), shape (M,)."""
+
+    @property
+    def groups(self) -> int:
+        """How many different y frequencies there are."""
+        return int(np.unique(np.round(self.frequencies[:, 1], 9)).size)
+
+    def at(self, x: Floats, y: Floats) -> Image:
+        """Values on a grid of sensor points in the sensor's frame [mm], shape (y.size, x.size).
+
+        A product of two matrices, with one pair of columns and rows for each y frequency.
+        """
+        heights, group = np.unique(np.round(self.frequencies[:, 1], 9), return_inverse=True)
+        widths, place = np.unique(np.round(self.frequencies[:, 0], 9), return_inverse=True)
+        waves = np.exp(2j * math.pi * np.outer(widths, x))
+        along = np.empty((2 * heights.size, x.size), np.float32)
+        across = np.empty((y.size, 2 * heights.size), np.float32)
+        for n, height in enumerate(heights):
+            mine = group == n
+            wave = self.coefficients[mine] @ waves[place[mine]]
+            along[2 * n], along[2 * n + 1] = wave.real, wave.imag
+            phase = 2 * math.pi * height * y
+            across[:, 2 * n], across[:, 2 * n + 1] = np.cos(phase), -np.sin(phase)
+        return across @ along
+
+
+def harmonic_series(camera: Camera, transfer: MicrolensTransfer, pixel: bool = True) -> HarmonicSeries:
+    """Series of the white image of a camera whose microlens images are all alike.
+
+    Parameters
+    ----------
+    camera : Camera
+        As planned: nothing vignettes, nothing is tilted.
+    transfer : MicrolensTransfer
+        With diffraction, as otherwise the series never ends.
+    pixel : bool
+        Whether pixels integrate over their squares.
+
+    Returns
+    -------
+    HarmonicSeries
+        Relative intensities: 1 inside a geometric image.
+    """
+    from scipy.special import j1
+
+    lattice = ImageLattice.of(camera)
+    axes = lattice.image_axes
+    limit = transfer.cutoff * (1.0 if transfer.circular else math.sqrt(2))
+    most = [math.ceil(limit * np.linalg.norm(axis)) for axis in axes.T]
+    index = np.stack(np.meshgrid(np.arange(-most[0], most[0] + 1), np.arange(0, most[1] + 1)), -1).reshape(-1, 2)
+    index = index[(index[:, 1] > 0) | (index[:, 0] >= 0)]  # one of each pair G, -G
+    frequencies = index @ np.linalg.inv(axes)
+    radius = float(microlens_image_diameter(camera)) / 2
+    height = np.hypot(*frequencies.T)
+    safe = np.where(height > 0, height, 1.0)
+    spectrum = np.where(height > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
+    weight = spectrum / abs(np.linalg.det(axes)) * transfer(*frequencies.T) * np.where(height > 0, 2.0, 1.0)
+    if pixel:
+        weight = weight * pixel_box(frequencies[:, 0], float(camera.q)) * pixel_box(frequencies[:, 1], float(camera.q))
+    kept = np.abs(weight) > SMALLEST * np.abs(weight).max()
+    phase = np.exp(-2j * math.pi * frequencies[kept] @ lattice.image_origin)
+    return HarmonicSeries(frequencies[kept], weight[kept] * phase)

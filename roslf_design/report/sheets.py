@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..camera import Camera
 from ..evaluation import default_fields
-from ..imaging.encircled import encircled
+from ..imaging.transfer import encircled
 from ..pictures.depth import depth_precision
 from ..pictures.effects import effects_budget
 from ..pictures.field import field_map, field_maps
@@ -104,7 +105,7 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
 
 def wave_sheet(design: Design) -> Figure:
     """One microlens image by rays and by waves."""
-    light = encircled(design)
+    light = encircled(Camera.of(design))
     caption = (
         "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
         f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "

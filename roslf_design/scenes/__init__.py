@@ -1,9 +1,7 @@
 """What is looked at: white field, textured planes, point sources, spheres, tubes; TOML in."""
 
-from .files import load_scene, loads_scene, make_scene
-from .objects import Plane, Points, Sphere, Tube, White
-from .scene import WHITE_FIELD, Scene, SceneError, SceneLight
-from .textures import Checkerboard, Picture, Sinusoid, Uniform
+from .objects import Checkerboard, Picture, Plane, Points, Sinusoid, Sphere, Tube, Uniform, White
+from .scene import WHITE_FIELD, Scene, SceneError, SceneLight, load_scene, loads_scene, make_scene
 
 __all__ = [
     "WHITE_FIELD",

@@ -1,25 +1,120 @@
-"""What may stand in object space. Positions are (x, y) [mm] off the axis and distances Z from the main lens [mm]."""
+"""What may stand in object space, and the textures on it.
+
+Positions are (x, y) [mm] off the axis and distances Z from the main lens [mm]. A texture gives the radiance over a
+surface's own coordinates (u, v) [mm]; 1 is fully lit white.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ..design.parts import Offset, Part, Size, Tilt
-from ..design.units import AnyLength, Length
-from .textures import Checkerboard, Picture, Sinusoid, Texture, Uniform
+from ..design.units import Angle, AnyLength, Length
 
-Surface = Checkerboard | Picture | Sinusoid | Uniform
+Level = Annotated[float, Field(ge=0)]
+
+
+class Uniform(Part):
+    """The same everywhere."""
+
+    kind: Literal["uniform"] = "uniform"
+    level: Level = 1.0
+    """Radiance."""
+
+
+class Checkerboard(Part):
+    """Squares of two levels; a corner lies on the surface's origin."""
+
+    kind: Literal["checkerboard"] = "checkerboard"
+    period: Length
+    """Two squares [mm]."""
+    high: Level = 1.0
+    """Radiance of the bright squares."""
+    low: Level = 0.0
+    """Radiance of the dark squares."""
+
+
+class Sinusoid(Part):
+    """A grating, 0.5 (1 + contrast cos(2 pi t/period))."""
+
+    kind: Literal["sinusoid"] = "sinusoid"
+    period: Length
+    """[mm]."""
+    angle: Angle = 0.0
+    """Direction in which it varies, from the surface's u axis [rad]."""
+    contrast: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """(max - min)/(max + min)."""
+
+
+class Picture(Part):
+    """An image file, bilinearly interpolated, repeated beyond its edges; its middle lies on the surface's origin.
+
+    Grey as the mean of its colour channels; the file's full scale is 1. Rows run along v, downwards in the file.
+    """
+
+    kind: Literal["image"] = "image"
+    file: str
+    """PNG, TIFF, JPEG and whatever else Pillow reads; relative to the scene file."""
+    width: Length
+    """Width of the picture on the surface [mm]; pixels are square."""
+
+    def load(self) -> NDArray[np.float32]:
+        """Radiances, shape (rows, columns).
+
+        Raises
+        ------
+        OSError, ValueError
+            The file is missing, or no image that can be read.
+        """
+        stat = Path(self.file).stat()
+        return _loaded(self.file, stat.st_mtime_ns, stat.st_size)
+
+
+@functools.lru_cache(maxsize=8)  # reading a picture again for every tile would cost more than the rays
+def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
+    from PIL import Image
+
+    with Image.open(file) as image:
+        values = np.asarray(image)
+    if values.dtype == np.bool_ or values.dtype.kind not in "uf":
+        values = values.astype(np.float32)
+        peak = 1.0 if values.max(initial=0) <= 1 else 255.0 if values.max() <= 255 else 65535.0
+    else:
+        peak = float(np.iinfo(values.dtype).max) if values.dtype.kind == "u" else 1.0
+    grey = values[..., :3].mean(-1) if values.ndim == 3 else values
+    array = np.ascontiguousarray(grey / peak, np.float32)
+    if array.ndim != 2 or array.size == 0:
+        raise ValueError("holds no two-dimensional image")
+    if not (np.isfinite(array).all() and array.min() >= 0):
+        raise ValueError("holds values that are negative or not finite")
+    array.setflags(write=False)
+    return array
+
+
+Texture = Annotated[Uniform | Checkerboard | Sinusoid | Picture, Field(discriminator="kind")]
+
+TEXTURES: dict[str, type[Part]] = {
+    "uniform": Uniform,
+    "checkerboard": Checkerboard,
+    "sinusoid": Sinusoid,
+    "image": Picture,
+}
+"""Kinds of texture by the name that a file gives them."""
 
 
 class White(Part):
     """A uniform field that fills the view at every distance."""
 
     kind: Literal["white"] = "white"
-    level: Annotated[float, Field(ge=0)] = 1.0
+    level: Level = 1.0
     """Radiance."""
 
 
@@ -97,6 +192,22 @@ OBJECTS: dict[str, type[Part]] = {"white": White, "plane": Plane, "points": Poin
 """Kinds of object by the name that a file gives them."""
 
 
+def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
+    """Period of an object's finest detail [mm], inf where it has none, and whether brightness jumps."""
+    if isinstance(thing, White):
+        return math.inf, False
+    if isinstance(thing, Points):
+        return 0.0, True
+    texture, period, jumps = thing.texture, math.inf, False
+    if isinstance(texture, Checkerboard | Sinusoid):
+        period, jumps = texture.period, isinstance(texture, Checkerboard) and texture.high != texture.low
+    elif isinstance(texture, Picture):
+        period = 2 * texture.width / texture.load().shape[1]  # two of its pixels
+    if isinstance(thing, Plane):
+        return (period, jumps) if thing.size is None else (min(period, 2 * min(thing.size)), True)
+    return min(period, 4 * thing.radius), True
+
+
 def depths(thing: White | Plane | Points | Sphere | Tube, focal_plane: float, slopes: float) -> Iterator[float]:
     """Nearest and farthest Z that an object shows [mm]; nothing for a white field, which looks alike at any.
 
@@ -116,19 +227,15 @@ def depths(thing: White | Plane | Points | Sphere | Tube, focal_plane: float, sl
     elif isinstance(thing, Tube):
         yield from (thing.start, thing.end)
     elif isinstance(thing, Plane):
-        yield from _plane_depths(thing, focal_plane if thing.distance is None else thing.distance, slopes)
-
-
-def _plane_depths(plane: Plane, distance: float, slopes: float) -> Iterator[float]:
-    tilt_x, tilt_y = plane.tilt
-    # Z on the plane grows by (rise_x x + rise_y y): its normal is (sin t_y cos t_x, -sin t_x, cos t_x cos t_y), and
-    # distances Z count against the light's z.
-    rise_x, rise_y = math.tan(tilt_y), -math.tan(tilt_x) / math.cos(tilt_y)
-    if plane.size is not None:
-        half = abs(math.sin(tilt_y)) * plane.size[0] / 2
-        half += abs(math.cos(tilt_y) * math.sin(tilt_x)) * plane.size[1] / 2
-        yield from (distance - half, distance + half)
-        return
-    at_axis = distance - rise_x * plane.centre[0] - rise_y * plane.centre[1]
-    rise = math.hypot(rise_x, rise_y) * slopes
-    yield from (at_axis / (1 + rise), at_axis / (1 - rise) if rise < 1 else math.inf)
+        distance, (tilt_x, tilt_y) = focal_plane if thing.distance is None else thing.distance, thing.tilt
+        if thing.size is not None:
+            half = abs(math.sin(tilt_y)) * thing.size[0] / 2
+            half += abs(math.cos(tilt_y) * math.sin(tilt_x)) * thing.size[1] / 2
+            yield from (distance - half, distance + half)
+            return
+        # Z on the plane grows by (rise_x x + rise_y y): its normal is (sin t_y cos t_x, -sin t_x, cos t_x cos t_y), and
+        # distances Z count against the light's z.
+        rise_x, rise_y = math.tan(tilt_y), -math.tan(tilt_x) / math.cos(tilt_y)
+        at_axis = distance - rise_x * thing.centre[0] - rise_y * thing.centre[1]
+        rise = math.hypot(rise_x, rise_y) * slopes
+        yield from (at_axis / (1 + rise), at_axis / (1 - rise) if rise < 1 else math.inf)

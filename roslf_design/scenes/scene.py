@@ -1,21 +1,28 @@
-"""A scene: objects, light and exposure, as one frozen value."""
+"""A scene: objects, light and exposure, as one frozen value; from TOML, every fault at once."""
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Iterator
-from typing import Annotated
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from ..camera import Camera
 from ..design import Design
+from ..design.errors import DesignError
+from ..design.files import parse_toml, read_toml
+from ..design.messages import problems_of
 from ..design.parts import Part
 from ..design.units import Length
-from ..effects import SceneBrief
-from ..effects.field import field_radius
+from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
-from .objects import Object, Plane, Points, Sphere, Tube, White, depths
-from .textures import Picture
+from .objects import OBJECTS, TEXTURES, Object, Picture, Plane, Points, Sphere, Tube, White, depths, detail
+
+P = TypeVar("P", bound=Part)
 
 
 class SceneError(InputError):
@@ -71,16 +78,16 @@ class Scene(Part):
             What this design cannot see.
         """
         self.check(design)
-        light = self.light
-        reach = [z for thing in self.objects for z in depths(thing, design.d_f, view_slope(design))]
+        details = [detail(thing) for thing in self.objects]
+        reach = [z for thing in self.objects for z in depths(thing, design.d_f, _view_slope(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
         return SceneBrief(
-            smallest_period=min(_periods(self), default=math.inf),
-            hard_edges=any(_has_edges(self)),
+            smallest_period=min(period for period, _ in details),
+            hard_edges=any(jumps for _, jumps in details),
             distances=None if in_focus else (min(reach), max(reach)),
-            exposure=light.exposure,
-            read_noise=light.read_noise,
-            wavelengths=light.wavelengths,
+            exposure=self.light.exposure,
+            read_noise=self.light.read_noise,
+            wavelengths=self.light.wavelengths,
         )
 
     def check(self, design: Design) -> None:
@@ -100,28 +107,24 @@ WHITE_FIELD = Scene(name="white field")
 """The default scene."""
 
 
-def view_slope(design: Design) -> float:
+def _view_slope(design: Design) -> float:
     """Largest slope at which chief rays leave the FAP's centre towards the object."""
-    return field_radius(design, SceneBrief()) * design.d_f / design.d_1 / (design.d_f - design.d_3)
-
-
-def mouth(design: Design) -> float:
-    """Z of the bore's mouth [mm]: its farthest rim."""
-    return max(stop.distance for stop in design.all_stops)
+    camera = Camera.of(design)
+    return Subject(design).x_ml * float(camera.inverse_m) / float(camera.gap)
 
 
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
-    rim = mouth(design)
+    mouth = float(Camera.of(design).tip)
     for index, thing in enumerate(scene.objects):
-        reach = list(depths(thing, design.d_f, view_slope(design)))
+        reach = list(depths(thing, design.d_f, _view_slope(design)))
         if not reach:
             continue
         key, nearest = f"objects.{index}", min(reach)
         if nearest <= 0:
-            yield Problem(key, f"reaches Z = {nearest:.6g} mm, inside the main lens; move it beyond {rim:g} mm")
-        elif nearest <= rim:
+            yield Problem(key, f"reaches Z = {nearest:.6g} mm, inside the main lens; move it beyond {mouth:g} mm")
+        elif nearest <= mouth:
             yield Problem(
-                key, f"reaches Z = {nearest:.6g} mm, behind the bore's mouth at {rim:g} mm; move it farther out"
+                key, f"reaches Z = {nearest:.6g} mm, behind the bore's mouth at {mouth:g} mm; move it farther out"
             )
         if not math.isfinite(max(reach)):
             yield Problem(f"{key}.tilt", "the plane runs out of sight at infinity; give it a size or tilt it less")
@@ -139,21 +142,115 @@ def _unreadable(scene: Scene) -> Iterator[Problem]:
                 yield Problem(f"objects.{index}.texture.file", message)
 
 
-def _periods(scene: Scene) -> Iterator[float]:
-    for thing in scene.objects:
-        if isinstance(thing, Points):
-            yield 0.0
-        elif not isinstance(thing, White):
-            yield thing.texture.smallest_period
-            if isinstance(thing, Plane) and thing.size is not None:
-                yield 2 * min(thing.size)
-            elif isinstance(thing, Sphere | Tube):
-                yield 4 * thing.radius
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene from a TOML file; picture files are found relative to it.
+
+    Raises
+    ------
+    SceneError
+        Names the file and every fault in it, with places and remedies.
+    """
+    origin = os.fspath(path)
+    try:
+        data = read_toml(Path(path), origin, "check the path to the scene")
+    except DesignError as error:
+        raise SceneError(error.problems, error.origin) from None
+    return make_scene(data, from_file=True, origin=origin, folder=Path(path).parent)
 
 
-def _has_edges(scene: Scene) -> Iterator[bool]:
-    for thing in scene.objects:
-        if isinstance(thing, Points | Sphere | Tube):
-            yield True
-        elif isinstance(thing, Plane):
-            yield thing.texture.hard_edges or thing.size is not None
+def loads_scene(text: str, origin: str = "", folder: Path | None = None) -> Scene:
+    """Read a scene from TOML text; `origin` is what errors call it, `folder` where relative picture files are."""
+    try:
+        data = parse_toml(text, origin)
+    except DesignError as error:
+        raise SceneError(error.problems, error.origin) from None
+    return make_scene(data, from_file=True, origin=origin, folder=folder)
+
+
+def make_scene(
+    data: Mapping[str, Any], *, from_file: bool = False, origin: str = "", folder: Path | None = None
+) -> Scene:
+    """A scene from nested values; without `from_file` bare numbers are mm and rad.
+
+    Raises
+    ------
+    SceneError
+        Every fault of `data`.
+    """
+    reader = _Reader(from_file, folder)
+    whole = {**data, "objects": reader.objects(data.get("objects"))}
+    if isinstance(data.get("light"), Mapping):
+        whole["light"] = reader.part(SceneLight, data["light"], "light") or SceneLight()
+    if not whole["objects"]:
+        del whole["objects"]
+    scene = reader.part(Scene, whole, "")
+    if scene is None or reader.problems:
+        raise SceneError(tuple(reader.problems), origin)
+    return scene
+
+
+class _Reader:
+    """Makes parts of nested values and collects what is wrong with them."""
+
+    def __init__(self, from_file: bool, folder: Path | None) -> None:
+        self.from_file = from_file
+        self.folder = folder
+        self.problems: list[Problem] = []
+
+    def objects(self, given: Any) -> tuple[Part, ...]:
+        if given is None:
+            self._fault("objects", f"is missing; add a table [[objects]] with a kind: {', '.join(OBJECTS)}")
+            return ()
+        if not isinstance(given, (list, tuple)) or not given:
+            self._fault("objects", "must be tables, each headed [[objects]]")
+            return ()
+        made = (self._object(table, f"objects.{index}") for index, table in enumerate(given))
+        return tuple(thing for thing in made if thing is not None)
+
+    def _object(self, table: Any, key: str) -> Part | None:
+        kind = self._kind(OBJECTS, table, key)
+        if kind is None:
+            return None
+        values = dict(table)
+        if "texture" in values and "texture" in kind.model_fields:
+            given = values.pop("texture")
+            look = self._kind(TEXTURES, given, f"{key}.texture")
+            texture = look and self.part(look, self._at_home(given), f"{key}.texture")
+            if texture is not None:
+                values["texture"] = texture
+        return self.part(kind, values, key)
+
+    def _kind(self, known: Mapping[str, type[Part]], table: Any, key: str) -> type[Part] | None:
+        names = ", ".join(known)
+        if not isinstance(table, Mapping):
+            self._fault(key, f"must be a table of keys, got {table!r}")
+        elif table.get("kind") is None:
+            self._fault(f"{key}.kind", f"is missing; write one of {names}")
+        elif table["kind"] in known:
+            return known[table["kind"]]
+        else:
+            near = difflib.get_close_matches(str(table["kind"]), known, 1, 0.5)
+            remedy = f"did you mean '{near[0]}'?" if near else f"write one of {names}"
+            self._fault(f"{key}.kind", f'"{table["kind"]}" is not known; {remedy}')
+        return None
+
+    def _at_home(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The same with a picture's file counted from the scene's folder."""
+        file = table.get("file")
+        if self.folder is None or not isinstance(file, str) or Path(file).is_absolute():
+            return table
+        return {**table, "file": str(self.folder / file)}
+
+    def part(self, kind: type[P], data: Mapping[str, Any], key: str) -> P | None:
+        try:
+            return kind.model_validate(data, context={"from_file": self.from_file})
+        except ValidationError as error:
+            found = [*problems_of(error, data, kind, from_file=self.from_file)]
+            whole = [detail["msg"] for detail in error.errors(include_url=False) if not detail["loc"]]
+            found += [Problem("", message.removeprefix("Value error, ")) for message in whole]
+            for problem in found:
+                self._fault(".".join(part for part in (key, problem.key) if part), problem.message)
+            return None
+
+    def _fault(self, key: str, message: str) -> None:
+        self.problems.append(Problem(key, message))

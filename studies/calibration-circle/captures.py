@@ -13,16 +13,15 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from roslf_design.camera import Camera
 from roslf_design.design import Design
 from roslf_design.effects import Plan, plan
 from roslf_design.effects.waves import add_noise
-from roslf_design.imaging.convolve import HALO, bands
-from roslf_design.imaging.grid import Region
+from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling, Tracer
-from roslf_design.imaging.transfer import MicrolensTransfer
-from roslf_design.scenes import Scene
-from roslf_design.scenes.files import make_scene
+from roslf_design.imaging.transfer import HALO, MicrolensTransfer, bands
+from roslf_design.scenes import Scene, make_scene
 
 RAYS = ("-microlens_diffraction", "-fap_diffraction", "-microlens_defocus", "+object_defocus")
 WAVES = ("+microlens_diffraction", "-microlens_defocus", "+object_defocus")
@@ -129,9 +128,9 @@ def _binned(geometry: Any, design: Design) -> NDArray[np.float32]:
 
 
 def _diffracted(geometry: Any, design: Design, effects: Plan, scene: Scene) -> NDArray[np.float32]:
-    transfer = MicrolensTransfer.of(design, effects, scene.light.wavelengths)
+    transfer = MicrolensTransfer.of(Camera.of(design), effects, scene.light.wavelengths)
     image = np.empty(design.pixels[::-1], np.float32)
-    for row, band in bands(Region.whole(design), geometry, transfer, design.q, 2):
+    for row, band in bands(Region(0, 0, *design.pixels), geometry, transfer, design.q, 2):
         image[row : row + band.shape[0]] = band
     return image
 

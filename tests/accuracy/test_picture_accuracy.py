@@ -9,10 +9,11 @@ import roslf_design as roslf
 from roslf_design.accuracy.picture import left_out, settle, stated
 from roslf_design.cli import main
 from roslf_design.effects import plan
+from roslf_design.imaging.camera import Region, pixel_centres, planned_camera
 from roslf_design.imaging.render import render
-from roslf_design.imaging.series import harmonic_series
 from roslf_design.imaging.trace import Sampling
 from roslf_design.imaging.transfer import MicrolensTransfer
+from roslf_design.imaging.white import harmonic_series
 from roslf_design.scenes import WHITE_FIELD, loads_scene
 
 PAPER = roslf.load("paper")
@@ -55,10 +56,8 @@ def test_series_in_single_precision_is_within_its_rounding():
     way = settle(PAPER, WHITE_FIELD, 1e-3, ["-cos4"])
     assert way.method == "harmonics"
     image = render(PAPER, WHITE_FIELD, effects=way.plan, region=REGION).pixels
-    from roslf_design.imaging.camera import planned_design
-    from roslf_design.imaging.grid import Region, pixel_centres
 
-    seen = planned_design(PAPER, way.plan)
+    seen = planned_camera(PAPER, way.plan)
     series = harmonic_series(seen, MicrolensTransfer.of(seen, way.plan))
     x, y = pixel_centres(seen, Region(*REGION))
     phase = np.exp(2j * np.pi * np.multiply.outer(series.frequencies[:, 1], y))

@@ -16,7 +16,7 @@ from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
-from roslf_design.scenes.files import make_scene
+from roslf_design.scenes import make_scene
 
 CELL = 1.7
 BOARD = f"7x6 {CELL} mm"

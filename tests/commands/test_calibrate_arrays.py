@@ -12,7 +12,7 @@ from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.render import render
-from roslf_design.scenes.files import make_scene
+from roslf_design.scenes import make_scene
 
 CELL = 1.7
 RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus", "+object_defocus"]

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 from mpmath import mp
 
+from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.effects import plan
 from roslf_design.errors import InputError
-from roslf_design.imaging.camera import ImageLattice, planned_design
-from roslf_design.imaging.grid import Region, pixel_centres
+from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.sobol import sobol_points
-from roslf_design.imaging.trace import Sampling, Tracer
+from roslf_design.imaging.trace import Sampling, Tracer, encode, radiance
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 
@@ -46,7 +45,7 @@ def disc_in_box(radius, left, right, low, high):
 def test_white_image_is_exact_coverage():
     """P1 by rays: pixels of single microlens images against 50-digit integrals."""
     lines = plan(PAPER, overrides=RAYS_ONLY)
-    seen = planned_design(PAPER, lines)
+    seen = planned_camera(PAPER, lines)
     region = Region(2290, 1530, 16, 16)
     cover = WhiteGeometry.of(seen, lines).coverage(region)
     x, y = pixel_centres(seen, region)
@@ -85,7 +84,7 @@ def test_rays_find_the_same_areas(design):
     )
     width, height = design.pixels
     region = Region(width - 50, height - 40, 50, 40)
-    exact = WhiteGeometry.of(planned_design(design, lines), lines).image(region)
+    exact = WhiteGeometry.of(planned_camera(design, lines), lines).image(region)
     rays, _ = Tracer.of(design, lines, WHITE_FIELD).image(region, Sampling(1024, 1024, 0.0, 3))
     assert np.abs(rays - exact).max() < 0.02  # an edge through a pixel is known to about 1024^-3/4
     assert abs(rays.mean() - exact.mean()) < 2e-4
@@ -94,7 +93,7 @@ def test_rays_find_the_same_areas(design):
 def test_overlap_left_out_gives_no_pixel_more_than_one_image():
     lines = plan(BORE, overrides=[*RAYS_ONLY, "-overlap"])
     region = Region(1000, 900, 60, 60)
-    exact = WhiteGeometry.of(planned_design(BORE, lines), lines).image(region)
+    exact = WhiteGeometry.of(planned_camera(BORE, lines), lines).image(region)
     rays, _ = Tracer.of(BORE, lines, WHITE_FIELD).image(region, Sampling(256, 256, 0.0, 3))
     assert exact.max() == 1.0
     assert abs(rays.mean() - exact.mean()) < 5e-3
@@ -139,13 +138,16 @@ def test_a_uniform_plane_looks_like_a_white_field():
 )
 def test_single_rays_end_where_plain_geometry_says(thing):
     """Surfaces met by rays from the FAP's centre, found again by bisection on the surface's own equation."""
-    from roslf_design.imaging.surfaces import encode, radiance
-
     surfaces = encode(Scene(objects=(thing,), background=0.123), 350.0)
     for slope in [(0.01, 0.02), (-0.03, 0.015), (0.06, -0.05), (0.002, -0.11)]:
         ox, oy = slope
         value = radiance.interpreted(*surfaces, 120.0, 120.0 * ox, 120.0 * oy, ox, oy)
         assert value == pytest.approx(by_marching(thing, ox, oy), abs=1e-6)
+
+
+def grating(texture, u, v):
+    along = u * np.cos(texture.angle) + v * np.sin(texture.angle)
+    return 0.5 * (1 + np.cos(2 * np.pi / texture.period * along))
 
 
 def by_marching(thing, ox, oy):
@@ -177,12 +179,12 @@ def by_marching(thing, ox, oy):
         u_axis = np.array([np.cos(t_y), 0, -np.sin(t_y)])
         v_axis = np.array([np.sin(t_y) * np.sin(t_x), np.cos(t_x), np.cos(t_y) * np.sin(t_x)])
         at = np.array([x, y, thing.distance - z])
-        return float(thing.texture.at(u_axis @ at, v_axis @ at))
+        return float(grating(thing.texture, u_axis @ at, v_axis @ at))
     if isinstance(thing, Sphere):
         dx, dy, dz = x - thing.centre[0], y - thing.centre[1], thing.distance - z
         r = thing.radius
-        return float(thing.texture.at(r * np.arctan2(dx, dz), r * np.arcsin(dy / r)))
-    return float(thing.texture.at(thing.radius * np.arctan2(y, x), z))
+        return float(grating(thing.texture, r * np.arctan2(dx, dz), r * np.arcsin(dy / r)))
+    return float(grating(thing.texture, thing.radius * np.arctan2(y, x), z))
 
 
 def test_nearer_objects_hide_farther_ones():
@@ -200,11 +202,11 @@ def test_nearer_objects_hide_farther_ones():
 def test_points_by_rays_keep_their_light():
     """Out of focus, over many microlenses: what the FAP takes in arrives; a clipped pupil loses its share."""
     region = Region(2000, 1300, 600, 500)
-    image = point_image(PointSource(PAPER, 0.3, -0.2, 250.0), region, (), 0.01)
+    image = point_image(PointSource(Camera.of(PAPER), 0.3, -0.2, 250.0), region, (), 0.01)
     assert image.sum() == pytest.approx(1.0, abs=1e-6)
     corner = np.array([region.row, region.column]) - np.array(PAPER.pixels[::-1]) / 2
     centre = np.array(np.nonzero(image)).mean(1) + corner
-    spot = np.array(PointSource(PAPER, 0.3, -0.2, 250.0).spot) / PAPER.q
+    spot = np.array(PointSource(Camera.of(PAPER), 0.3, -0.2, 250.0).spot) / PAPER.q
     np.testing.assert_allclose(centre[::-1], spot, atol=3.0)
     scene = Scene(objects=(Points(positions=((0.0, 0.0, 350.0),), flux=50.0),))
     image = render(PAPER, scene, region=region, overrides=[*RAYS_ONLY, "-finite_microlens_aperture"])
@@ -225,19 +227,8 @@ def test_regions_outside_the_sensor(region):
         render(PAPER, region=region)
 
 
-def test_sobol_points_are_even_in_every_pair_of_axes():
-    """A (t, m, 2) net holds the same number of points in every elementary box; count them in powers of two."""
-    points = sobol_points(1024) >> np.uint32(29)
-    assert np.unique(sobol_points(1024), axis=0).shape[0] == 1024
-    for axis in range(6):
-        np.testing.assert_array_equal(np.bincount(points[:, axis], minlength=8), 128)
-    for one in range(6):
-        for other in range(one):
-            np.testing.assert_array_equal(np.bincount(points[:, one] * 8 + points[:, other], minlength=64), 16)
-
-
 def test_lattice_holds_whole_cells_only():
-    lattice = ImageLattice.of(PAPER)
+    lattice = ImageLattice.of(Camera.of(PAPER))
     index = lattice.indices(-20, 20, -20, 20)
     assert index.max() == 182  # (23 mm / 63 um - 1)/2 = 182.04
     assert len(index) == 365**2

@@ -52,7 +52,7 @@ def along_array(scene):
     """Mean brightness change per pitch of a texture on the focal plane, where bright and dark share evenly."""
     texture = scene.objects[0].texture
     steps = 2 if isinstance(texture, Sinusoid) else 4  # a checkerboard jumps along both axes
-    return steps * PITCH_ON_OBJECT / texture.smallest_period
+    return steps * PITCH_ON_OBJECT / texture.period
 
 
 NO_BLUR = ["-microlens_diffraction", "-microlens_defocus", "-overlap"]

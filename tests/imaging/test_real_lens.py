@@ -12,7 +12,7 @@ from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.effects import plan
 from roslf_design.errors import InputError
-from roslf_design.imaging.grid import Region
+from roslf_design.imaging.camera import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling

@@ -3,6 +3,7 @@ import pytest
 from PIL import Image
 
 from roslf_design.design import load
+from roslf_design.imaging.trace import encode, radiance
 from roslf_design.scenes import (
     Checkerboard,
     Picture,
@@ -139,12 +140,13 @@ def test_pictures_are_found_beside_the_scene(tmp_path):
     (tmp_path / "s.toml").write_text(
         '[[objects]]\nkind = "plane"\ntexture = {kind = "image", file = "ramp.png", width = "8 mm"}\n'
     )
-    texture = load_scene(tmp_path / "s.toml").objects[0].texture
-    assert isinstance(texture, Picture)
-    assert texture.smallest_period == 4.0
+    scene = load_scene(tmp_path / "s.toml")
+    assert isinstance(scene.objects[0].texture, Picture)
+    assert scene.brief(PAPER).smallest_period == 4.0
+    surfaces = encode(scene, 350.0)
     # pixel centres of a picture 4 x 3 pixels of 2 mm, its middle on the origin
-    np.testing.assert_allclose(texture.at([-3.0, 3.0], [-2.0, 2.0]), [0.0, 220 / 255], rtol=1e-6)
-    np.testing.assert_allclose(texture.at(-2.0, -2.0), 10 / 255, rtol=1e-6)
+    for u, v, level in [(-3.0, -2.0, 0), (3.0, 2.0, 220), (-2.0, -2.0, 10)]:
+        assert radiance.interpreted(*surfaces, 0.0, u, v, 0.0, 0.0) == pytest.approx(level / 255, rel=1e-6)
 
 
 def test_unreadable_pictures_are_named(tmp_path):
