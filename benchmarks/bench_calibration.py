@@ -20,7 +20,7 @@ from roslf_design.calibration.lattice import CentreLattice, Layout
 from roslf_design.calibration.model import Intrinsics
 from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
 from roslf_design.calibration.posterior import sample_posterior
-from roslf_design.shapes.coverage import coverage_image
+from roslf_design.microlens.coverage import coverage_image
 
 Array = NDArray[np.float64]
 PITCH, ROTATION, FILL, NOISE = 14.07, math.radians(0.31), 0.95, 0.01

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from roslf_design.camera import Camera
 from roslf_design.design import Design, load
 from roslf_design.effects import plan
-from roslf_design.imaging.camera import Region
+from roslf_design.imaging.grid import Region
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling, Tracer
@@ -31,10 +30,8 @@ def main(repeats: int = 5) -> None:
     white(paper, bore, repeats)
     textured(paper, repeats)
     region = Region(2200, 1440, 200, 200)
-    source = PointSource(Camera.of(paper), 0.02, 0.03, 340.0)
     spot = median(
-        lambda: point_image(source, region, (paper.wavelength,), 0.01),
-        repeats,
+        lambda: point_image(PointSource(paper, 0.02, 0.03, 340.0), region, (paper.wavelength,), 0.01), repeats
     )
     print(f"point source, coherent, 200 x 200 px                 {spot:8.3f} s")
     print(f"peak memory, whole sensor, textured, one process     {peak_memory():8.0f} MiB   goal 1024")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from roslf_design.design import load
 from roslf_design.effects import plan
-from roslf_design.imaging.camera import Region
+from roslf_design.imaging.grid import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.trace import Sampling, Tracer
 from roslf_design.lenses.camera import LensCamera, Rim

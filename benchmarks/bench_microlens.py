@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from roslf_design.microlens.coverage import coverage_image
+from roslf_design.microlens.discs import DiscIntersection
 from roslf_design.microlens.images import microlens_images, stop_images
-from roslf_design.shapes.coverage import coverage_image
-from roslf_design.shapes.discs import DiscIntersection
-from roslf_design.shapes.lattice import Lattice, lens_centres
+from roslf_design.microlens.lattice import Lattice, lens_centres
 
 Array = NDArray[np.float64]
 

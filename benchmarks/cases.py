@@ -172,7 +172,7 @@ def geometry() -> Case:
 def white_image(layout: str, fill: float, shape: tuple[int, int]) -> tuple[Arrays, Any]:
     """A white image by exact coverage with 1 % noise, and the lattice it was made from."""
     from roslf_design.calibration.lattice import CentreLattice
-    from roslf_design.shapes.coverage import coverage_image
+    from roslf_design.microlens.coverage import coverage_image
 
     pitch, rotation, (rows, columns) = 14.07, math.radians(0.31), shape
     turned = rotation + (math.pi / 2 if layout == "square" else math.pi / 3)

@@ -30,7 +30,7 @@ def closed_forms(inputs, options):
 def _discs(options):
     from benchmarks import bench_microlens
     from roslf_design.microlens.images import stop_images
-    from roslf_design.shapes.lattice import Lattice, lens_centres
+    from roslf_design.microlens.lattice import Lattice, lens_centres
 
     axes = lens_centres(Lattice(0.063, (23.0, 14.932)))
     stops = bench_microlens.CUT if options.get("cut") else bench_microlens.FAP_AND_LENS
@@ -66,7 +66,7 @@ def shapes_numpy(inputs, options):
 
 def coverage(inputs, options):
     """Exact pixel coverage of a whole sensor into an image that is there."""
-    from roslf_design.shapes.coverage import coverage_image
+    from roslf_design.microlens.coverage import coverage_image
 
     bench, axes, _, centres, radii = _discs(options)
     image = np.zeros(bench.SIZE[::-1], np.float32)
@@ -119,7 +119,7 @@ def textured(inputs, options):
     """Rays of a checkerboard out of focus, finite microlenses, 64 rays a pixel."""
     from roslf_design.design import load
     from roslf_design.effects import plan
-    from roslf_design.imaging.camera import Region
+    from roslf_design.imaging.grid import Region
     from roslf_design.imaging.trace import Sampling, Tracer
     from roslf_design.scenes import Checkerboard, Plane, Scene
 

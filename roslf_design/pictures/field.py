@@ -10,7 +10,7 @@ import numpy as np
 from ..evaluation import default_fields
 from ..evaluation.fields import field_discs
 from ..evaluation.rims import axes_in_space, field_limit
-from ..microlens.discs import intersect
+from ..shapes.discs import intersect
 from .marks import (
     Area,
     Disc,

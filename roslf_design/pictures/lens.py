@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects.field import half_sizes
+from ..camera import Camera
 from ..lenses.camera import camera_of, microlenses, views
 from ..lenses.images import measured_bound, real_field
 from ..lenses.tracer import KEPT
 from ..theory import inverse_aperture_constant
+from ..theory.light import half_diagonal
 from .marks import Area, Floats, Line, Mark, Panel, Point, Scale, box_key, line_key, where_above
 from .picture import PAGE, Picture, beside
 
@@ -53,7 +53,7 @@ class LensCurves(NamedTuple):
 
 def lens_curves(design: Design, points: int = 46) -> LensCurves:
     """Trace a design's real lens along x."""
-    x = np.linspace(0.0, math.hypot(*half_sizes(design)), points)
+    x = np.linspace(0.0, float(half_diagonal(Camera.of(design))), points)
     found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
     cone = design.D_F / (design.d_1 * float(inverse_aperture_constant(design.d_f, design.d_3))) / design.d
     maps, images = found.maps, found.images

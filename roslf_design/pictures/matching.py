@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..effects.field import half_sizes
+from ..camera import Camera
 from ..theory.field import nondistortion_margin
+from ..theory.light import half_diagonal
 from ..theory.matched import matched_pupil_diameter, matched_pupil_distance
 from ..theory.matching import matching_mismatch
 from ..theory.stops import stop_margin
@@ -81,7 +82,8 @@ def plane_of(design: Design, points: int = POINTS, limits: Point | None = None) 
 
 
 def _margin(design: Design, d_3: Floats, D_F: Floats) -> Floats:
-    corner = math.hypot(*half_sizes(design)) * design.d_f / design.d_1
+    camera = Camera.of(design)
+    corner = float(half_diagonal(camera) * camera.inverse_m)
     margin = nondistortion_margin(design.D, D_F, d_3, design.d_f, corner)
     for stop in design.stops:
         room = stop_margin(stop.diameter, stop.distance, D_F, d_3, design.d_f, (corner, 0.0))

@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..camera import Camera
 from ..effects import plan
-from ..effects.field import image_diameter, image_pitch
 from ..errors import InputError, Problem
 from ..evaluation.fields import field_discs
 from ..evaluation.rims import axes_in_space, rims
-from ..imaging.camera import planned_design
-from ..imaging.encircled import encircled
-from ..imaging.series import harmonic_series
-from ..imaging.transfer import MicrolensTransfer
-from ..microlens._pixels import LARGEST_RADIUS
-from ..microlens.cells import area_in_rectangle
-from ..microlens.coverage import LARGEST_PART, coverage_image
-from ..microlens.discs import intersect, outline
-from ..microlens.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
-from ..theory.pupils import microlens_image_pitch
+from ..imaging.camera import planned_camera
+from ..imaging.transfer import MicrolensTransfer, encircled
+from ..imaging.white import harmonic_series
+from ..shapes.cells import area_in_rectangle
+from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
+from ..shapes.discs import intersect, outline
+from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
+from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .marks import (
     PLAIN,
     SMALL,
@@ -109,7 +107,7 @@ def image_view(design: Design, place: Point, most: float = math.inf) -> ImageVie
     """
     discs, sizes = field_discs(design, [place])
     centres, radii = discs[0], sizes[0]
-    pitch = abs(float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)))
+    pitch = abs(float(microlens_image_pitch(Camera.of(design))))
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
     (axis,) = axes_in_space(design, [place])
@@ -365,16 +363,17 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     samples : int
         Points along each side.
     """
-    pitch, radius = abs(image_pitch(design)), image_diameter(design) / 2
+    camera = Camera.of(design)
+    pitch, radius = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera)) / 2
     effects = plan(design, overrides=["+microlens_diffraction", "+overlap", "-vignetting", "-tilts", "-decentres"])
-    flat = planned_design(design, effects)
+    flat = planned_camera(design, effects)
     half = 0.75 * pitch
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
     x, y = np.meshgrid(axis, axis)
     steps = [pitch * np.array([i, j]) for i in (-1, 0, 1) for j in (-1, 0, 1)]
     ray = np.sum([((x - a) ** 2 + (y - b) ** 2 <= radius**2).astype(float) for a, b in steps], axis=0)
-    light, top = encircled(design), max(1.0, float(wave.max()))
+    light, top = encircled(camera), max(1.0, float(wave.max()))
     each, reach = width / 2, UM * half
     side = each - 56 - 68
     cell = UM * pitch / 2 * np.array([-1, 1, 1, -1])
@@ -420,7 +419,7 @@ def preview(image: RawImage, zoom: int | None = None) -> Picture:
     kept = pixels[: pixels.shape[0] // step * step, : pixels.shape[1] // step * step]
     small = np.asarray(kept.reshape(kept.shape[0] // step, step, -1, step).mean((1, 3)), float)
     if zoom is None:
-        zoom = max(24, round(5 * abs(image_pitch(image.design)) / image.design.q))
+        zoom = max(24, round(5 * abs(float(microlens_image_pitch(Camera.of(image.design)))) / image.design.q))
     side = min(zoom, region.rows, region.columns)
     middle_x, middle_y = (region.columns - side) // 2, (region.rows - side) // 2
     places = {

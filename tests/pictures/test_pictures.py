@@ -9,13 +9,12 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design import theory
-from roslf_design.effects.field import half_sizes
+from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.explorer.patch import KEPT, white_patch
 from roslf_design.imaging.render import render
-from roslf_design.microlens.discs import intersect
 from roslf_design.pictures.depth import depth_comparison, depth_curve, depth_precision
 from roslf_design.pictures.effects import effects_budget
 from roslf_design.pictures.field import field_map, field_maps, mla_map
@@ -30,6 +29,8 @@ from roslf_design.pictures.microlens import (
     rays_and_waves,
 )
 from roslf_design.pictures.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
+from roslf_design.shapes.discs import intersect
+from roslf_design.theory.light import half_diagonal
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -295,7 +296,7 @@ def test_the_design_point_maps_to_the_design_and_axes_stay_when_told():
 def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
     picture = matching_plane(PAPER)
     region = _mark(picture, "eq6-region")
-    x0 = math.hypot(*half_sizes(PAPER)) * PAPER.d_f / PAPER.d_1
+    x0 = float(half_diagonal(Camera.of(PAPER))) * PAPER.d_f / PAPER.d_1
     corners = [(x, y) for x, y in zip(region.x, region.y, strict=True) if 0 < y < 0.98 * picture.mapping.y1]
     assert len(corners) > 3
     for d_3, D_F in corners:
