@@ -130,5 +130,5 @@ def compared(revision: str, chosen: Sequence[str] = (), rounds: int = ROUNDS[Fal
     with checked_out(revision) as tree, tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
         for command in commands(Path(folder), True):
             if command.name in chosen or not chosen:
-                turns = in_turn({"now": command.run(), "then": command.run(tree)}, rounds, SECONDS[False])
+                turns = in_turn({"now": command.run(), "then": command.run(tree)}, rounds, SECONDS[False], least=3)
                 yield Row(command.name, command.title, sides=tuple(Side.of(*turn) for turn in turns.items()))

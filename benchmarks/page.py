@@ -94,7 +94,9 @@ def comparison_line(row: Row) -> str:
     if not now.seconds or len(now.seconds) != len(then.seconds):
         return f"{row.title:72s} no ratio: " + "; ".join(f"{s.label}: {s.fault}" for s in row.sides if s.fault)
     ratio = then.ratio(now)
-    verdict = "faster" if ratio.high < 1 else "SLOWER" if ratio.low > 1 else "as fast, as far as can be told"
+    verdict = "as fast, as far as can be told"
+    if ratio.runs >= 3 and not ratio.low <= 1 <= ratio.high:
+        verdict = "faster" if ratio.high < 1 else "SLOWER"
     return f"{row.title:72s} {figure(row):>8s}, now/then {spread(ratio)} of {ratio.runs}  {verdict}"
 
 

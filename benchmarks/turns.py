@@ -103,7 +103,9 @@ class Row:
         return cls(**{**data, "sides": sides})
 
 
-def in_turn(runs: Mapping[str, Run], rounds: int, most_seconds: float = PATIENCE) -> dict[str, list[float] | str]:
+def in_turn(
+    runs: Mapping[str, Run], rounds: int, most_seconds: float = PATIENCE, least: int = 1
+) -> dict[str, list[float] | str]:
     """Each once a round, every other round backwards, after a round that does not count (caches, compiled kernels).
 
     Parameters
@@ -111,9 +113,11 @@ def in_turn(runs: Mapping[str, Run], rounds: int, most_seconds: float = PATIENCE
     runs : mapping
         Whom to run, by label.
     rounds : int
-        At most; at least one is counted.
+        At most.
     most_seconds : float
         No further round begins after this time.
+    least : int
+        Rounds that are counted whatever they take.
 
     Returns
     -------
@@ -123,7 +127,7 @@ def in_turn(runs: Mapping[str, Run], rounds: int, most_seconds: float = PATIENCE
     results: dict[str, list[float] | str] = {label: [] for label in runs}
     start = time.perf_counter()
     for index in range(rounds + 1):
-        if index > 1 and time.perf_counter() - start > most_seconds:
+        if index > least and time.perf_counter() - start > most_seconds:
             break
         for label in list(runs)[:: 1 if index % 2 else -1]:
             seconds = results[label]

@@ -120,9 +120,10 @@ def test_a_run_is_stored_and_drawn_again_small(tmp_path, capsys, monkeypatch):
 
 
 def test_two_revisions_in_a_line():
-    now, slow, dead = (Side(k, s) for k, s in (("now", (1.0, 1.1)), ("then", (2.0, 2.0)), ("then", ())))
-    assert page.comparison_line(Row("a", "A", sides=(now, slow))).endswith("0.53 [0.5, 0.55] of 2  faster")
+    now, slow, dead, few = (Side("", s) for s in ((1.0, 1.1, 1.2), (2.0, 2.0, 2.0), (), (3.0,)))
+    assert page.comparison_line(Row("a", "A", sides=(now, slow))).endswith("0.55 [0.5, 0.6] of 3  faster")
     assert page.comparison_line(Row("a", "A", sides=(slow, now))).endswith("SLOWER")
+    assert page.comparison_line(Row("a", "A", sides=(few, few))).endswith("as far as can be told")
     assert "no ratio" in page.comparison_line(Row("a", "A", sides=(now, dead)))
 
 
@@ -154,9 +155,8 @@ def test_peers_are_pinned_and_what_cannot_be_had_is_said(tmp_path):
 def test_who_differs_or_is_missing_has_no_times():
     image = np.zeros((60, 60), np.float32)
     image[20:24, 20:24] = 1
-    case = Case(
-        "centres-x", "Centres", "", {"scipy": 1, "batoid": 1}, {"image": image}, lambda a, b: "", lambda a: "ok"
-    )
+    asked = ("centres-x", "Centres", "", {"scipy": 1, "batoid": 1}, {"image": image})
+    case = Case(*asked, lambda a, b: "", lambda a: "ok")
     ours, missing = compare(case, {"batoid": "no wheel for it"}, 1, 0.0).sides
     assert (len(ours.seconds), ours.note, ours.fault) == (1, "ok", "")
     assert (missing.seconds, missing.fault) == ((), "no wheel for it")
