@@ -20,17 +20,23 @@ KINDS = ("radius", "radius", "conic", "conic", "thickness", "thickness", "thickn
 """What is missed in a trial of the spots: two radii, two conics, object distance, thickness, image distance, index."""
 
 
+def slanted(inputs):
+    """Ready-made rays: positions and unit directions, six arrays."""
+    x, y, s, t = (np.array(inputs[name], np.float64) for name in ("x", "y", "s", "t"))
+    n = 1 / np.sqrt(1 + s * s + t * t)
+    return x, y, np.full(x.size, -20.0), s * n, t * n, n
+
+
 def here_singlet(inputs):
-    """Ready-made rays through the singlet to a plane behind it."""
+    """Rays through the singlet to a plane behind it."""
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
     from roslf_design.lenses.tracer import Rays
 
     semi, thickness = float(inputs["D"]) / 2, float(inputs["thickness"])
     front = Surface(1 / float(inputs["radius"]), semi, thickness, find_glass("N-BK7"))
-    lens, s, t = Prescription((front, Surface(0.0, semi))), inputs["s"], inputs["t"]
-    n = 1 / np.sqrt(1 + s * s + t * t)
-    rays = Rays(np.stack([inputs["x"], inputs["y"], np.full(s.size, -20.0)]), np.stack([s * n, t * n, n]))
+    lens, made = Prescription((front, Surface(0.0, semi))), np.array(slanted(inputs))
+    rays = Rays(made[:3], made[3:])
     plane, wavelength, state = thickness + float(inputs["behind"]), float(inputs["wavelength_um"]) * 1e-3, {}
 
     def run():
@@ -55,9 +61,8 @@ def optiland_singlet(inputs):
     lens.surfaces.add(index=1, radius=radius, thickness=thickness, material=glass, is_stop=True, aperture=aperture)
     lens.surfaces.add(index=2, radius=np.inf, thickness=behind, aperture=aperture)
     lens.surfaces.add(index=3)
-    x, y, s, t = (np.array(inputs[name], np.float64) for name in ("x", "y", "s", "t"))
-    n, one = 1 / np.sqrt(1 + s * s + t * t), np.ones(x.size)
-    made, state = (x, y, -20.0 * one, s * n, t * n, n, one, float(inputs["wavelength_um"]) * one), {}
+    made, one, state = slanted(inputs), np.ones(inputs["x"].size), {}
+    made = (*made, one, float(inputs["wavelength_um"]) * one)
 
     def run():
         state["rays"] = lens.surfaces.trace(RealRays(*made), skip=1, record=False)
@@ -80,19 +85,14 @@ def batoid_singlet(inputs):
     def at(z):
         return batoid.CoordSys(origin=[0, 0, z])
 
-    front = batoid.RefractiveInterface(
-        batoid.Sphere(float(inputs["radius"])), name="front", inMedium=air, outMedium=glass, obscuration=rim
-    )
-    back = batoid.RefractiveInterface(
-        batoid.Plane(), name="back", inMedium=glass, outMedium=air, obscuration=rim, coordSys=at(thickness)
-    )
-    screen = batoid.Detector(
-        batoid.Plane(), name="screen", inMedium=air, outMedium=air, coordSys=at(thickness + behind)
-    )
+    inside, outside = {"inMedium": air, "outMedium": glass}, {"inMedium": glass, "outMedium": air}
+    sphere, plane = batoid.Sphere(float(inputs["radius"])), batoid.Plane()
+    front = batoid.RefractiveInterface(sphere, name="front", obscuration=rim, **inside)
+    back = batoid.RefractiveInterface(plane, name="back", obscuration=rim, coordSys=at(thickness), **outside)
+    screen = batoid.Detector(plane, name="screen", inMedium=air, outMedium=air, coordSys=at(thickness + behind))
     lens = batoid.CompoundOptic((front, back, screen), inMedium=air, outMedium=air)
-    x, y, s, t = (np.array(inputs[name], np.float64) for name in ("x", "y", "s", "t"))
-    n, one, state = 1 / np.sqrt(1 + s * s + t * t), np.ones(x.size), {}
-    made = (x, y, -20.0 * one, s * n, t * n, n, 0 * one, float(inputs["wavelength_um"]) * 1e-6 * one, one)
+    made, one, state = slanted(inputs), np.ones(inputs["x"].size), {}
+    made = (*made, 0 * one, float(inputs["wavelength_um"]) * 1e-6 * one, one)
 
     def run():
         state["rays"] = lens.trace(batoid.RayVector(*made))
@@ -102,6 +102,12 @@ def batoid_singlet(inputs):
         return {"kept": ~(rays.vignetted | rays.failed), "x": rays.x, "y": rays.y}
 
     return run, answer
+
+
+def trials_said(nominal, tables):
+    """What two Monte Carlo runs are compared by."""
+    table = np.concatenate(tables)
+    return {"nominal": nominal, "mean": table.mean(0), "sd": table.std(0), "trials": len(table)}
 
 
 def here_spots(inputs):
@@ -138,11 +144,7 @@ def here_spots(inputs):
         pieces = [min(8192, trials - start) for start in range(0, trials, 8192)]
         every.extend(sizes(random.uniform(-1, 1, (8, count)) * widths) for count in pieces)
 
-    def answer():
-        table = np.concatenate(every)
-        return {"nominal": sizes(np.zeros((8, 1)))[0], "mean": table.mean(0), "sd": table.std(0), "trials": len(table)}
-
-    return run, answer
+    return run, lambda: trials_said(sizes(np.zeros((8, 1)))[0], every)
 
 
 def optiland_spots(inputs):
@@ -174,9 +176,8 @@ def optiland_spots(inputs):
     for kind, middle, surface in zip(KINDS, middles, (1, 2, 1, 2, 0, 1, 2, 1), strict=True):
         width = float(inputs["width_" + kind])
         sampler = DistributionSampler("uniform", low=middle - width, high=middle + width)
-        study.add_perturbation(
-            kind, sampler, surface_number=surface, **({"wavelength": wave} if kind == "index" else {})
-        )
+        wanted = {"wavelength": wave} if kind == "index" else {}
+        study.add_perturbation(kind, sampler, surface_number=surface, **wanted)
     task, tables = MonteCarlo(study), []
 
     def run():
@@ -184,11 +185,7 @@ def optiland_spots(inputs):
         results = task.get_results()
         tables.append(results[[name for name in results.columns if "rms spot size" in name]].to_numpy(float))
 
-    def answer():
-        table = np.concatenate(tables)
-        return {"nominal": nominal, "mean": table.mean(0), "sd": table.std(0), "trials": len(table)}
-
-    return run, answer
+    return run, lambda: trials_said(nominal, tables)
 
 
 def here_geometry(inputs):
