@@ -54,14 +54,14 @@ pins: $(INSTALLED_DEV)
 	$(BIN)/python $(PINS)/pins.py check $(BIN)/roslf $(PINS)/pins.json
 
 bench: $(INSTALLED_DEV)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks --readme
 
 bench-quick: $(INSTALLED_DEV)
 	$(BIN)/python -m benchmarks --quick
 
 bench-compare: $(INSTALLED_DEV)
 	@test -n "$(REV)" || { echo "Say with what to compare: make bench-compare REV=HEAD~10"; exit 2; }
-	$(BIN)/python -m benchmarks.compare_revisions $(REV)
+	$(BIN)/python -m benchmarks --compare $(REV)
 
 docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build

@@ -1,1 +1,1 @@
-"""Speed, measured beside plain numpy and peers in one run: `make bench`."""
+"""How fast the commands are: as processes, inside, beside other programs, and beside another revision."""

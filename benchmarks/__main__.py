@@ -1,109 +1,99 @@
-"""Speed side by side: `python -m benchmarks` for everything, `python -m benchmarks TOPIC ...` for detail.
-
-Without topics: peers in Pythons of their own, the same work on each side, results compared before times, scaling,
-then all topics; writes benchmarks.json, table.md and index.html into the output folder.
-"""
+"""How fast the commands are: `python -m benchmarks`; beside another revision: `python -m benchmarks --compare REV`."""
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
 import platform
+import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
-from .harness.machine import processor
+from . import commands, page, peers, rates
+from .turns import Row
 
-REPORT = Path("reports/benchmarks")
-QUICK = Path("out/benchmarks-quick")
-DATA = "benchmarks.json"
-
-
-def topics() -> list[str]:
-    """Names of the topics: files called bench_<topic>.py."""
-    return sorted(path.stem.removeprefix("bench_") for path in Path(__file__).parent.glob("bench_*.py"))
+REPORT, QUICK = Path("reports/benchmarks"), Path("out/benchmarks-quick")
+DATA, SCHEMA = "benchmarks.json", "roslf.benchmarks/2"
+PARTS = {"commands": commands.measure, "rates": rates.measure, "peers": peers.measure}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run topics, or everything."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, or read what was measured; write JSON, page and README's table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("topic", nargs="*", help=f"any of {', '.join(topics())}; default: everything, side by side")
-    parser.add_argument("--quick", action="store_true", help="small sizes and few rounds, no topics: under 3 minutes")
-    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="comparisons with this name")
-    parser.add_argument("--no-topics", action="store_true", help="leave the topics out")
-    parser.add_argument("--redraw", action="store_true", help="page and table again from the stored JSON")
+    parser.add_argument("--quick", action="store_true", help="few runs of small sizes: under three minutes")
+    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="rows to run; printed, not stored")
+    parser.add_argument("--redraw", action="store_true", help="page and table again from the stored run")
+    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    parser.add_argument("--compare", metavar="REV", help="every command here and at this revision, in turn")
     parser.add_argument("-o", "--output", type=Path, help=f"folder; default {REPORT}, of a quick run {QUICK}")
-    parser.add_argument("--list", action="store_true", help="names of the comparisons, and go")
-    chosen = parser.parse_args(arguments)
-    if chosen.list:
-        from .run import chosen as pick
-
-        print("\n".join(case.name for case in pick(False, (), None)))
-        return 0
-    if chosen.topic:
-        unknown = sorted(set(chosen.topic) - set(topics()))
-        if unknown:
-            parser.error(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(topics())}")
-        return run_topics(chosen.topic)
-    return side_by_side(chosen, parser)
-
-
-def run_topics(names: list[str]) -> int:
-    """The topics' own tables, in this process."""
-    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores, {processor()}")
-    for name in names:
-        print(f"\n== {name}", flush=True)
-        importlib.import_module(f"benchmarks.bench_{name}").main()
-    return 0
-
-
-def side_by_side(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
-    """Everything, or what `--only` names; parts are printed and not stored."""
-    from .harness.store import check
-    from .run import run_all
-
-    output = chosen.output or (QUICK if chosen.quick else REPORT)
-    if chosen.redraw:
-        try:
-            data = json.loads((output / DATA).read_text())
-            check(data)
-        except OSError as error:
-            parser.error(f"{output / DATA}: {error.strerror}; a run without --redraw writes it")
-        except ValueError as error:
-            parser.error(f"{output / DATA}: {error}")
-    else:
-        names = [] if chosen.quick or chosen.no_topics or chosen.only else topics()
-        try:
-            data = run_all(chosen.quick, chosen.only, names, tell)
-        except ValueError as error:
-            parser.error(str(error))
-        check(data)
-        if chosen.only and chosen.output is None:
+    given = parser.parse_args(arguments)
+    if given.readme and (given.quick or given.only):
+        parser.error("README's table is of a whole run; leave --quick and --only out")
+    try:
+        if given.compare:
+            for row in commands.compared(given.compare, given.only):
+                print(page.comparison_line(row), flush=True)
             return 0
-    write(data, output)
-    print(f"{output / 'index.html'}, {DATA} and table.md; {data['seconds'] / 60:.1f} min")
+        output = given.output or (QUICK if given.quick else REPORT)
+        data = json.loads((output / DATA).read_text()) if given.redraw else run(given.quick, given.only)
+        if data["schema"] != SCHEMA:
+            raise ValueError(f"{output / DATA} is of another version; run without --redraw")
+        if not given.only:
+            write(data, output, Path("README.md") if given.readme else None)
+    except (OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
     return 0
 
 
-def tell(text: str) -> None:
-    """A line as soon as it is known."""
-    print(text, flush=True)
+def run(quick: bool, chosen: Sequence[str]) -> dict[str, Any]:
+    """Everything, or the rows that are chosen; lines are printed as they come."""
+    machine = describe()
+    parts: dict[str, list[Row]] = {part: [] for part in PARTS}
+    for part, measure in PARTS.items():
+        for row in measure(quick, chosen):
+            print(page.line(row), flush=True)
+            parts[part].append(row)
+    rows = {part: [asdict(row) for row in rows] for part, rows in parts.items()}
+    return {"schema": SCHEMA, "quick": quick, "machine": machine, "parts": rows}
 
 
-def write(data: dict[str, object], output: Path) -> None:
-    """JSON, table and page."""
-    from roslf_design.design.write import write_atomically
-    from roslf_design.report.html import render_html
-
-    from .page import benchmark_report
-    from .readme_table import readme_table
-
+def write(data: dict[str, Any], output: Path, readme: Path | None) -> None:
+    """JSON and page into the folder, the table onto the screen and into README."""
+    parts = {part: [Row.from_dict(row) for row in rows] for part, rows in data["parts"].items()}
+    table = page.readme_table([row for rows in parts.values() for row in rows], data["machine"])
     output.mkdir(parents=True, exist_ok=True)
-    write_atomically(output / DATA, (json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode())
-    write_atomically(output / "table.md", readme_table(data).encode())
-    write_atomically(output / "index.html", render_html(benchmark_report(data)).encode())
+    (output / DATA).write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n")
+    (output / "index.html").write_text(page.page(parts, data["machine"]))
+    if readme is not None:
+        readme.write_text(page.with_table(readme.read_text(), table))
+    print(f"\n{table}\n{output / 'index.html'}")
+
+
+def describe() -> dict[str, Any]:
+    """Processor, versions, revision, date and load; nothing that names the machine."""
+    try:
+        words = ["git", "-C", str(commands.REPOSITORY), "describe", "--always", "--dirty=+"]
+        revision = subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except (OSError, subprocess.CalledProcessError):
+        revision, lines = "unknown", []
+    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return {
+        "processor": next(names, platform.processor() or "unknown"),
+        "cores": os.cpu_count(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "revision": revision,
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else "unknown",
+    }
 
 
 if __name__ == "__main__":

@@ -1,0 +1,134 @@
+"""The commands that are timed as processes, and another revision beside this one."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from .turns import Row, Run, Side, in_turn, last_line, process
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+TRIALS = {True: 20_000, False: 200_000}
+"""Of a tolerance study, quick or not."""
+ROUNDS = {True: 2, False: 5}
+SECONDS = {True: 6.0, False: 60.0}
+"""After which a command is not run again."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command line of roslf, or what the explorer's slider does inside it."""
+
+    name: str
+    title: str
+    words: tuple[str, ...] = ()
+    """After `roslf`; none: the slider."""
+    quick: bool = True
+
+    def run(self, python_path: Path = REPOSITORY) -> Run:
+        """It, with the package of a source tree."""
+        if not self.words:
+            return process((sys.executable, str(REPOSITORY / "benchmarks" / "slider.py")), python_path, prints=True)
+        return process((sys.executable, "-m", "roslf_design", *self.words), python_path)
+
+
+def commands(folder: Path, quick: bool) -> list[Command]:
+    """All, after their designs and studies have been written into `folder`; files that both revisions read."""
+    study = tomllib.loads((REPOSITORY / "studies/tolerance-paper/study.toml").read_text())
+    plain = {key: value for key, value in study.items() if key != "compensators"}
+    paper = tomllib.loads((REPOSITORY / "designs/paper.toml").read_text())
+    paper["microlens_array"] |= {"layout": "hexagonal", "lens_shape": "circular"}
+    files: dict[str, dict[str, Any]] = {"hexagonal": paper, "built": plain, "adjusted": study}
+    at = {name: str(folder / f"{name}.toml") for name in files}
+    for name, data in files.items():
+        Path(at[name]).write_bytes(tomli_w.dumps(data).encode())
+    few = ("--trials", str(TRIALS[quick]))
+    pixels, board = "4600 x 3080 px", str(REPOSITORY / "studies/paper-images/board.toml")
+    scope = str(REPOSITORY / "studies/optimize-rigid-scope/study.toml")
+    speculum = str(REPOSITORY / "studies/optimize-ear-speculum/study.toml")
+    return [
+        Command("help", "roslf --help", ("--help",)),
+        Command("evaluate", "roslf evaluate paper", ("evaluate", "paper")),
+        Command("evaluate-singlet", "roslf evaluate paper-singlet", ("evaluate", "paper-singlet")),
+        Command("render", f"roslf render paper: white, {pixels}", ("render", "paper", "-o", "a.tif")),
+        Command(
+            "render-hexagonal", "the same, lenses in a hexagonal array", ("render", at["hexagonal"], "-o", "a.tif")
+        ),
+        Command(
+            "render-board",
+            "roslf render paper --scene board.toml: 600 x 480 px",
+            ("render", "paper", "--scene", board, "--region", "2000,1300,600,480", "-o", "a.tif"),
+        ),
+        Command(
+            "tolerance",
+            f"roslf tolerance tolerance-paper: {TRIALS[quick]:,} trials, as built",
+            ("tolerance", at["built"], "-o", "out", *few),
+        ),
+        Command(
+            "tolerance-adjusted",
+            "the same, each build focused and its decoder calibrated",
+            ("tolerance", at["adjusted"], "-o", "out", *few),
+        ),
+        Command("optimize", "roslf optimize optimize-rigid-scope", ("optimize", scope, "-o", "out"), quick=False),
+        Command("optimize-parts", "roslf optimize optimize-ear-speculum", ("optimize", speculum, "-o", "out"), False),
+        Command("report", "roslf report paper --pdf", ("report", "paper", "--pdf", "-o", "out")),
+        Command("slider", "explorer, slider to new pictures, without the browser"),
+    ]
+
+
+def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
+    """Every command, one after the other."""
+    with tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
+        for command in commands(Path(folder), quick):
+            if command.name in chosen or (not chosen and (command.quick or not quick)):
+                here = in_turn({"here": command.run()}, ROUNDS[quick], SECONDS[quick])["here"]
+                yield Row(command.name, command.title, sides=(Side.of("here", here),))
+
+
+@contextmanager
+def checked_out(revision: str, repository: Path = REPOSITORY) -> Iterator[Path]:
+    """A work tree of a revision, gone afterwards.
+
+    Raises
+    ------
+    ValueError
+        No such revision, or no git.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="roslf-revision-"))
+    git = ["git", "-C", str(repository), "worktree"]
+    tree = folder / "tree"
+    try:
+        try:
+            add = [*git, "add", "--quiet", "--detach", str(tree), revision]
+            subprocess.run(add, check=True, capture_output=True, text=True)
+        except subprocess.CalledProcessError as error:
+            raise ValueError(last_line(error.stderr) or "git failed") from error
+        yield tree
+    finally:
+        subprocess.run([*git, "remove", "--force", str(tree)], check=False, capture_output=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def compared(revision: str, chosen: Sequence[str] = (), rounds: int = ROUNDS[False]) -> Iterator[Row]:
+    """Every command here and at a revision, in turn, in the same Python with the same packages.
+
+    Raises
+    ------
+    ValueError
+        No such revision.
+    """
+    with checked_out(revision) as tree, tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
+        for command in commands(Path(folder), True):
+            if command.name in chosen or not chosen:
+                turns = in_turn({"now": command.run(), "then": command.run(tree)}, rounds, SECONDS[False], least=3)
+                yield Row(command.name, command.title, sides=tuple(Side.of(*turn) for turn in turns.items()))

@@ -1,1 +1,0 @@
-"""How speeds are measured side by side: peers in Pythons of their own, the same work, results first, then times."""

@@ -1,0 +1,174 @@
+"""How much the commands get done a second, inside: a pyperf script (`python -m benchmarks.rates -o FILE`)."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pyperf
+
+from roslf_design.camera import Camera
+from roslf_design.design import load
+from roslf_design.imaging.render import render
+from roslf_design.imaging.trace import Sampling
+from roslf_design.scenes import load_scene
+from roslf_design.shapes.lattice import Lattice, lens_centres
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.tolerance.run import run_chunk
+from roslf_design.tolerance.study import plan_from
+
+from .commands import REPOSITORY
+from .turns import Row, Side, environment, last_line
+
+STUDIES = REPOSITORY / "studies"
+BLOCK, BLOCKS = 20_000, 20
+"""Designs done at once, and how often."""
+REGION = (2000, 1300, 300, 200)
+RAYS = 64
+"""A pixel."""
+TRIALS = 1 << 15
+"""Of one chunk of a study."""
+
+Work = Callable[[], object]
+Ready = tuple[Work, int]
+"""A piece of work, and how many units of it are done in one go."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """One piece of work."""
+
+    name: str
+    title: str
+    unit: str
+    prepare: Callable[[], Ready]
+
+
+def designs() -> Ready:
+    """Cameras made from arrays of lengths, and every quantity of each."""
+    random = np.random.default_rng(0)
+    changes = {
+        "main_lens.focal_plane": random.uniform(250, 600, BLOCK),
+        "aperture.distance": random.uniform(20, 120, BLOCK),
+        "aperture.diameter": random.uniform(1, 5, BLOCK),
+    }
+    paper = load("paper")
+
+    def work() -> None:
+        for _ in range(BLOCKS):
+            camera = Camera.of(paper, changes)
+            for quantity in QUANTITIES.values():
+                if quantity.of is not None:
+                    quantity(camera, None if quantity.at == "never" else 340.0)
+
+    return work, BLOCK * BLOCKS
+
+
+def shapes() -> Ready:
+    """Area, centre and axes of every image of the paper's array."""
+    paper = load("paper")
+    array = paper.microlens_array
+    axes = lens_centres(Lattice(array.pitch, paper.sensor.size, array.layout))
+    camera = Camera.of(paper)
+    return lambda: MicrolensImages(camera, axes).shapes, len(axes)
+
+
+def white(layout: str) -> Ready:
+    """The white image of the whole sensor, diffraction and all."""
+    design = load("paper").replace({"microlens_array.layout": layout})
+    return lambda: render(design), math.prod(design.pixels)
+
+
+def board() -> Ready:
+    """A region of the checkerboard, a fixed number of rays a pixel."""
+    paper, scene = load("paper"), load_scene(STUDIES / "paper-images/board.toml")
+    fixed = Sampling(RAYS, RAYS, 0.0)
+    work = partial(render, paper, scene, region=REGION, sampling=fixed)
+    return work, work().rays
+
+
+def trials(study: str, adjusted: bool) -> Ready:
+    """A chunk of a tolerance study's trials in this process."""
+    data = tomllib.loads((STUDIES / study / "study.toml").read_text()) | {"trials": TRIALS}
+    if not adjusted:
+        data.pop("compensators", None)
+    plan = plan_from(data)
+    assert plan.chunk_trials(0) == TRIALS
+    return lambda: run_chunk(plan, 0), TRIALS
+
+
+RATES = (
+    Rate("designs", "cameras, each through every quantity", "designs", designs),
+    Rate("shapes", "images of microlenses: area, centre, axes", "images", shapes),
+    Rate("white", "white image", "pixels", partial(white, "square")),
+    Rate("white-hexagonal", "white image, hexagonal array", "pixels", partial(white, "hexagonal")),
+    Rate("rays", "checkerboard out of focus, traced backward", "rays", board),
+    Rate("trials", "tolerance trials, as built", "trials", partial(trials, "tolerance-paper", False)),
+    Rate("trials-adjusted", "tolerance trials, adjusted", "trials", partial(trials, "tolerance-paper", True)),
+    Rate("trials-traced", "trials, lens traced", "trials", partial(trials, "tolerance-singlet", False)),
+)
+
+
+def rate(name: str) -> Rate:
+    """The one of that name."""
+    return next(rate for rate in RATES if rate.name == name)
+
+
+def timed(loops: int, prepare: Callable[[], Ready]) -> float:
+    """Seconds for one unit of work, times `loops`; what makes it ready does not count, nor does a first go."""
+    work, count = ready(prepare)
+    start = time.perf_counter()
+    for _ in range(loops):
+        work()
+    return (time.perf_counter() - start) / count
+
+
+@cache
+def ready(prepare: Callable[[], Ready]) -> Ready:
+    """Work that has been done once."""
+    work, count = prepare()
+    work()
+    return work, count
+
+
+def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
+    """Every rate, in pyperf's processes; the best of threads that a command would take."""
+    size = ("-p", "1", "-n", "2") if quick else ("-p", "3", "-n", "3")
+    for one in RATES:
+        if one.name not in chosen and (chosen or (quick and one.name == "trials-traced")):
+            continue
+        with tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
+            file = Path(folder) / "rates.json"
+            words = [sys.executable, "-m", "benchmarks.rates", "--only", one.name, "-o", str(file), *size]
+            words += ["-l", "1", "-w", "0", "--quiet", "--copy-env"]
+            environ = environment(None, REPOSITORY)
+            done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=environ)
+            values: list[float] | str = last_line(done.stderr)
+            if not done.returncode:
+                values = list(pyperf.BenchmarkSuite.load(str(file)).get_benchmarks()[0].get_values())
+        yield Row(one.name, one.title, one.unit, (Side.of("here", values),))
+
+
+def main() -> None:
+    """What pyperf starts, for itself and for its workers."""
+    runner = pyperf.Runner(
+        program_args=("-m", "benchmarks.rates"),
+        add_cmdline_args=lambda command, given: command.extend(["--only", given.only]),
+    )
+    runner.argparser.add_argument("--only", choices=[one.name for one in RATES], required=True)
+    one = rate(runner.parse_args().only)
+    runner.bench_time_func(one.name, timed, one.prepare)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,313 @@
+"""What each program does in a comparison; run as a script by that program's own Python: WORK INPUTS.npz ANSWER.npz.
+
+A work is a function of the inputs that gives `run`, which does the work once, and `answer`, which says what came out.
+The script does it once, stores the answer, and then runs it once for every line on its input, printing the seconds.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, disable-error-code="import-not-found, var-annotated"
+
+import json
+import os
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+N_BK7 = [1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653]
+"""Sellmeier coefficients of the glass as SCHOTT gives them."""
+KINDS = ("radius", "radius", "conic", "conic", "thickness", "thickness", "thickness", "index")
+"""What is missed in a trial of the spots: two radii, two conics, object distance, thickness, image distance, index."""
+
+
+def slanted(inputs):
+    """Ready-made rays: positions and unit directions, six arrays."""
+    x, y, s, t = (np.array(inputs[name], np.float64) for name in ("x", "y", "s", "t"))
+    n = 1 / np.sqrt(1 + s * s + t * t)
+    return x, y, np.full(x.size, -20.0), s * n, t * n, n
+
+
+def here_singlet(inputs):
+    """Rays through the singlet to a plane behind it."""
+    from roslf_design.lenses.glass import find_glass
+    from roslf_design.lenses.prescription import Prescription, Surface
+    from roslf_design.lenses.tracer import Rays
+
+    semi, thickness = float(inputs["D"]) / 2, float(inputs["thickness"])
+    front = Surface(1 / float(inputs["radius"]), semi, thickness, find_glass("N-BK7"))
+    lens, made = Prescription((front, Surface(0.0, semi))), np.array(slanted(inputs))
+    rays = Rays(made[:3], made[3:])
+    plane, wavelength, state = thickness + float(inputs["behind"]), float(inputs["wavelength_um"]) * 1e-3, {}
+
+    def run():
+        state["ended"] = lens.trace(rays, wavelength, plane=plane)
+
+    def answer():
+        x, y, _ = state["ended"].rays.position
+        return {"kept": state["ended"].kept, "x": x, "y": y}
+
+    return run, answer
+
+
+def optiland_singlet(inputs):
+    """The same."""
+    from optiland.materials import Material
+    from optiland.optic import Optic
+    from optiland.rays import RealRays
+
+    lens, glass, aperture = Optic(), Material("N-BK7", reference="schott"), float(inputs["D"])
+    radius, thickness, behind = (float(inputs[name]) for name in ("radius", "thickness", "behind"))
+    lens.surfaces.add(index=0, thickness=np.inf)
+    lens.surfaces.add(index=1, radius=radius, thickness=thickness, material=glass, is_stop=True, aperture=aperture)
+    lens.surfaces.add(index=2, radius=np.inf, thickness=behind, aperture=aperture)
+    lens.surfaces.add(index=3)
+    made, one, state = slanted(inputs), np.ones(inputs["x"].size), {}
+    made = (*made, one, float(inputs["wavelength_um"]) * one)
+
+    def run():
+        state["rays"] = lens.surfaces.trace(RealRays(*made), skip=1, record=False)
+
+    def answer():
+        rays = state["rays"]
+        return {"kept": (rays.i > 0) & np.isfinite(rays.x), "x": rays.x, "y": rays.y}
+
+    return run, answer
+
+
+def batoid_singlet(inputs):
+    """The same; wavelengths in m."""
+    import batoid
+
+    thickness, behind, semi = float(inputs["thickness"]), float(inputs["behind"]), float(inputs["D"]) / 2
+    glass, air = batoid.SellmeierMedium(N_BK7), batoid.ConstMedium(1.0)
+    rim = batoid.ObscNegation(batoid.ObscCircle(semi))
+
+    def at(z):
+        return batoid.CoordSys(origin=[0, 0, z])
+
+    inside, outside = {"inMedium": air, "outMedium": glass}, {"inMedium": glass, "outMedium": air}
+    sphere, plane = batoid.Sphere(float(inputs["radius"])), batoid.Plane()
+    front = batoid.RefractiveInterface(sphere, name="front", obscuration=rim, **inside)
+    back = batoid.RefractiveInterface(plane, name="back", obscuration=rim, coordSys=at(thickness), **outside)
+    screen = batoid.Detector(plane, name="screen", inMedium=air, outMedium=air, coordSys=at(thickness + behind))
+    lens = batoid.CompoundOptic((front, back, screen), inMedium=air, outMedium=air)
+    made, one, state = slanted(inputs), np.ones(inputs["x"].size), {}
+    made = (*made, 0 * one, float(inputs["wavelength_um"]) * 1e-6 * one, one)
+
+    def run():
+        state["rays"] = lens.trace(batoid.RayVector(*made))
+
+    def answer():
+        rays = state["rays"]
+        return {"kept": ~(rays.vignetted | rays.failed), "x": rays.x, "y": rays.y}
+
+    return run, answer
+
+
+def trials_said(nominal, tables):
+    """What two Monte Carlo runs are compared by."""
+    table = np.concatenate(tables)
+    return {"nominal": nominal, "mean": table.mean(0), "sd": table.std(0), "trials": len(table)}
+
+
+def here_spots(inputs):
+    """Every ray of every build traced exactly; spot sizes of three object points."""
+    from roslf_design.lenses.aim import spot_radii
+    from roslf_design.lenses.glass import find_glass
+    from roslf_design.lenses.manufacture import lens_builds
+    from roslf_design.lenses.prescription import Prescription, Surface
+
+    r, t, near, far = (float(inputs[name]) for name in ("radius", "thickness", "object", "image"))
+    green, rings = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"])
+    glass = find_glass("N-BK7")
+    lens = Prescription((Surface(1 / r, 15.0, t, glass), Surface(-1 / r, 15.0)), "spot", "", green)
+    circles = [ring / rings * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, rings + 1)]
+    spread = np.concatenate([[0.0], *circles])
+    pupil, index = np.stack([spread.real, spread.imag], axis=-1), float(glass.index(green))
+    points = np.array([(0.0, -float(y), -near) for y in inputs["heights"]])
+
+    def sizes(off):
+        r1, r2, k1, k2, t0, t1, t2, n1 = off
+        made = {"surfaces.1.radius": r + r1, "surfaces.2.radius": -r + r2, "surfaces.1.conic": k1}
+        made |= {"surfaces.2.conic": k2, "surfaces.1.thickness": t + t1, "surfaces.1.index": index + n1}
+        trials = len(r1)
+        plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (trials, 1))
+        rim = np.concatenate([plane, np.full((trials, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
+        plane[:, 2] = t + far + t1 + t2
+        world = np.stack([0 * t0, 0 * t0, -t0], axis=-1)
+        return spot_radii(lens_builds(lens, green, made, trials), plane, rim, world, points, pupil, np.ones(len(pupil)))
+
+    widths = np.array([float(inputs["width_" + kind]) for kind in KINDS])[:, None]
+    random, every, trials = np.random.default_rng(1), [], int(inputs["here_trials"])
+
+    def run():
+        pieces = [min(8192, trials - start) for start in range(0, trials, 8192)]
+        every.extend(sizes(random.uniform(-1, 1, (8, count)) * widths) for count in pieces)
+
+    return run, lambda: trials_said(sizes(np.zeros((8, 1)))[0], every)
+
+
+def optiland_spots(inputs):
+    """Its own Monte Carlo, with the same perturbations, object points and pupil."""
+    from optiland.optic import Optic
+    from optiland.tolerancing import DistributionSampler, Tolerancing
+    from optiland.tolerancing.monte_carlo import MonteCarlo
+
+    r, t, near, far, pupil, wave = (
+        float(inputs[name]) for name in ("radius", "thickness", "object", "image", "pupil", "wavelength_um")
+    )
+    heights, lens = [float(y) for y in inputs["heights"]], Optic()
+    lens.surfaces.add(index=0, thickness=near)
+    lens.surfaces.add(index=1, radius=r, thickness=t, material="N-BK7", is_stop=True)
+    lens.surfaces.add(index=2, radius=-r, thickness=far)
+    lens.surfaces.add(index=3)
+    lens.set_aperture(aperture_type="EPD", value=pupil)
+    lens.fields.set_type(field_type="object_height")
+    for y in heights:
+        lens.fields.add(y=y)
+    lens.wavelengths.add(value=wave, is_primary=True)
+    study = Tolerancing(lens)
+    for y in heights:
+        asked = {"optic": lens, "surface_number": -1, "Hx": 0, "Hy": y / max(heights), "distribution": "hexapolar"}
+        asked |= {"num_rays": int(inputs["rings"]), "wavelength": wave}
+        study.add_operand("rms_spot_size", input_data=asked)
+    nominal = [float(value) for value in study.evaluate()]
+    middles = (r, -r, 0.0, 0.0, near, t, far, float(inputs["index"]))
+    for kind, middle, surface in zip(KINDS, middles, (1, 2, 1, 2, 0, 1, 2, 1), strict=True):
+        width = float(inputs["width_" + kind])
+        sampler = DistributionSampler("uniform", low=middle - width, high=middle + width)
+        wanted = {"wavelength": wave} if kind == "index" else {}
+        study.add_perturbation(kind, sampler, surface_number=surface, **wanted)
+    task, tables = MonteCarlo(study), []
+
+    def run():
+        task.run(int(inputs["optiland_trials"]))
+        results = task.get_results()
+        tables.append(results[[name for name in results.columns if "rms spot size" in name]].to_numpy(float))
+
+    return run, lambda: trials_said(nominal, tables)
+
+
+def here_geometry(inputs):
+    """Distance in focus for the neighbouring slope, baseline and entrance pupil of many cameras at once."""
+    from roslf_design.camera import Camera
+    from roslf_design.design import load
+    from roslf_design.theory import light
+
+    places = {"main_lens.focal_plane": "d_f", "aperture.distance": "d_3", "microlens_array.pitch": "d"}
+    places |= {"main_lens.focal_length": "f", "sensor.distance": "d_2", "sensor.pixel": "q"}
+    changes, paper, state = {place: inputs[name] for place, name in places.items()}, load("paper"), {}
+
+    def run():
+        for _ in range(20):
+            c = Camera.of(paper, changes)
+            baseline = light.view_baseline(c)
+        state.update(refocus=c.A / (c.m + c.d / baseline), baseline=baseline, entrance_pupil=c.d_3)
+
+    return run, lambda: state
+
+
+def plenoptisign_geometry(inputs):
+    """Camera by camera, as its documentation says; it counts from the array."""
+    import plenoptisign
+
+    cases, state = [], {}
+    for f, d_f, d_3, d, d_2, q in zip(*(inputs[name] for name in ("f", "d_f", "d_3", "d", "d_2", "q")), strict=True):
+        d_1 = f * d_f / (d_f - f)
+        lens = {"fU": f, "HH": 0.0, "df": d_f + d_1, "dA": d_1 - f * d_3 / (d_3 - f), "D": 2.9, "f_num": f / 2.9}
+        rest = {"pp": q, "fs": d_2, "hh": 0.0, "pm": d, "sd": (14.9, 22.3), "a": 1.0, "M": 13.0, "G": 1, "dx": 1}
+        cases.append({k: v if isinstance(v, (int, tuple)) else float(v) for k, v in {**lens, **rest}.items()})
+
+    def run():
+        rows = []
+        for case in cases:
+            camera = plenoptisign.MainClass(dict(case))
+            camera.refo()
+            camera.tria()
+            results = camera.get_results()
+            rows.append((results[0], results[4], vars(camera)["_intersect"]))
+        refocus, baseline, pupil = np.array(rows, float).T
+        d_1 = inputs["f"] * inputs["d_f"] / (inputs["d_f"] - inputs["f"])
+        state.update(refocus=refocus - inputs["d_3"] - d_1, baseline=np.abs(baseline), entrance_pupil=pupil)
+
+    return run, lambda: state
+
+
+def here_centres(inputs):
+    """Centres of all microlens images in a white image."""
+    from roslf_design.calibration.centres import find_centres
+
+    state = {}
+
+    def run():
+        state["centres"] = find_centres(inputs["image"]).centres
+
+    return run, lambda: state
+
+
+def scipy_centres(inputs):
+    """Threshold at half the light, label, centre of mass: what one would write by hand."""
+    from scipy import ndimage
+
+    image, state = inputs["image"], {}
+
+    def run():
+        labels, count = ndimage.label(image > image.max() / 2)
+        middles = ndimage.center_of_mass(np.maximum(image, 0), labels, np.arange(1, count + 1))
+        state["centres"] = np.array(middles)[:, ::-1]
+
+    return run, lambda: state
+
+
+def plenopticam_centres(inputs):
+    """Pitch, extraction, refinement by areas, sorting, grid fit; grey levels from 0 to 255 as of a picture."""
+    from plenopticam.cfg import PlenopticamConfig
+    from plenopticam.lfp_calibrator import (
+        CentroidExtractor,
+        CentroidRefiner,
+        CentroidSorter,
+        GridFitter,
+        PitchEstimator,
+    )
+    from plenopticam.misc import PlenopticamStatus
+
+    image = np.clip(np.asarray(inputs["image"], np.float64), 0, None)
+    image, state = image / image.max() * 255, {}
+
+    def run():
+        config, status = PlenopticamConfig(), PlenopticamStatus()
+        config.params.update(opt_prnt=False, cal_meth="area")
+        pitch = PitchEstimator(image, config, status)
+        pitch.main()
+        peaks = CentroidExtractor(image, config, status, pitch.M)
+        peaks.main()
+        fine = CentroidRefiner(image, peaks.centroids, config, status, pitch.M, method="area")
+        fine.main()
+        lattice = CentroidSorter(fine.centroids_refined, config, status)
+        lattice.main()
+        grid = GridFitter(coords_list=lattice.mic_list, cfg=config, sta=status)
+        grid.main()
+        state["centres"] = np.asarray(grid.grid_fit, float)[:, 1::-1]
+
+    return run, lambda: state
+
+
+def main(work, inputs, answer):
+    """Do a work once, store its answer, and again for every line that comes in."""
+    results = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what programs print is no result
+    with np.load(inputs) as stored:
+        run, said = globals()[work]({name: stored[name] for name in stored.files})
+    for index, _ in enumerate(sys.stdin):
+        start = time.perf_counter()
+        run()
+        seconds = time.perf_counter() - start
+        if index == 0:
+            arrays: dict[str, Any] = {name: np.asarray(value) for name, value in said().items()}
+            np.savez(answer, **arrays)
+        results.write(json.dumps(seconds) + "\n")
+        results.flush()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
