@@ -20,11 +20,11 @@ from pictures import draw_images, draw_intervals, draw_shifts
 
 from roslf_design.calibration import CalibrationError, Observations
 from roslf_design.calibration.result import SHOWN, UNITS, Outcome
+from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load
 from roslf_design.design.write import write_atomically
 from roslf_design.pictures.axes import drawing, to_png
-from roslf_design.theory.aperture import effective_image_distance
 
 BOARD = f"{CELLS[0]}x{CELLS[1]} {CELL:g} mm"
 PAPER_RMS = 0.06
@@ -33,7 +33,7 @@ PAPER_RMS = 0.06
 
 def truth_of(design: Design) -> dict[str, float]:
     """The lengths that the images were rendered with."""
-    A = float(effective_image_distance(design.f, design.d_f, design.d_3))
+    A = float(Camera.of(design).A)
     lengths = {"H": design.d_1 / A, "d_3": design.d_3, "d_1": design.d_1, "d_f": design.d_f, "d_2": design.d_2}
     return {**lengths, "A": A, "m": design.d_1 / design.d_f}
 

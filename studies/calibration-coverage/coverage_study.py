@@ -26,10 +26,9 @@ from roslf_design.calibration import (
     synthetic_observations,
 )
 from roslf_design.design import load
+from roslf_design.design.conjugates import focal_plane_distance
 from roslf_design.design.write import write_atomically
 from roslf_design.pictures.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
-from roslf_design.theory.aperture import effective_image_distance
-from roslf_design.theory.conjugates import focal_plane_distance
 
 Array = NDArray[np.float64]
 
@@ -105,8 +104,8 @@ def coverage(
     for k in range(trials):
         rng = np.random.default_rng([seed, k])
         f, q, d, board = (float(v[0]) for v in sheet.draws(1, rng))
-        m = d_1 / float(focal_plane_distance(f, d_1))
-        A = float(effective_image_distance(f, d_1 / m, d_3))
+        d_f = float(focal_plane_distance(f, d_1))
+        m, A = d_1 / d_f, f * (d_f - d_3) / (d_f - f)
         camera = Intrinsics(A, m, 1 / d_2, 150.0 + rng.uniform(-5, 5), 100.0 + rng.uniform(-5, 5), q=q, d=d)
         real = replace(captures, board=replace(captures.board, cell=captures.board.cell * board))
         observations = synthetic_observations(camera, random_poses(real, d_3, rng), real, rng)

@@ -1,6 +1,6 @@
 """Laws over public functions that references alone do not show: precision of inputs, mirrors, scales, stops, seams.
 
-Closed forms' mirrors and scales are in tests/theory, those of discs in tests/microlens, of single rays in tests/rays.
+Closed forms' mirrors and scales are in tests/theory, those of discs in tests/shapes, of single rays in tests/rays.
 """
 
 import math
@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.theory.test_against_rays import numbers
 
 import roslf_design as roslf
-from roslf_design import theory
 from roslf_design.design import Stop
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.imaging.render import render
 from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
+from studies.accuracy.forms import CLOSED
 from studies.accuracy.hard_rows import FORMS
 from studies.accuracy.jobs import CUT, Job, panel_jobs, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods
 from studies.accuracy.waves import light_at
 from tests.theory.designs import arguments, random_designs
+from tests.theory.test_closed_forms import numbers
 
 PAPER = roslf.load("paper")
 SEEDS = st.integers(0, 10**6)
@@ -64,7 +64,7 @@ def widened(value):
 @pytest.mark.parametrize("name", sorted(ORACLES))
 def test_closed_forms_of_single_precision_are_those_of_the_same_doubles(name):
     """Numbers, and arrays of them: computed in double precision, or digits would be lost that the input has."""
-    function = getattr(theory, name)
+    function = CLOSED[name]
     for design in random_designs(8, seed=12):
         given_ = {key: single(value) for key, value in arguments(name, design).items()}
         doubles = {key: widened(value) for key, value in given_.items()}
@@ -251,7 +251,7 @@ def test_closed_forms_pass_through_their_singular_points(case):
         return  # at infinity there is no neighbour
     key = singular[case.name]
     for name, given_ in case.point(PAPER):
-        function = getattr(theory, name)
+        function = CLOSED[name]
         try:
             there = lengths(function(**given_))
         except (ArithmeticError, ValueError):

@@ -6,10 +6,11 @@ import time
 
 import pytest
 
-from roslf_design import theory
+from roslf_design.camera import Camera
 from roslf_design.design import dumps, load, loads
 from roslf_design.explorer.fields import BY_SYMBOL, FIELDS, read
 from roslf_design.explorer.runs import ToleranceRequest, run_tolerance
+from roslf_design.theory.f_number import matched
 from tests.explorer.conftest import Explorer
 
 PAPER = load("paper")
@@ -502,7 +503,7 @@ def test_an_optimum_is_found_taken_and_undone(page):
     form(page, "optimise").locator("[name=undistorted]").set_checked(False)
     start(page, "optimise", goal="depth")
     place = result(page, "optimise")
-    exact = float(theory.matched_pupil_diameter(PAPER.d, PAPER.d_2, PAPER.f, PAPER.d_f, PAPER.d_3).value)
+    exact = float(matched(Camera.of(PAPER), "D_F").value)
     # Finest depth at a given place is the largest pupil that still matches.
     assert re.search(rf"2\.9 mm → {exact:.3f}", place.inner_text())
     assert page.locator("[data-picture=changes] svg").is_visible()
