@@ -4,53 +4,62 @@
 >>> design = roslf.load("paper")
 >>> result = roslf.evaluate(design)
 
-Names below are imported when first used, so that `import roslf_design` costs nothing.
+Names below are imported when first used (SPEC 1), so that `import roslf_design` costs nothing.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader as lazy
 
 if TYPE_CHECKING:
-    from .design import Design, DesignBatch, DesignError, dumps, load, loads, preset_names, save
+    from .api import calibrate, optimize, quantity, render, report, tolerance
+    from .camera import Camera
+    from .design import Design, DesignError, dumps, load, loads, preset_names, save
+    from .errors import InputError
     from .evaluation import Evaluation, evaluate
+    from .reporting.html import render_html
+    from .reporting.pdf import render_pdf
+    from .theory.quantities import QUANTITIES, Quantity
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "Design": ".design",
-    "DesignBatch": ".design",
-    "DesignError": ".design",
-    "dumps": ".design",
-    "load": ".design",
-    "loads": ".design",
-    "preset_names": ".design",
-    "save": ".design",
-    "Evaluation": ".evaluation",
-    "evaluate": ".evaluation",
-}
-
 __all__ = [
+    "QUANTITIES",
+    "Camera",
     "Design",
-    "DesignBatch",
     "DesignError",
     "Evaluation",
+    "InputError",
+    "Quantity",
     "__version__",
+    "calibrate",
     "dumps",
     "evaluate",
     "load",
     "loads",
+    "optimize",
     "preset_names",
+    "quantity",
+    "render",
+    "render_html",
+    "render_pdf",
+    "report",
     "save",
+    "tolerance",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name], __name__), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, _ = lazy.attach(
+    __name__,
+    submod_attrs={
+        "api": ["calibrate", "optimize", "quantity", "render", "report", "tolerance"],
+        "camera": ["Camera"],
+        "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
+        "errors": ["InputError"],
+        "evaluation": ["Evaluation", "evaluate"],
+        "reporting.html": ["render_html"],
+        "reporting.pdf": ["render_pdf"],
+        "theory.quantities": ["QUANTITIES", "Quantity"],
+    },
+)

@@ -1,0 +1,210 @@
+"""What `import roslf_design as roslf` offers beside values: one function for each thing the commands do.
+
+Each takes a design, the name of a preset or the path of a file, prints nothing and writes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal
+
+from .calibration import Outcome
+from .commands.calibrate import calibrated
+from .design import Design, load
+from .imaging.render import RawImage
+from .imaging.render import render as render_image
+from .optimization.run import Result
+from .optimization.run import run as run_study
+from .optimization.study import load_study
+from .reporting.blocks import Report
+from .reporting.design import design_report
+from .scenes import Scene, load_scene
+from .theory.quantities import Quantity, quantity_named
+from .tolerancing.result import StudyResult, analyse
+from .tolerancing.run import tally_chunk
+from .tolerancing.study import load_plan
+from .tolerancing.tally import merged
+
+
+def _design(design: Design | str | Path) -> Design:
+    return design if isinstance(design, Design) else load(design)
+
+
+def quantity(name: str) -> Quantity:
+    """A number of a camera by its name, as `roslf evaluate`, tolerance studies and the optimiser know it.
+
+    Parameters
+    ----------
+    name : str
+        E.g. "fill_factor", "sigma_z_mm"; `QUANTITIES` has all.
+
+    Returns
+    -------
+    Quantity
+        Call it with a `Camera`: one number a build. Its unit, words and equation are attributes.
+
+    Raises
+    ------
+    ValueError
+        Not known; names the nearest.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> camera = roslf.Camera.of(roslf.load("paper"), {"d_3": [20.0, 120.0]})
+    >>> roslf.quantity("fill_factor")(camera).round(3)
+    array([0.689, 1.005])
+    """
+    return quantity_named(name)
+
+
+def render(
+    design: Design | str | Path, scene: Scene | str | Path | None = None, *, overrides: Iterable[str] = (), **more: Any
+) -> RawImage:
+    """The raw light-field image that the sensor would record, with only the physics that it needs.
+
+    Parameters
+    ----------
+    design : Design, str or Path
+    scene : Scene, str or Path, optional
+        What is looked at; None is a white field.
+    overrides : iterable of str
+        Effects by hand: "all", "none", "+name", "-name".
+    **more
+        As `roslf_design.imaging.render.render` takes them: budget, seed, region, threads, sampling, progress.
+
+    Returns
+    -------
+    RawImage
+        ``pixels`` (rows, columns), 1 where fully lit; with the plan of effects that made it.
+
+    Raises
+    ------
+    InputError
+        A scene that the design cannot see, an effect that is unknown, a region outside the sensor.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> roslf.render("paper", region=(2280, 1520, 40, 30)).pixels.shape
+    (30, 40)
+    """
+    look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
+    return render_image(_design(design), look, overrides=overrides, **more)
+
+
+def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:
+    """Run a tolerance study in this process: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.
+
+    Parameters
+    ----------
+    study : str or Path
+        A study file.
+    trials, seed : int, optional
+        Instead of the study's; the same seed gives the same numbers.
+
+    Returns
+    -------
+    StudyResult
+        `to_dict` gives the JSON object of `roslf tolerance`; runs too long for one process are that command's.
+
+    Raises
+    ------
+    InputError
+        Every fault of the study file.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
+    >>> result.final.result.value  # doctest: +SKIP
+    """
+    plan, description, grades = load_plan(Path(study), trials=trials, seed=seed)
+    return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
+
+
+def optimize(study: str | Path) -> Result:
+    """Find the design that a study asks for, or what stands in the way.
+
+    Parameters
+    ----------
+    study : str or Path
+        A study file.
+
+    Returns
+    -------
+    Result
+        With ``answer.best``, the limits that hold and what they cost, the front where two goals trade.
+
+    Raises
+    ------
+    InputError
+        Every fault of the study file.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> result = roslf.optimize("studies/optimize-rigid-scope/study.toml")  # doctest: +SKIP
+    """
+    return run_study(load_study(Path(study)))
+
+
+def calibrate(
+    folder: str | Path,
+    design: str | Path,
+    board: str,
+    *,
+    f_sigma: str = "1%",
+    seed: int = 0,
+    posterior: bool = True,
+    distortion: Literal[0, 1, 2] = 0,
+    diffraction: Literal["auto", "on", "off"] = "auto",
+) -> Outcome:
+    """H, d_3 and the rest from images of a checkerboard, with how sure they are.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Holds a white image and images of the board, as `roslf calibrate` reads them.
+    design : str or Path
+        The camera as designed.
+    board : str
+        Such as "4x5 6 mm".
+    f_sigma : str
+        How well the focal length is known.
+    seed : int
+        Of the posterior's walkers.
+    posterior : bool
+        Sample the posterior; else the spread of the fit is taken as normal.
+    distortion : int
+        Radial terms to fit.
+    diffraction : {"auto", "on", "off"}
+        Whether microlens diffraction is taken off the corners.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        What cannot be read, what the images do not determine.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
+    """
+    return calibrated(Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction)
+
+
+def report(design: Design | str | Path) -> Report:
+    """A report on a design, as sections of text, tables and figures; `render_html` makes it one self-contained page.
+
+    Parameters
+    ----------
+    design : Design, str or Path
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> page = roslf.render_html(roslf.report("paper"))  # doctest: +SKIP
+    """
+    return design_report(_design(design))
