@@ -45,6 +45,7 @@ class Command:
 def commands(folder: Path, quick: bool) -> list[Command]:
     """All, after their designs and studies have been written into `folder`; files that both revisions read."""
     study = tomllib.loads((REPOSITORY / "studies/tolerance-paper/study.toml").read_text())
+    study |= {"sobol_samples": 256} if quick else {}
     plain = {key: value for key, value in study.items() if key != "compensators"}
     paper = tomllib.loads((REPOSITORY / "designs/paper.toml").read_text())
     paper["microlens_array"] |= {"layout": "hexagonal", "lens_shape": "circular"}

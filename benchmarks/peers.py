@@ -274,4 +274,4 @@ def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
                         pythons[peer.key] = install(peer)
                     except RunError as error:
                         pythons[peer.key] = str(error)
-            yield compare(case, pythons, 3 if quick else 9, 8.0 if quick else 30.0)
+            yield compare(case, pythons, 3 if quick else 9, 3.0 if quick else 30.0)

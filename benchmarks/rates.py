@@ -142,8 +142,8 @@ def ready(prepare: Callable[[], Ready]) -> Ready:
 
 
 def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
-    """Every rate, in pyperf's processes; the best of threads that a command would take."""
-    size = ("-p", "1", "-n", "2") if quick else ("-p", "3", "-n", "3")
+    """Every rate, in processes that pyperf starts; as many threads as a command takes."""
+    size = ("-p", "1", "-n", "1") if quick else ("-p", "3", "-n", "3")
     for one in RATES:
         if one.name not in chosen and (chosen or (quick and one.name == "trials-traced")):
             continue
