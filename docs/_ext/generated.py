@@ -21,14 +21,14 @@ from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
-from roslf_design.optimize import study as optimise
-from roslf_design.report import story
+from roslf_design.optimization import study as optimise
+from roslf_design.reporting import story
 from roslf_design.scenes.objects import OBJECTS, TEXTURES
 from roslf_design.scenes.scene import Scene, SceneLight
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerance import study as tolerance
-from roslf_design.tolerance.metrics import METRICS
-from roslf_design.tolerance.places import load_grades
+from roslf_design.tolerancing import study as tolerance
+from roslf_design.tolerancing.metrics import METRICS
+from roslf_design.tolerancing.places import load_grades
 
 HERE = Path(__file__).resolve().parent.parent
 
