@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import roslf_design as roslf
-from roslf_design import theory
+from roslf_design.camera import Camera
+from roslf_design.imaging.render import render
 from roslf_design.pictures.axes import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
 from roslf_design.pictures.depth import depth_precision
 from roslf_design.pictures.effects import effects_budget
@@ -16,6 +17,8 @@ from roslf_design.pictures.matching import matching_plane
 from roslf_design.pictures.microlens import microlens_images
 from roslf_design.pictures.picture import PAGE, Picture
 from roslf_design.pictures.rays import ray_diagrams
+from roslf_design.theory.disparity import epi_slope
+from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,19 +60,18 @@ def cats_eyes() -> Picture:
 def aperture_constant() -> Figure:
     """H and 1/H over d_3, and the fill factor by Eqs. 7 and 8."""
     figure, (left, right) = _new(2)
-    p = roslf.load("paper").parameters
-    d_3 = np.linspace(0.0, 345.0, 400)
-    left.plot(d_3, theory.aperture_constant(p.d_f, d_3), color=VERMILLION, label="H")
-    left.plot(d_3, theory.inverse_aperture_constant(p.d_f, d_3), color=BLUE, label="1/H")
-    left.axvline(float(p.d_f), color=GREY, linestyle="--", linewidth=0.8)
-    left.annotate("d_f", (float(p.d_f), 9.2), xytext=(-14, 0), textcoords="offset points", color=GREY)
+    bench = Camera.of(roslf.load("paper"))
+    many = bench.replace({"d_3": np.linspace(0.0, 345.0, 400)})
+    left.plot(many.d_3, many.H, color=VERMILLION, label="H")
+    left.plot(many.d_3, many.inverse_H, color=BLUE, label="1/H")
+    left.axvline(float(bench.d_f), color=GREY, linestyle="--", linewidth=0.8)
+    left.annotate("d_f", (float(bench.d_f), 9.2), xytext=(-14, 0), textcoords="offset points", color=GREY)
     left.set(xlabel="d_3 [mm]", ylabel="aperture constant", xlim=(0, 360), ylim=(0, 10), title="Eq. 3")
-    d_3 = np.linspace(0.0, 240.0, 200)
-    known = p.D_F, p.d, p.d_2, p.f, p.d_f
-    right.plot(d_3, theory.fill_factor(*known, d_3), color=BLUE, label="Eq. 7, exact")
-    right.plot(d_3, theory.approximate_fill_factor(*known, d_3), color=ORANGE, linestyle="--", label="Eq. 8")
+    many = bench.replace({"d_3": np.linspace(0.0, 240.0, 200)})
+    right.plot(many.d_3, fill_factor(many), color=BLUE, label="Eq. 7, exact")
+    right.plot(many.d_3, approximate_fill_factor(many), color=ORANGE, linestyle="--", label="Eq. 8")
     right.axhline(1.0, color=GREY, linewidth=0.8)
-    right.plot(float(p.d_3), float(theory.fill_factor(*known, p.d_3)), "o", color=VERMILLION, label="the bench")
+    right.plot(float(bench.d_3), float(fill_factor(bench)), "o", color=VERMILLION, label="the bench")
     right.set(xlabel="d_3 [mm]", ylabel="microlens-image diameter / pitch", xlim=(0, 240), title="Fill factor")
     for ax in (left, right):
         ax.grid(True)
@@ -79,8 +81,6 @@ def aperture_constant() -> Figure:
 
 def waves() -> Figure:
     """Microlens images along the diagonal of their cells, by rays and by waves."""
-    from roslf_design.imaging.render import render
-
     design = roslf.load("paper")
     columns, rows = design.pixels
     region = (columns // 2 - 26, rows // 2 - 26, 52, 52)
@@ -99,18 +99,18 @@ def waves() -> Figure:
 def epi() -> Figure:
     """Eq. 12 over depth."""
     figure, (left, right) = _new(2)
-    p = roslf.load("paper").parameters
-    gap = float(p.d_f) - float(p.d_3)
+    bench = Camera.of(roslf.load("paper"))
+    gap = float(bench.gap)
     depth = np.linspace(0.4 * gap, 2.5 * gap, 300)
-    left.plot(depth, theory.epi_slope(depth, p.d, p.q, p.d_2, p.f, p.d_f, p.d_3), color=BLUE)
+    left.plot(depth, epi_slope(bench, depth), color=BLUE)
     left.axvline(gap, color=GREY, linestyle="--", linewidth=0.8)
     left.axhline(0, color=GREY, linewidth=0.8)
     left.set(xlabel="depth from the FAP Z_F [mm]", ylabel="slope [microlenses per pixel]", title="Eq. 12")
     near = gap * (1 + np.logspace(-15, -1, 57))
-    stable = theory.epi_slope(near, p.d, p.q, p.d_2, p.f, p.d_f, p.d_3)
-    a, m = theory.effective_image_distance(p.f, p.d_f, p.d_3), theory.magnification(p.f, p.d_f)
-    printed = p.q * a / (p.d * p.d_2) * (m - a / near)
-    exact = p.q * a / (p.d * p.d_2) * m * ((near - gap) / near)
+    stable = epi_slope(bench, near)
+    before = bench.q * bench.A / (bench.d * bench.d_2)
+    printed = before * (bench.m - bench.A / near)
+    exact = before * bench.m * ((near - gap) / near)
     tiny = 1e-17
     for value, colour, label in ((printed, ORANGE, "as printed"), (stable, BLUE, "as computed here")):
         error = np.maximum(np.abs(value / exact - 1), tiny)

@@ -1,10 +1,11 @@
-"""Parts of the documentation that the code writes: key tables, commands, catalogue of effects, API pages, figures."""
+"""Parts of the documentation that the code writes: key tables, commands, quantities, effects, API pages, figures."""
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
 import re
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -15,253 +16,107 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 from tables import code, keys_table, markdown, plain, results_table
 
+import roslf_design as roslf
+from roslf_design.cli import COMMANDS, build_app
+from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
+from roslf_design.effects import EFFECTS
+from roslf_design.evaluation import Evaluation
+from roslf_design.optimization import study as optimise
+from roslf_design.reporting import story
+from roslf_design.scenes.objects import OBJECTS, TEXTURES
+from roslf_design.scenes.scene import Scene, SceneLight
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.tolerancing import study as tolerance
+from roslf_design.tolerancing.metrics import METRICS
+from roslf_design.tolerancing.places import load_grades
+
 HERE = Path(__file__).resolve().parent.parent
 
-PACKAGES = {
-    "roslf_design": "the names most work begins with",
-    "roslf_design.theory": "closed forms, Eqs. 1-12 and beyond, on numbers and arrays",
-    "roslf_design.design": "designs, units, files, batches",
-    "roslf_design.rays": "backward and forward rays with their fates; ray budgets",
-    "roslf_design.shapes": "shapes of microlens images, exact pixel coverage",
-    "roslf_design.lenses": "real main lenses: prescriptions, exact trace",
-    "roslf_design.effects": "sizes of effects, and the plan that switches them",
-    "roslf_design.scenes": "what is looked at",
-    "roslf_design.imaging": "raw light-field images",
-    "roslf_design.evaluation": "everything that `roslf evaluate` says",
-    "roslf_design.tolerancing": "Monte Carlo, sensitivities, yield",
-    "roslf_design.optimization": "problems, solvers, conflicts, parts",
-    "roslf_design.calibration": "from raw images to lengths with intervals",
-    "roslf_design.accuracy": "what numbers can be trusted to, and at what cost",
-    "roslf_design.reporting": "content, figures, HTML and PDF",
-}
+KEYS = tomllib.loads((HERE / "_ext" / "keys.toml").read_text())
+"""What to say of keys that the code leaves undescribed."""
 
+Table = tuple[str, type]
+"""Heading, and the model that reads the table."""
 
-def design_file() -> str:
-    """Every table of a design file."""
-    from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
-
-    lens = {
-        "prescription": PRESCRIPTION,
-        "diameter": "D, clear aperture. With a prescription it may be left out, and is then the lens's own; a smaller "
-        "one is a stop at the lens.",
-        "tilt": TILT,
-    }
-    whole = {
-        "main_lens": "Table `[main_lens]`.",
-        "aperture": "Table `[aperture]`: the flexible angular plane (FAP), the system's entrance pupil.",
-        "stops": "Tables `[[stops]]`: further rims of a real bore.",
-        "microlens_array": "Table `[microlens_array]`.",
-        "sensor": "Table `[sensor]`.",
-        "light": "Table `[light]`.",
-    }
-    tables = (
-        ("the file", Design, whole),
-        ("[main_lens]", MainLens, lens),
-        ("[aperture]", Stop, {"tilt": TILT}),
-        (
-            "[[stops]]",
-            Stop,
-            {"diameter": "Of the rim [mm].", "distance": "In front of the main lens [mm].", "tilt": TILT},
-        ),
-        ("[microlens_array]", MicrolensArray, {"tilt": TILT}),
-        ("[sensor]", Sensor, {"tilt": TILT}),
-        ("[light]", Light, {}),
-    )
-    return "\n".join(
-        f"### {code(head) if '[' in head else 'The file'}\n\n{keys_table(model, own)}" for head, model, own in tables
-    )
-
-
-TILT = "Of the part's normal from z: by the first about x, then by the second about y [rad]."
-PRESCRIPTION = (
-    'A real lens: the name of one that ships (`"LA1050-A"`), a lens file (`.toml` or `.zmx`, relative to the design '
-    "file), or the lens as a table with a lens file's keys. Left out: the ideal thin lens."
+DESIGN: tuple[Table, ...] = (
+    ("The file", Design),
+    ("`[main_lens]`", MainLens),
+    ("`[aperture]`", Stop),
+    ("`[[stops]]`", Stop),
+    ("`[microlens_array]`", MicrolensArray),
+    ("`[sensor]`", Sensor),
+    ("`[light]`", Light),
+)
+SCENE: tuple[Table, ...] = (
+    ("The file", Scene),
+    ("`[light]`", SceneLight),
+    *((f'`[[objects]]`, kind "{name}"', kind) for name, kind in OBJECTS.items()),
+    *((f'`texture`, kind "{name}"', kind) for name, kind in TEXTURES.items()),
+)
+TOLERANCE: tuple[Table, ...] = (
+    ("The file", tolerance.Study),
+    ("`[[perturb]]`", tolerance.Perturb),
+    ("`[[groups]]`", tolerance.Group),
+    ("`[[goals]]`", tolerance.MetricGoal),
+    ("`[[compensators]]`", tolerance.Compensate),
+)
+OPTIMISE: tuple[Table, ...] = (
+    ("The file", optimise.StudyTable),
+    ("`[variables]`, each", optimise.VariableTable),
+    ("`[[constraints]]`", optimise.ConstraintTable),
+    ("`[[goals]]`", optimise.GoalTable),
+    ("`[bore]`", optimise.BoreTable),
+    ("`[bore.tube]`", optimise.TubeTable),
+    ("`[[bore.stops]]`", optimise.StopTable),
+    ("`[solver]`", optimise.SolverTable),
+    ("`[pareto]`", optimise.ParetoTable),
+    ("`[catalogue]`", optimise.CatalogueTable),
+    ("`[robust]`", optimise.RobustTable),
+    ("`[[robust.perturb]]`", optimise.PerturbTable),
+)
+STORY: tuple[Table, ...] = (
+    ("`[story]`", story.Opening),
+    ("`[[parts]]`, one study each", story.Part),
+    ("`calibration`", story.CalibrationPart),
 )
 
 
-def scene_file() -> str:
-    """Every table of a scene file."""
-    from roslf_design.scenes.objects import OBJECTS, TEXTURES
-    from roslf_design.scenes.scene import Scene, SceneLight
+def file(tables: tuple[Table, ...], about: bool = True) -> Callable[[], str]:
+    """Every table of a file: with `about`, what its model says of itself above its keys."""
 
-    own = {"objects": "Tables `[[objects]]`, each with its `kind`; at least one.", "light": "Table `[light]`."}
-    parts = [f"### The file\n\n{keys_table(Scene, own)}", f"### `[light]`\n\n{keys_table(SceneLight)}"]
-    parts += [f'### `[[objects]]`, kind "{n}"\n\n{_about(m)}\n\n{keys_table(m)}' for n, m in OBJECTS.items()]
-    parts += [f'### `texture`, kind "{name}"\n\n{_about(m)}\n\n{keys_table(m)}' for name, m in TEXTURES.items()]
-    return "\n".join(parts)
+    def made() -> str:
+        parts = []
+        for head, kind in tables:
+            own = KEYS.get(head.strip("`")) or KEYS.get(kind.__name__, {})
+            words = plain(" ".join((kind.__doc__ or "").split("\n\n")[0].split()))
+            parts.append(f"### {head}\n\n{words if about else ''}\n\n{keys_table(kind, own)}")
+        return "\n".join(parts)
 
-
-def _about(kind: type) -> str:
-    return plain(" ".join((kind.__doc__ or "").split()))
+    return made
 
 
-def tolerance_study() -> str:
-    """Every table of a tolerance study, and its metrics."""
-    from roslf_design.tolerancing.metrics import METRICS
-    from roslf_design.tolerancing.study import Compensate, Group, MetricGoal, Perturb, Study
-
-    own: dict[type, dict[str, str]] = {
-        Study: {
-            "name": "Of the study.",
-            "distribution": "Of builds inside their tolerance, where a line does not say.",
-            "truncate": 'Of "normal": the tolerance in sigmas.',
-            "trials": "How many builds.",
-            "seed": "The same seed gives the same bytes.",
-            "sampling": "How trials are drawn: independently, or by a scrambled Sobol sequence.",
-            "perturb": "Tables `[[perturb]]`.",
-            "groups": "Tables `[[groups]]`.",
-            "goals": "Tables `[[goals]]`; at least one.",
-            "compensators": "Tables `[[compensators]]`.",
-            "quantiles": "Of each metric, to be told.",
-            "fields": 'Microlens positions on the array: `"centre"`, `"edge"`, `"corner"`, or `["2 mm", "0 mm"]`.',
-        },
-        Perturb: {"distribution": "Instead of the study's."},
-        Group: {"name": "As `[[perturb]]` calls it."},
-        MetricGoal: {"metric": "One of the metrics below.", "min": "In the unit of the metric's name."},
-        Compensate: {"place": 'A place of the design, or `"calibration"` of the decoder.'},
-    }
-    heads = ("The file", Study), ("`[[perturb]]`", Perturb), ("`[[groups]]`", Group), ("`[[goals]]`", MetricGoal)
-    parts = [
-        f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, own[kind])}"
-        for head, kind in (*heads, ("`[[compensators]]`", Compensate))
-    ]
-    rows = [
-        (code(m.name), m.unit, "camera" if m.local is None else "each field", plain(m.words)) for m in METRICS.values()
-    ]
-    return "\n".join([*parts, "### Metrics\n\n" + markdown(("metric", "unit", "one for", "meaning"), rows)])
-
-
-def _first(kind: type) -> str:
-    return " ".join((kind.__doc__ or "").split("\n\n")[0].split())
-
-
-def optimise_study() -> str:
-    """Every table of an optimise study, and its quantities."""
-    from roslf_design.optimization import study as tables
-    from roslf_design.theory.quantities import QUANTITIES
-
-    limits = {"min": "Text with a unit for lengths, else a number.", "max": "The same.", "quantity": QUANTITY}
-    own: dict[str, tuple[type, dict[str, str]]] = {
-        "The file": (
-            tables.StudyTable,
-            {
-                "name": "Of the study.",
-                "question": "What it asks, for the report.",
-                "design": "Design file, relative to the study, or a preset: what does not vary, and where to start.",
-                "wavelength": "Instead of the design's.",
-                "seed": "The same seed gives the same bytes.",
-                "order": "All goals at once by their weights, or one after the other.",
-                "variables": "Table `[variables]`: a symbol or dotted place to its bounds.",
-                "constraints": "Tables `[[constraints]]`.",
-                "goals": "Tables `[[goals]]`; at least one.",
-                "bore": "Table `[bore]`.",
-                "solver": "Table `[solver]`.",
-                "pareto": "Table `[pareto]`.",
-                "catalogue": "Table `[catalogue]`.",
-                "robust": "Table `[robust]`.",
-            },
-        ),
-        "`[variables]`, each": (tables.VariableTable, {"min": "Lower bound.", "max": "Upper bound."}),
-        "`[[constraints]]`": (tables.ConstraintTable, limits),
-        "`[[goals]]`": (
-            tables.GoalTable,
-            {
-                "quantity": QUANTITY,
-                "direction": '`"min"` or `"max"`; needed.',
-                "at": "Ahead of the bore's tip.",
-                "weight": "Against the other goals.",
-            },
-        ),
-        "`[bore]`": (tables.BoreTable, {"tube": "Table `[bore.tube]`.", "stops": "Tables `[[bore.stops]]`."}),
-        "`[bore.tube]`": (
-            tables.TubeTable,
-            {"diameter": "Inner.", "length": "Of the tube.", "distance": "Of its near end from the main lens."},
-        ),
-        "`[[bore.stops]]`": (tables.StopTable, {"diameter": "Of the rim.", "distance": "From the main lens."}),
-        "`[solver]`": (
-            tables.SolverTable,
-            {
-                "starts": "Searches, from Sobol points.",
-                "evaluations": "At most, of each search.",
-                "seconds": "At most, of the whole.",
-                "isres": "Whether ISRES looks as well.",
-            },
-        ),
-        "`[pareto]`": (tables.ParetoTable, {}),
-        "`[catalogue]`": (
-            tables.CatalogueTable,
-            {"kinds": "Which parts are chosen.", "keep": "How many of the best combinations are told."},
-        ),
-        "`[robust]`": (
-            tables.RobustTable,
-            {
-                "quantile": 'Of "quantile".',
-                "wanted_yield": 'Of "quantile".',
-                "trials": "Builds that the search sees.",
-                "perturb": "Tables `[[robust.perturb]]`; at least one.",
-            },
-        ),
-        "`[[robust.perturb]]`": (
-            tables.PerturbTable,
-            {
-                "place": "Symbols or dotted places.",
-                "tolerance": 'Half-width: "5 um", "0.2 %".',
-                "distribution": "Of builds inside their tolerance.",
-                "truncate": 'Of "normal": the tolerance in sigmas.',
-            },
-        ),
-    }
-    parts = [f"### {head}\n\n{plain(_first(kind))}\n\n{keys_table(kind, told)}" for head, (kind, told) in own.items()]
-    rows = [
-        (code(q.name), q.unit, {"never": "", "optional": "may", "needed": "must"}[q.at], plain(q.words))
-        for q in QUANTITIES.values()
-        if q.of is not None
-    ]
-    return "\n".join([*parts, "### Quantities\n\n" + markdown(("quantity", "unit", "has `at`", "meaning"), rows)])
-
-
-QUANTITY = "One of the quantities below."
+def quantities() -> str:
+    """Every number that studies know: as a metric of tolerances, as a goal or limit of an optimisation, as both."""
+    goals = {"never": "yes", "optional": "yes, also `at`", "needed": "needs `at`"}
+    metrics = {id(quantity) for quantity in METRICS.values()}
+    every = {id(quantity): quantity for quantity in (*QUANTITIES.values(), *METRICS.values())}
+    rows = []
+    for key, q in every.items():
+        metric = "" if key not in metrics else "camera" if q.local is None else "each field"
+        rows.append((code(q.name), q.unit, metric, goals[q.at] if q.of else "", q.equation, plain(q.words)))
+    return markdown(("quantity", "unit", "metric of", "goal", "paper", "meaning"), rows)
 
 
 def evaluation_json() -> str:
     """The JSON of `roslf evaluate`."""
-    from roslf_design.evaluation import Evaluation
-
-    return results_table(Evaluation, JSON)
-
-
-JSON = {
-    "microlens_image.diameter_px": "The same in pixels.",
-    "fields[].ray_budget.fap": "Past the FAP: all of those that fill it.",
-    "fields[].ray_budget.main_lens": "Of these, past the main lens.",
-    "depth.disparity_pitches_per_mm": "Disparity between the FAP's rims per depth [microlens pitches/mm].",
-    "depth.sigma_z_mm": "Standard deviation of depth that a disparity error of sigma_disparity_pitches makes.",
-    "diffraction.airy_radius_px": "1.22 lambda d_2/d, on the sensor.",
-    "effects[].name": "One of those under Effects.",
-    "effects[].estimate": "Its size here.",
-    "effects[].unit": "px on the sensor, pitch on the array, intensity as a share of full scale.",
-    "effects[].budget": "Below this it may be left out.",
-    "effects[].on": "Whether a rendering has it on.",
-    "effects[].reason": "In words, with the numbers.",
-    "verdicts[].name": "f_number_matched, field_undistorted, views_resolved; with a real lens thin_lens_holds.",
-    "verdicts[].ok": "Whether the answer is yes.",
-    "warnings": "What is no error but must not go unsaid; empty as a rule.",
-    "real_lens.focal_length_mm": "At the design's wavelength.",
-    "real_lens.back_focal_length_mm": "Last vertex to the image-side focus.",
-    "real_lens.fields[].widening_percent": "The same as a percentage.",
-    "real_lens.fields[].sagittal_focus_pitches": "The same across it.",
-    "real_lens.left_out": "What the trace does not hold.",
-}
+    return results_table(Evaluation, KEYS["evaluation"])
 
 
 def effects() -> str:
     """Every effect."""
-    from roslf_design.effects import EFFECTS
-
     rows = []
     for effect in EFFECTS:
-        home = importlib.import_module(effect.estimate.__module__)
-        about = (effect.estimate.__doc__ or home.__doc__ or "").strip().split("\n\n")[0]
+        about = (effect.estimate.__doc__ or "").strip().split("\n\n")[0]
         switch = "always" if effect.always else "by its size"
         rows.append((f"{plain(effect.title)} {code(effect.name)}", effect.unit, switch, plain(" ".join(about.split()))))
     return markdown(("effect", "unit", "drawn", "size"), rows)
@@ -269,8 +124,6 @@ def effects() -> str:
 
 def grades() -> str:
     """The grades that ship."""
-    from roslf_design.tolerancing.places import load_grades
-
     found = load_grades()
     rows = [(code(line.place), *line.tolerances, plain(line.provenance)) for line in found.lines]
     meanings = "\n".join(f"- {n}: {m}" for n, m in zip(found.names, found.meanings, strict=True))
@@ -279,16 +132,12 @@ def grades() -> str:
 
 def presets() -> str:
     """The designs that ship."""
-    import roslf_design as roslf
-
     rows = [(code(n), plain(roslf.load(n).name), plain(roslf.load(n).source)) for n in roslf.preset_names()]
     return markdown(("preset", "what it is", "source"), rows)
 
 
 def errors() -> str:
     """What readers say of typical faults, from the readers themselves."""
-    import roslf_design as roslf
-
     text = roslf.dumps(roslf.load("paper"))
     changes = (
         ("a number without a unit", 'diameter = "50.8 mm"', "diameter = 50.8"),
@@ -319,8 +168,6 @@ def errors() -> str:
 
 def commands() -> str:
     """The command line's own help."""
-    from roslf_design.cli import COMMANDS, build_app
-
     app = build_app()
     parts = []
     for name in sorted(COMMANDS):
@@ -347,30 +194,13 @@ def _headed(name: str, line: str) -> str:
     return f"{found[1]} {code(' '.join(whole))}"
 
 
-def story_file() -> str:
-    """Every table of a story."""
-    from roslf_design.reporting.story import CalibrationPart, Opening, Part
-
-    own: dict[type, dict[str, str]] = {
-        Opening: {"title": "Of the report.", "question": "What it asks."},
-        Part: {
-            "optimize": "A study of `roslf optimize`, relative to the story.",
-            "tolerance": "A study of `roslf tolerance`, relative to the story.",
-            "calibration": "Table of what one means to capture; `{}` chooses all of it to suit the design.",
-            "take": 'Of an optimisation: which of its designs goes on, "best", "robust", or "parts-01" and so on.',
-        },
-        CalibrationPart: {"seed": "Of random poses."},
-    }
-    heads = (("`[story]`", Opening), ("`[[parts]]`, one study each", Part), ("`calibration`", CalibrationPart))
-    return "\n".join(f"### {head}\n\n{keys_table(kind, own[kind])}" for head, kind in heads)
-
-
 PARTS: dict[str, Callable[[], str]] = {
-    "design-file": design_file,
-    "scene-file": scene_file,
-    "tolerance-study": tolerance_study,
-    "optimise-study": optimise_study,
-    "story-file": story_file,
+    "design-file": file(DESIGN, about=False),
+    "scene-file": file(SCENE),
+    "tolerance-study": file(TOLERANCE),
+    "optimise-study": file(OPTIMISE),
+    "story-file": file(STORY, about=False),
+    "quantities": quantities,
     "evaluation-json": evaluation_json,
     "effects": effects,
     "grades": grades,
@@ -380,16 +210,28 @@ PARTS: dict[str, Callable[[], str]] = {
 }
 """Files of `_generated`, each by the function that writes it."""
 
+INSIDE = ("commands", "explorer")
+"""Packages that have pages of their own, or none: nobody imports them."""
+WHOLE = ("roslf_design.theory", "roslf_design.design", "roslf_design.camera")
+"""Packages whose modules are shown whole though the package lists names."""
+
+
+def packages() -> list[str]:
+    """The package itself, then its rooms."""
+    rooms = (i.name for i in pkgutil.iter_modules(roslf.__path__) if i.ispkg and i.name not in INSIDE)
+    return ["roslf_design", *(f"roslf_design.{room}" for room in rooms)]
+
 
 def api_pages() -> Iterator[tuple[str, str]]:
     """One page a package: its docstring, then its modules."""
     rows = []
-    for name, about in PACKAGES.items():
+    for name in packages():
         package = importlib.import_module(name)
+        about = (package.__doc__ or "").strip().split("\n\n")[0].replace("\n", " ")
         rows.append(f"* - :doc:`{name}`\n  - {about}")
         yield f"{name}.rst", _api_page(package)
     listed = "\n".join("   " + line for row in rows for line in row.splitlines())
-    toctree = "\n".join(f"   {name}" for name in PACKAGES)
+    toctree = "\n".join(f"   {name}" for name in packages())
     yield (
         "index.rst",
         "API\n===\n\nEach package with its public modules, from their docstrings. Names that a package lists at its "
@@ -402,27 +244,22 @@ def _api_page(package: ModuleType) -> str:
     name = package.__name__
     page = [name, "=" * len(name), "", f".. automodule:: {name}", "   :no-members:", ""]
     public = {item: _home(package, item) for item in getattr(package, "__all__", ())}
-    modules = [] if name == "roslf_design" else list(_modules(package))
     listed = [f":py:obj:`{item} <{home}>`" for item, home in public.items() if home]
     if listed:
         page += [f"**Names:** {', '.join(listed)}", ""]
-    if name in WHOLE or not public:
-        for module in modules:
-            short = module.removeprefix(name + ".")
-            page += [short, "-" * len(short), "", f".. automodule:: {module}"]
-            page += [f"   :members: {', '.join(_own(module))}", ""]
-        return "\n".join(page)
     if name == "roslf_design":
         return "\n".join(page)
-    for module in sorted({home.rpartition(".")[0] for home in public.values() if home.startswith(name + ".")}):
+    if name in WHOLE or not public:
+        shown = {module: _own(module) for module in _modules(package)}
+    else:
+        homes = sorted(home for home in public.values() if home.startswith(name + "."))
+        shown = {}
+        for home in homes:
+            shown.setdefault(home.rpartition(".")[0], []).append(home.rpartition(".")[2])
+    for module, items in shown.items():
         short = module.removeprefix(name + ".")
-        items = [home.rpartition(".")[2] for home in public.values() if home.rpartition(".")[0] == module]
         page += [short, "-" * len(short), "", f".. automodule:: {module}", f"   :members: {', '.join(items)}", ""]
     return "\n".join(page)
-
-
-WHOLE = ("roslf_design.theory", "roslf_design.design")
-"""Packages whose modules are shown whole though the package lists names."""
 
 
 def _home(package: ModuleType, item: str) -> str:

@@ -18,9 +18,8 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
 from roslf_design.pictures.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
-from roslf_design.theory.aperture import effective_image_distance
-from roslf_design.theory.exit_pupil import microlens_image_pitch
-from roslf_design.theory.pupils import centre_shift_per_microlens
+from roslf_design.theory.disparity import epi_slope
+from roslf_design.theory.exit_pupil import centre_shift_per_microlens, microlens_image_pitch
 
 Floats = NDArray[np.float64]
 
@@ -53,10 +52,15 @@ def microlens_images(paper: Design) -> Figure:
     return figure
 
 
+def pitch_px(design: Design) -> float:
+    """Distance between neighbouring microlens images [px]."""
+    return abs(float(microlens_image_pitch(Camera.of(design)))) / design.q
+
+
 def centres(design: Design) -> tuple[NDArray[np.int64], Floats]:
     """Indices of microlenses along x and the centres of their images [px from the sensor's middle], from an image."""
     width, height = design.pixels
-    pitch = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q
+    pitch = pitch_px(design)
     rows = round(pitch)
     image = render(design, region=(0, height // 2 - rows // 2, width, rows)).pixels.sum(0).astype(float)
     found: dict[int, float] = {}
@@ -94,7 +98,7 @@ def centre_deviation(paper: Design) -> tuple[Figure, dict[str, float]]:
         slope, offset = np.polyfit(common, deviation, 1)
         left = deviation - (slope * common + offset)
         squared = 1 - (left**2).sum() / ((deviation - deviation.mean()) ** 2).sum()
-        theory = float(centre_shift_per_microlens(design.d, design.q, design.d_2, design.f, design.d_f, d_3))
+        theory = float(centre_shift_per_microlens(Camera.of(design)))
         axes.plot(common, deviation, ".", ms=3, color=colour, label=f"rendered, d$_3$ = {d_3:g} mm")
         label = f"Eq. 4: {theory:.5f} px each; fitted {slope:.5f}, R$^2$ = {squared:.6f}"
         axes.plot(common, theory * common, color=BLACK, lw=0.8, label=label)
@@ -123,9 +127,7 @@ def epi_slopes(paper: Design) -> tuple[Figure, dict[str, float]]:
             image = epi(design, scene, views, [])
             slope, middle = _line(image, views)
             sharp, exact = _line(epi(design, scene, views, NO_WAVES), views)
-            reach = float(effective_image_distance(design.f, design.d_f, design.d_3))
-            magnification, from_pupil = design.d_1 / design.d_f, distance - design.d_3
-            theory = design.q * reach / (design.d * design.d_2) * (magnification - reach / from_pupil)
+            theory = float(epi_slope(Camera.of(design), distance - design.d_3))
             place = f"{design.d_3:g}_{distance:g}"
             facts |= {f"waves_{place}": slope, f"rays_{place}": sharp, f"theory_{place}": theory}
             lines.append(image)
@@ -151,7 +153,7 @@ def _line(image: Floats, views: NDArray[np.int64]) -> tuple[float, Floats]:
 def epi(design: Design, scene: Scene, views: NDArray[np.int64], overrides: list[str]) -> Floats:
     """Brightness against view (rows) and microlens index (columns), read off a rendered row of microlenses."""
     width, height = design.pixels
-    pitch, count = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q, 60
+    pitch, count = pitch_px(design), 60
     side = round((2 * count + 3) * pitch)
     left = width // 2 - side // 2
     region = (left, height // 2 - 3, side, 6)

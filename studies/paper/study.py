@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 import roslf_design as roslf
-from roslf_design import theory
+from roslf_design.camera import Camera
+from roslf_design.theory import back_substitution, exit_pupil, f_number, light, vignetting
 
 RAW_WIDTH = 4600
 """Pixels across the raw images that the paper shows."""
@@ -62,12 +63,15 @@ def rows() -> list[Row]:
     return [*_matching(), *_field(), *_raw_image(), *_calibration(), *_diffraction()]
 
 
+def bench() -> Camera:
+    """The paper's bench."""
+    return Camera.of(roslf.load("paper"))
+
+
 def _matching() -> Iterator[Row]:
-    bench, mismatched = roslf.load("paper"), roslf.load("paper-mismatched")
-    lens = bench.f, bench.d_f, bench.d_3
-    left, right = float(theory.microlens_f_number(bench.d_2, bench.d)), float(theory.pupil_f_number(bench.D_F, *lens))
-    pitch = float(theory.microlens_image_pitch(bench.d, bench.d_2, *lens))
-    overlap = float(theory.matching_mismatch(bench.D_F, bench.d, bench.q, bench.d_2, *lens))
+    camera, mismatched = bench(), Camera.of(roslf.load("paper-mismatched"))
+    left, right = float(f_number.microlens_f_number(camera)), float(f_number.pupil_f_number(camera))
+    shorter = 1 - float(exit_pupil.microlens_image_pitch(camera) / camera.d)
     yield Row("microlens f-number d_2/d (Eq. 8, left)", "31.75", left, "", "")
     yield Row(
         "pupil f-number d_1/(D_F H) (Eq. 8, right)",
@@ -79,33 +83,32 @@ def _matching() -> Iterator[Row]:
     yield Row(
         "fill factor by the exact rule (Eq. 7)",
         "",
-        float(theory.fill_factor(bench.D_F, bench.d, bench.d_2, *lens)),
+        float(f_number.fill_factor(camera)),
         "",
-        f"the image pitch d (1 + d_2/L) is {100 * (1 - pitch / bench.d):.1f} % below d: images overlap by "
-        f"{overlap:.3f} px",
+        f"the image pitch d (1 + d_2/L) is {100 * shorter:.1f} % below d: images overlap by "
+        f"{float(f_number.mismatch_px(camera)):.3f} px",
     )
     yield Row(
         "main-lens f-number d_1/D (Eq. 9, right)",
         "2.76",
-        float(theory.main_lens_f_number(bench.D, bench.d_1)),
+        float(f_number.main_lens_f_number(camera)),
         "",
         "the traditional rule calls the same system mismatched",
     )
     yield Row(
         "pupil f-number with d_3 = 20 mm (Eq. 8, right)",
         "45.52",
-        float(theory.pupil_f_number(mismatched.D_F, mismatched.f, mismatched.d_f, mismatched.d_3)),
+        float(f_number.pupil_f_number(mismatched)),
         "",
         "",
     )
 
 
 def _field() -> Iterator[Row]:
-    bench = roslf.load("paper")
-    bound = theory.nondistortion_bound(bench.D, bench.D_F, bench.d_3, bench.d_f, bench.f, bench.d_f)
-    half = bench.microlens_array.size[0] / 2 * float(theory.inverse_magnification(bench.f, bench.d_f))
+    camera = bench()
+    half = float(camera.array_size[0] / 2 * camera.inverse_m)
     corner = math.hypot(half, half)
-    reach = float(bound.object_radius)
+    reach = float(vignetting.nondistortion_bound(camera).object_radius)
     inside = corner <= reach
     yield Row(
         "non-distortion bound |X_0| (Eq. 6)",
@@ -127,16 +130,16 @@ def _field() -> Iterator[Row]:
 
 
 def _raw_image() -> Iterator[Row]:
-    bench = roslf.load("paper")
-    lens = bench.f, bench.d_f, bench.d_3
-    diameter = 1e3 * float(theory.microlens_image_diameter(bench.D_F, bench.d_2, *lens))
-    effective = 1e3 * bench.sensor.size[0] / RAW_WIDTH
+    camera = bench()
+    width = float(camera.sensor_size[0])
+    diameter = 1e3 * float(exit_pupil.microlens_image_diameter(camera))
+    effective = 1e3 * width / RAW_WIDTH
     yield Row(
         "pixel pitch q of the raw image",
         f"{PRINTED_PIXEL}",
         effective,
         "um",
-        f"{bench.sensor.size[0]} mm over {RAW_WIDTH} px: the raw image was resampled, and this is its effective pixel",
+        f"{width} mm over {RAW_WIDTH} px: the raw image was resampled, and this is its effective pixel",
     )
     yield Row(
         "microlens image across",
@@ -149,12 +152,12 @@ def _raw_image() -> Iterator[Row]:
 
 def _calibration() -> Iterator[Row]:
     f, reach, m = 100.0, 91.09, 0.42
-    found = theory.back_substitute(f, reach, m)
+    found = back_substitution.back_substitute(f, reach, m)
     given = "from A = 91.09 mm and m = 0.42 (Table 2) with f = 100 mm"
     yield Row("calibrated d_1", "142.00", float(found.mla_distance), "mm", given)
     yield Row("calibrated d_f", "338.10", float(found.focal_plane_distance), "mm", given)
     yield Row("calibrated H", "1.56", float(found.aperture_constant), "", given)
-    slope = float(theory.back_substitution_jacobian(f, reach, m)[3, 0])
+    slope = float(back_substitution.back_substitution_jacobian(f, reach, m)[3, 0])
     yield Row(
         "calibrated d_3",
         "121.21",
@@ -173,24 +176,22 @@ def _calibration() -> Iterator[Row]:
 
 
 def _diffraction() -> Iterator[Row]:
-    bench = roslf.load("paper")
-    lens = bench.f, bench.d_f, bench.d_3
-    microlens = bench.d, bench.d_2, bench.wavelength
-    airy = float(theory.airy_radius(*microlens))
-    yield Row("Airy radius on the sensor, 550 nm", "", 1e3 * airy, "um", f"{airy / bench.q:.2f} effective pixels")
+    camera = bench()
+    airy = float(light.airy_radius(camera))
+    yield Row("Airy radius on the sensor, 550 nm", "", 1e3 * airy, "um", f"{airy / camera.q:.2f} effective pixels")
     yield Row(
         "Fresnel number of a microlens",
         "",
-        float(theory.fresnel_number(*microlens)),
+        float(light.fresnel_number(camera)),
         "",
         "about 1: a microlens image is no shadow of the pupil; ray optics alone misstates it",
     )
     yield Row(
         "independent views per axis, 4 N_F",
         "",
-        float(theory.independent_views(*microlens)),
+        float(light.independent_views(camera)),
         "",
-        f"not the {float(theory.geometric_views(bench.D_F, bench.q, bench.d_2, *lens)):.0f} pixels across an image",
+        f"not the {float(light.geometric_views(camera)):.0f} pixels across an image",
     )
 
 
