@@ -7,17 +7,22 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ..accuracy.picture import Settled, settle, stated
+from ..accuracy.statement import Accuracy
+from ..design import load
+from ..design.write import write_atomically
+from ..effects import Budget, Plan, plan
+from ..errors import InputError, Problem
+from ..imaging.files import check_target, write_image
+from ..imaging.render import RawImage
+from ..imaging.render import render as compute
+from ..pictures.microlens import preview as zooms
+from ..scenes import WHITE_FIELD, load_scene
 from .progress import StatusLine, bar
-
-if TYPE_CHECKING:
-    from ..accuracy.picture import Settled
-    from ..accuracy.statement import Accuracy
-    from ..effects import Plan
-    from ..imaging.render import RawImage
 
 
 def render(
@@ -74,13 +79,6 @@ def render(
     json
         Print JSON instead of tables.
     """
-    from ..accuracy.picture import settle, stated
-    from ..design import load
-    from ..effects import Budget, plan
-    from ..errors import InputError, Problem
-    from ..imaging.files import check_target, write_image
-    from ..scenes import WHITE_FIELD, load_scene
-
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
     if accuracy is not None and (budget_px is not None or budget_intensity is not None):
@@ -112,8 +110,6 @@ def render(
     for target in targets:
         check_target(target)
 
-    from ..imaging.render import render as compute
-
     for each, effects_on, way, target in zip(scenes, plans, settled, targets, strict=True):
         began = time.perf_counter() - settling
         used, sampling = (budget, None) if way is None else (way.budget, way.sampling)
@@ -132,7 +128,6 @@ def render(
 
 
 def _number(option: str, text: str) -> float:
-    from ..errors import InputError, Problem
 
     share = text.strip().endswith("%")
     try:
@@ -145,7 +140,6 @@ def _number(option: str, text: str) -> float:
 
 
 def _region(text: str) -> tuple[int, int, int, int]:
-    from ..errors import InputError, Problem
 
     try:
         column, row, columns, rows = (int(part) for part in text.split(","))
@@ -157,7 +151,6 @@ def _region(text: str) -> tuple[int, int, int, int]:
 
 
 def _targets(output: Path | None, names: list[str]) -> list[Path]:
-    from ..errors import InputError, Problem
 
     if len(names) == 1:
         return [output or Path(f"{names[0]}.tif")]
@@ -171,11 +164,9 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
 
 
 def _preview(image: RawImage, target: Path) -> Path:
-    from ..design.write import write_atomically
-    from ..pictures.microlens import preview
 
     place = target.with_name(f"{target.stem}-preview.png")
-    write_atomically(place, preview(image).to_png(110))
+    write_atomically(place, zooms(image).to_png(110))
     return place
 
 
