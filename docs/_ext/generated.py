@@ -24,6 +24,7 @@ PACKAGES = {
     "roslf_design.rays": "backward and forward rays with their fates; ray budgets",
     "roslf_design.shapes": "shapes of microlens images, exact pixel coverage",
     "roslf_design.lenses": "real main lenses: prescriptions, exact trace",
+    "roslf_design.traced": "cameras behind a real main lens",
     "roslf_design.effects": "sizes of effects, and the plan that switches them",
     "roslf_design.scenes": "what is looked at",
     "roslf_design.imaging": "raw light-field images",

@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from .._points import sunflower
 from ..design import Design
 from ..errors import InputError
+from ..lenses.tracer import KEPT, MISSED, Passed, describe
 from ..theory.field import FieldBound, nondistortion_bound
 from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
-from .tracer import KEPT, MISSED, Passed, describe
 
 Array = NDArray[np.float64]
 
@@ -310,7 +310,9 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
         both = (own.state == KEPT) & (other.state == KEPT)
         lateral[..., index, :] = np.where(both[..., None], np.moveaxis(other.height - own.height, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
-    return FieldMap(c, point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, waves, lateral, state)
+    return FieldMap(
+        c, point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, waves, lateral, state
+    )
 
 
 def _forward(camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False) -> Passed:

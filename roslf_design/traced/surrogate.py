@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import kernel
 from .._points import recurrence
 from ..errors import Problem
+from ..lenses.prescription import LensError
+from ..lenses.tracer import KEPT
 from .camera import LensCamera, chief_slope, sensor_of_pupil
-from .prescription import LensError
-from .tracer import KEPT
 
 Array = NDArray[np.float64]
 

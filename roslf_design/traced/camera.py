@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
-from .manufacture import turned
-from .prescription import FirstOrder, LensError, Prescription, first_order, rotation
-from .tracer import KEPT, STOPPED
+from ..lenses.manufacture import turned
+from ..lenses.prescription import FirstOrder, LensError, Prescription, first_order, rotation
+from ..lenses.tracer import KEPT, STOPPED
 
 Array = NDArray[np.float64]
 
