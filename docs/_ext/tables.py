@@ -14,7 +14,7 @@ from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
 from roslf_design.design.real_lens import Lens
-from roslf_design.tolerance.study import FieldPlace
+from roslf_design.tolerancing.study import FieldPlace
 from roslf_design.units import Angle, AnyLength, Distance, Length, format_quantity
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))

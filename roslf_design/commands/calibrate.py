@@ -37,9 +37,9 @@ from ..design import Design, DesignError, dumps, load
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
-from ..report import calibration as pages
-from ..report.html import render_html
-from ..report.terminal import print_blocks, print_statements
+from ..reporting import calibration as pages
+from ..reporting.html import render_html
+from ..reporting.terminal import print_blocks, print_statements
 from ..theory.exit_pupil import microlens_image_pitch
 from ..units import parse_quantity
 from .progress import StatusLine

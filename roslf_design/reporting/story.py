@@ -38,7 +38,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from ..design import Design, load, preset_names
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
-from ..optimize.run import designs
+from ..optimization.run import designs
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
@@ -47,7 +47,7 @@ from .optimization import optimization_section, statements
 from .studies import Tell, quick_tolerances, run_optimisation, run_tolerances
 
 if TYPE_CHECKING:
-    from ..optimize.run import Result
+    from ..optimization.run import Result
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")

@@ -18,8 +18,8 @@ from ..design.kinds import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
 from ..theory.quantities import Quantity, quantity_named
-from ..tolerance.draws import Distribution
-from ..tolerance.study import StrictTable
+from ..tolerancing.draws import Distribution
+from ..tolerancing.study import StrictTable
 from ..toml_files import problems_of, read_toml
 from ..units import Distance, Length, format_quantity, parse_quantity
 from .parts import Kind, given_by
