@@ -14,8 +14,8 @@ from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
 from roslf_design.design.real_lens import Lens
-from roslf_design.design.units import Angle, AnyLength, Distance, Length, format_quantity
 from roslf_design.tolerancing.study import FieldPlace
+from roslf_design.units import Angle, AnyLength, Distance, Length, format_quantity
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 

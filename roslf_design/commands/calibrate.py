@@ -34,7 +34,6 @@ from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
 from ..calibration.result import LAPLACE_DRAWS
 from ..camera import Camera
 from ..design import Design, DesignError, dumps, load
-from ..design.units import parse_quantity
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
@@ -42,6 +41,7 @@ from ..reporting import calibration as pages
 from ..reporting.html import render_html
 from ..reporting.terminal import print_blocks, print_statements
 from ..theory.exit_pupil import microlens_image_pitch
+from ..units import parse_quantity
 from .progress import StatusLine
 
 if TYPE_CHECKING:

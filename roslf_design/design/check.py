@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..units import format_quantity
 from .conjugates import CONJUGATES, conjugate_residual
 from .errors import Problem
-from .units import format_quantity
 
 RESIDUAL_LIMIT = 1e-6
 """Largest |f/d_f + f/d_1 - 1| at which f, d_f and d_1 count as one set: rounding of printed digits, not an error."""

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, model_validator
 
+from ..units import format_quantity
 from .check import cross_check
 from .conjugates import CONJUGATES, focal_length, focal_plane_distance, follower, mla_distance
 from .errors import DesignError, Problem
-from .messages import problems_of
+from .messages import design_problems
 from .parameters import PATHS
 from .parts import Light, MainLens, MicrolensArray, Part, Sensor, Stop
 from .real_lens import focal_length_at, lens_problems, mounted_lens, own_diameter
-from .units import format_quantity
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
@@ -55,7 +55,7 @@ class Design(Part):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise DesignError(problems_of(error, data, Design, from_file=False)) from None
+            raise DesignError(design_problems(error, data, Design, from_file=False)) from None
 
     # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -237,7 +237,7 @@ def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder:
     try:
         return Design.model_validate(data, context=context)
     except ValidationError as error:
-        raise DesignError(problems_of(error, data, Design, from_file=from_file, folder=folder), origin) from None
+        raise DesignError(design_problems(error, data, Design, from_file=from_file, folder=folder), origin) from None
 
 
 def _checked_values(design: Design) -> Iterator[tuple[str, float | None]]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from ..toml_files import parse_toml, read_toml
 from .design import Design, build
-from .errors import DesignError, Problem
+from .errors import DesignError
 from .kinds import expect_kind
+from .presets import preset_names, preset_path
 from .write import write_atomically
 
 
@@ -26,20 +27,19 @@ def load(path: str | os.PathLike[str]) -> Design:
     DesignError
         Names the file and every fault in it, with places and remedies.
     """
-    from .presets import preset_names, preset_path
-
     origin = os.fspath(path)
     place = Path(path)
     if not place.exists() and origin in preset_names():
         place = preset_path(origin)
-    data = read_toml(place, origin, "check the path, or see `roslf presets` for the designs that ship")
+    missing = "check the path, or see `roslf presets` for the designs that ship"
+    data = read_toml(place, origin, missing, refusal=DesignError)
     expect_kind(data, "design", origin)
     return build(data, from_file=True, origin=origin, folder=place.parent)
 
 
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> Design:
     """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from."""
-    return build(parse_toml(text, origin), from_file=True, origin=origin, folder=Path(folder))
+    return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=Path(folder))
 
 
 def dumps(design: Design) -> str:
@@ -64,52 +64,3 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     if not overwrite and Path(path).exists():
         raise FileExistsError(f"{path} exists; choose another name or pass overwrite=True")
     write_atomically(Path(path), dumps(design).encode())
-
-
-def read_toml(path: Path, origin: str, missing: str = "check the path") -> dict[str, Any]:
-    """The nested values of a TOML file, with one clear error for a file that cannot be read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    origin : str
-        What errors call it.
-    missing : str
-        What to do where there is no such file.
-
-    Raises
-    ------
-    DesignError
-        Missing, not a file, not readable, not UTF-8, not TOML.
-    """
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        raise _failed(origin, f"no such file; {missing}") from None
-    except IsADirectoryError:
-        raise _failed(origin, "is a folder; name the file inside it") from None
-    except UnicodeDecodeError as error:
-        raise _failed(origin, f"is not UTF-8 text (byte {error.start}); expected a TOML file") from None
-    except OSError as error:
-        raise _failed(origin, f"cannot be read: {error.strerror}; check its permissions") from None
-    return parse_toml(text, origin)
-
-
-def parse_toml(text: str, origin: str) -> dict[str, Any]:
-    """The nested values of TOML text; `origin` is what errors call it.
-
-    Raises
-    ------
-    DesignError
-        Not TOML.
-    """
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        detail = str(error)
-        raise _failed(origin, f"is not valid TOML: {detail[:1].lower()}{detail[1:]}; mend the line named") from None
-
-
-def _failed(origin: str, message: str) -> DesignError:
-    return DesignError((Problem("", message),), origin)

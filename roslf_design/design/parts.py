@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
+from ..units import Angle, AnyLength, Distance, Length
 from .real_lens import Lens
-from .units import Angle, AnyLength, Distance, Length
 
 Offset = tuple[AnyLength, AnyLength]
 Tilt = tuple[Angle, Angle]

@@ -13,18 +13,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, PlainSerializer, ValidationInfo
+from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
 
 from ..errors import InputError, Problem
-from .units import format_quantity
-
-# The lenses package is imported only where a design has a prescription: ideal designs are read without it.
-if TYPE_CHECKING:
-    from ..lenses.prescription import Prescription
-else:
-    Prescription = Any
+from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
+from ..lenses.prescription import Prescription, first_order
+from ..units import format_quantity
 
 AGREEMENT = 1e-6
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
@@ -49,10 +45,8 @@ def read_prescription(value: Any, folder: str | Path = "") -> Prescription | Non
     """
     if value is None:
         return None
-    from ..lenses.lens_file import lens_of, load_lens, shipped_names
-    from ..lenses.prescription import Prescription as Lens
 
-    if isinstance(value, Lens):
+    if isinstance(value, Prescription):
         return value
     if isinstance(value, Mapping):
         return lens_of(value)
@@ -71,7 +65,6 @@ def written(lens: Prescription | None) -> str | dict[str, Any] | None:
     """What a design file says of a lens: its name where it ships, else a table of its own."""
     if lens is None:
         return None
-    from ..lenses.lens_file import load_lens, shipped_names, table_of
 
     if lens.name.lower() in shipped_names() and load_lens(lens.name.lower()) == replace(lens, name=lens.name):
         return lens.name
@@ -79,7 +72,9 @@ def written(lens: Prescription | None) -> str | dict[str, Any] | None:
 
 
 Lens = Annotated[
-    Prescription | None, BeforeValidator(_validated), PlainSerializer(written, return_type=Any, when_used="json")
+    InstanceOf[Prescription] | None,
+    BeforeValidator(_validated),
+    PlainSerializer(written, return_type=Any, when_used="json"),
 ]
 """A lens's prescription, or None for the ideal lens."""
 
@@ -108,8 +103,6 @@ def focal_length_at(lens: Prescription, wavelength: float) -> float:
     InputError
         The wavelength is outside a glass's range.
     """
-    from ..lenses.prescription import first_order
-
     return first_order(lens, wavelength).focal_length
 
 

@@ -14,6 +14,10 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..lenses.prescription import first_order
+from ..lenses.tracer import KEPT
+from ..traced.camera import camera_of
+from ..traced.images import field_map, real_field
 from .effect import Effect, Estimate, Subject
 
 RADII = (0.4, 0.6, 0.8, 1.0)
@@ -41,10 +45,6 @@ class Faults(NamedTuple):
 @lru_cache(maxsize=256)
 def faults(design: Design, x_ml: float) -> Faults:
     """Trace a design's main lens out to the microlens radius `x_ml` [mm]."""
-    # Only designs behind a real lens pay for importing the tracer.
-    from ..lenses.images import real_field
-    from ..lenses.tracer import KEPT
-
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
     upright = ("main_lens", "aperture", "microlens_array", "sensor", *(f"stops.{i}" for i in range(len(design.stops))))
@@ -72,10 +72,6 @@ def _cone(design: Design) -> float:
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
     """How far wavelengths part on the array at `x_ml`: lateral and axial colour added [mm]."""
-    from ..lenses.camera import camera_of
-    from ..lenses.images import field_map
-    from ..lenses.prescription import first_order
-
     camera = camera_of(design)
     waves = (design.wavelength, *wavelengths)
     lateral = field_map(camera, [x_ml, 0.0], waves).lateral_colour[:, 0]

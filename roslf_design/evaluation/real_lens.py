@@ -7,7 +7,11 @@ from collections.abc import Sequence
 
 from ..camera import Camera
 from ..design import Design
+from ..lenses.prescription import LensError
+from ..lenses.tracer import KEPT
 from ..theory.light import half_field
+from ..traced.camera import camera_of
+from ..traced.images import measured_bound, real_field
 from .result import NonDistortion, RealLens, RealLensField
 
 STATUS = ("dark", "clipped", "full", "folded")
@@ -27,7 +31,7 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     Returns
     -------
     RealLens or None
-        None where the main lens is ideal; nothing of the lenses is then imported.
+        None where the main lens is ideal.
 
     Raises
     ------
@@ -36,8 +40,6 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
     """
     if design.lens is None:
         return None
-    from ..lenses.camera import camera_of
-    from ..lenses.images import measured_bound
 
     camera = camera_of(design)
     constants = camera.first_order
@@ -64,8 +66,6 @@ def trace_lens(design: Design, axes: Sequence[tuple[float, float]], thin: NonDis
 
 
 def _turned_bound(design: Design) -> float | None:
-    from ..lenses.images import measured_bound
-    from ..lenses.prescription import LensError
 
     try:
         return measured_bound(design.replace({"main_lens.reversed": not design.main_lens.reversed}))[1]
@@ -76,8 +76,6 @@ def _turned_bound(design: Design) -> float | None:
 def _fields(design: Design, axes: Sequence[tuple[float, float]]) -> tuple[RealLensField, ...]:
     if not axes:
         return ()
-    from ..lenses.images import real_field
-    from ..lenses.tracer import KEPT
 
     found = real_field(design, axes)
     images, maps = found.images, found.maps

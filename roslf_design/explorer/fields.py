@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 from ..design import Design
 from ..design.parameters import PATHS
-from ..design.units import UNITS, parse_quantity
+from ..units import UNITS, parse_quantity
 
 STEPS = 1000
 """A slider's positions are the whole numbers from 0 to this."""

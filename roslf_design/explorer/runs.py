@@ -14,7 +14,6 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..design.units import format_quantity
 from ..errors import InputError, Problem
 from ..optimization.run import Result
 from ..pictures.marks import short
@@ -28,6 +27,7 @@ from ..tolerancing.places import perturbable
 from ..tolerancing.run import tally_chunk
 from ..tolerancing.study import TolerancePlan, make_plan
 from ..tolerancing.tally import merged
+from ..units import format_quantity
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell

@@ -24,13 +24,13 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
 from ..errors import InputError, Problem
-from ..lenses.camera import LensCamera, camera_of, microlenses, tilted_parts, views
 from ..lenses.prescription import LensError
-from ..lenses.surrogate import fitted
 from ..lenses.tracer import KEPT
 from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
 from ..theory.light import microlens_defocus_blur
+from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
+from ..traced.surrogate import fitted
 from .camera import Floats, Image, Region, pixel_centres, straightened
 from .trace import Sampling, Surfaces, encode, radiance, refocused
 

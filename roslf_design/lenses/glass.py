@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..design.units import format_quantity, parse_quantity
 from ..errors import InputError, Problem
+from ..units import format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 

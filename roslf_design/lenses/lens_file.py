@@ -27,7 +27,6 @@ camera's and are left out; the design places the lens.
 from __future__ import annotations
 
 import codecs
-import difflib
 import math
 import os
 import re
@@ -39,9 +38,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ..design.files import parse_toml, read_toml
-from ..design.units import format_quantity, parse_quantity
 from ..errors import InputError, Problem
+from ..toml_files import nearest, parse_toml, read_toml
+from ..units import format_quantity, parse_quantity
 from .glass import AIR, Glass, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 
@@ -65,11 +64,8 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     if place.suffix.lower() == ".zmx":
         return read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
-    try:
-        data = read_toml(place, origin, f"check the path, or name a lens that ships: {known}")
-    except InputError as error:
-        raise LensError(error.problems, origin) from None
-    return lens_of(data, origin)
+    missing = f"check the path, or name a lens that ships: {known}"
+    return lens_of(read_toml(place, origin, missing, refusal=LensError), origin)
 
 
 @cache
@@ -85,11 +81,7 @@ def _shipped(name: str) -> str:
 
 def loads_lens(text: str, origin: str = "") -> Prescription:
     """Read a lens from TOML text; `origin` is what errors call it."""
-    try:
-        data = parse_toml(text, origin)
-    except InputError as error:
-        raise LensError(error.problems, origin) from None
-    return lens_of(data, origin)
+    return lens_of(parse_toml(text, origin, refusal=LensError), origin)
 
 
 def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
@@ -131,9 +123,7 @@ class _Table:
             found.append(Problem(place, f"must be a table of keys, got {table!r}"))
         for key in self.table if known is not None else ():
             if key not in (known or ()):
-                near = difflib.get_close_matches(key, known or (), 1, 0.5)
-                hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known or ())}"
-                self.fault(key, f"is not a known key; {hint}")
+                self.fault(key, f"is not a known key; {nearest(key, known or ())}")
 
     def fault(self, key: str, message: str) -> float:
         """Tell a fault; nan, as the number that is not to be had."""

@@ -319,7 +319,7 @@ class _Poses:
             self._step(values, name, members)
 
     def _places(self, row: int) -> Array:
-        at = self.shift[row].copy()
+        at: Array = self.shift[row].copy()
         at[:, 2] += self.z[row]
         return at
 

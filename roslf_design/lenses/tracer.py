@@ -130,11 +130,6 @@ class SurfaceStack(NamedTuple):
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
 
-    @property
-    def count(self) -> int:
-        """S."""
-        return self.media.shape[1] - 1
-
     def trace(
         self,
         rays: Rays,
@@ -160,7 +155,7 @@ class SurfaceStack(NamedTuple):
             Whether to give heights on the surfaces.
         """
         start, along = np.broadcast_arrays(np.asarray(rays.position, float), np.asarray(rays.direction, float))
-        shape, builds, count = start.shape[1:], len(self.table), self.count
+        shape, builds, count = start.shape[1:], len(self.table), int(self.media.shape[1]) - 1
         if builds > 1 and shape[:1] != (builds,):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
         total = math.prod(shape)

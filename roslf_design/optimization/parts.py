@@ -13,10 +13,9 @@ from typing import Any, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from ..design.files import read_toml
-from ..design.messages import problems_of
-from ..design.units import Length, parse_quantity
 from ..errors import InputError, Problem
+from ..toml_files import problems_of, read_toml
+from ..units import Length, parse_quantity
 
 Kind = Literal["lenses", "microlens_arrays", "sensors"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -187,7 +186,7 @@ def _read(path: Path) -> Catalogue:
     try:
         return Catalogue.model_validate(data, context={"from_file": True})
     except ValidationError as error:
-        raise InputError(problems_of(error, data, Catalogue, from_file=True)) from None
+        raise InputError(problems_of(error, Catalogue)) from None
 
 
 def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[str, Any]]:

@@ -14,15 +14,14 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from ..camera import Camera, Number
 from ..design import PATHS, Design, load, preset_names
 from ..design.conjugates import CONJUGATES
-from ..design.files import read_toml
 from ..design.kinds import expect_kind
-from ..design.messages import problems_of
 from ..design.parts import Stop
-from ..design.units import Distance, Length, format_quantity, parse_quantity
 from ..errors import InputError, Problem
 from ..theory.quantities import Quantity, quantity_named
 from ..tolerancing.draws import Distribution
 from ..tolerancing.study import StrictTable
+from ..toml_files import problems_of, read_toml
+from ..units import Distance, Length, format_quantity, parse_quantity
 from .parts import Kind, given_by
 from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
 from .solve import Settings
@@ -361,7 +360,7 @@ def read_study(
         table = StudyTable.model_validate(data, context={"from_file": True})
         faults += [] if design is None else table.faults(Camera.of(design).numbers)
     except ValidationError as error:
-        faults += problems_of(error, data, StudyTable, from_file=True)
+        faults += problems_of(error, StudyTable)
     if faults or table is None or design is None:
         raise InputError(tuple(dict.fromkeys(faults)), origin)
     if table.wavelength is not None:

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..lenses.camera import camera_of, microlenses, views
-from ..lenses.images import measured_bound, real_field
 from ..lenses.tracer import KEPT
 from ..theory import inverse_aperture_constant
 from ..theory.light import half_diagonal
+from ..traced.camera import camera_of, microlenses, views
+from ..traced.images import measured_bound, real_field
 from .marks import Area, Floats, Line, Mark, Panel, Point, Scale, box_key, line_key, where_above
 from .picture import PAGE, Picture, beside
 

@@ -17,8 +17,8 @@ from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason
 from ..calibration import plan as planned
 from ..calibration.figures import PLOTS
 from ..calibration.result import LAPLACE, SHOWN, UNITS, Outcome
-from ..design.units import Angle, Length, parse_quantity
 from ..errors import InputError, Problem
+from ..units import Angle, Length, parse_quantity
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
 from ..design import dumps
-from ..design.units import format_quantity
 from ..evaluation import evaluate
 from ..evaluation.precision import evaluation_accuracy, near_cases
 from ..evaluation.show import (
@@ -22,6 +21,7 @@ from ..evaluation.show import (
     lens_field_row,
     table_groups,
 )
+from ..units import format_quantity
 from ..words import length, listed, number, sentence, spaced
 from . import sheets
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone

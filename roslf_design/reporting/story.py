@@ -36,11 +36,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from ..design import Design, load, preset_names
-from ..design.files import read_toml
 from ..design.kinds import Kind, kind_of
-from ..design.messages import problems_of
 from ..errors import InputError, Problem
 from ..optimization.run import designs
+from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
 from .design import FOOTER, Evidence, design_report, making
@@ -162,7 +161,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     try:
         table = StoryTable.model_validate(data, context={"from_file": True})
     except ValidationError as error:
-        raise InputError(tuple(problems_of(error, data, StoryTable, from_file=True)), origin) from None
+        raise InputError(problems_of(error, StoryTable), origin) from None
     faults: list[Problem] = []
     studies: list[Mapping[str, Any]] = []
     calibrations: dict[int, Calibrated] = {}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from ..design.parts import Offset, Part, Size, Tilt
-from ..design.units import Angle, AnyLength, Length
+from ..units import Angle, AnyLength, Length
 
 Level = Annotated[float, Field(ge=0)]
 

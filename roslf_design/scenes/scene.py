@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -13,13 +12,11 @@ from pydantic import Field, ValidationError
 
 from ..camera import Camera
 from ..design import Design
-from ..design.errors import DesignError
-from ..design.files import parse_toml, read_toml
-from ..design.messages import problems_of
 from ..design.parts import Part
-from ..design.units import Length
 from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
+from ..toml_files import nearest, parse_toml, problems_of, read_toml
+from ..units import Length
 from .objects import OBJECTS, TEXTURES, Object, Picture, Plane, Points, Sphere, Tube, White, depths, detail
 
 P = TypeVar("P", bound=Part)
@@ -151,19 +148,13 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         Names the file and every fault in it, with places and remedies.
     """
     origin = os.fspath(path)
-    try:
-        data = read_toml(Path(path), origin, "check the path to the scene")
-    except DesignError as error:
-        raise SceneError(error.problems, error.origin) from None
+    data = read_toml(Path(path), origin, "check the path to the scene", refusal=SceneError)
     return make_scene(data, from_file=True, origin=origin, folder=Path(path).parent)
 
 
 def loads_scene(text: str, origin: str = "", folder: Path | None = None) -> Scene:
     """Read a scene from TOML text; `origin` is what errors call it, `folder` where relative picture files are."""
-    try:
-        data = parse_toml(text, origin)
-    except DesignError as error:
-        raise SceneError(error.problems, error.origin) from None
+    data = parse_toml(text, origin, refusal=SceneError)
     return make_scene(data, from_file=True, origin=origin, folder=folder)
 
 
@@ -229,8 +220,7 @@ class _Reader:
         elif table["kind"] in known:
             return known[table["kind"]]
         else:
-            near = difflib.get_close_matches(str(table["kind"]), known, 1, 0.5)
-            remedy = f"did you mean '{near[0]}'?" if near else f"write one of {names}"
+            remedy = nearest(str(table["kind"]), known, f"write one of {names}")
             self._fault(f"{key}.kind", f'"{table["kind"]}" is not known; {remedy}')
         return None
 
@@ -245,10 +235,7 @@ class _Reader:
         try:
             return kind.model_validate(data, context={"from_file": self.from_file})
         except ValidationError as error:
-            found = [*problems_of(error, data, kind, from_file=self.from_file)]
-            whole = [detail["msg"] for detail in error.errors(include_url=False) if not detail["loc"]]
-            found += [Problem("", message.removeprefix("Value error, ")) for message in whole]
-            for problem in found:
+            for problem in problems_of(error, kind):
                 self._fault(".".join(part for part in (key, problem.key) if part), problem.message)
             return None
 

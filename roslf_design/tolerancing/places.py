@@ -17,10 +17,10 @@ from typing import TypeVar
 
 from ..camera import TIP, nominal_numbers
 from ..design import PATHS, Design
-from ..design.files import read_toml
-from ..design.units import parse_quantity
 from ..errors import InputError, Problem
 from ..lenses.manufacture import lens_places, lens_values
+from ..toml_files import read_toml
+from ..units import parse_quantity
 
 Value = TypeVar("Value")
 

@@ -31,12 +31,11 @@ from pydantic import (
 
 from ..design import Design, load, preset_names
 from ..design.conjugates import CONJUGATES
-from ..design.files import read_toml
 from ..design.kinds import expect_kind
-from ..design.messages import problems_of
-from ..design.units import Length, parse_quantity
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..toml_files import problems_of, read_toml
+from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .metrics import METRICS, Column, Question, evaluate_builds, metric_named
 from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
@@ -256,7 +255,7 @@ def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     try:
         study = Study.model_validate(data, context={"from_file": True, "design": design})
     except ValidationError as error:
-        problems += problems_of(error, data, Study, from_file=True)
+        problems += problems_of(error, Study)
     if study is not None and grades is not None and study.grade is not None and study.grade not in grades.names:
         problems.append(Problem("grade", f"'{study.grade}' is not known; use one of {', '.join(grades.names)}"))
     if problems or study is None or design is None or grades is None:

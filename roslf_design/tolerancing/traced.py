@@ -20,13 +20,13 @@ from ..camera.frames import frame
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError
-from ..lenses.aim import Aimed, Aims, Planes, aimed, aims, landings, spot_radii
-from ..lenses.camera import camera_of, microlenses, sensor_of_pupil
-from ..lenses.images import FOLDED, real_images
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
-from ..lenses.outlines import Outlines, cut_shapes, outlines, pupil_points
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
+from ..traced.aim import Aimed, Aims, Planes, aimed, aims, landings, spot_radii
+from ..traced.camera import camera_of, microlenses, sensor_of_pupil
+from ..traced.images import FOLDED, real_images
+from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, stops_of
 

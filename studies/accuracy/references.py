@@ -17,7 +17,7 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.lenses.camera import camera_of
+from roslf_design.traced.camera import camera_of
 
 from .jobs import CUT, LENS, SIGMA_DISPARITY, WAVES, Job, microlens_rays
 from .oracles import discs as common_part

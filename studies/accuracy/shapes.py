@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from roslf_design.camera import Camera
 from roslf_design.design import Design
-from roslf_design.lenses.camera import camera_of
 from roslf_design.lenses.prescription import LensError
-from roslf_design.lenses.surrogate import Surrogate, fitted
 from roslf_design.lenses.tracer import Rays
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.disparity import depth_sigma
+from roslf_design.traced.camera import camera_of
+from roslf_design.traced.surrogate import Surrogate, fitted
 
 from .jobs import LENS, RAYS, Job, microlens_rays
 

@@ -16,9 +16,9 @@ from roslf_design.imaging.camera import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import Sampling
-from roslf_design.lenses.camera import camera_of, microlenses, views
-from roslf_design.lenses.images import real_field
 from roslf_design.scenes import WHITE_FIELD, Checkerboard, Plane, Points, Scene, Sinusoid, Sphere
+from roslf_design.traced.camera import camera_of, microlenses, views
+from roslf_design.traced.images import real_field
 
 # A small sensor far off the axis keeps the array, and so the test, small.
 EDGE = {"microlens_array.size": (1.6, 1.6), "sensor.size": (0.6, 0.6)}

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.lenses.camera import sensor_of_pupil
-from roslf_design.lenses.images import CLIPPED, FULL, field_map, real_images, undistorted_field
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, first_order
 from roslf_design.lenses.tracer import describe
 from roslf_design.theory.field import nondistortion_bound
+from roslf_design.traced.camera import sensor_of_pupil
+from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, undistorted_field
 from tests.lenses.test_images import GREEN, bench, mounted
 
 EDGE = 11.15

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.lenses.camera import LensCamera, Rim, chief_slope, sensor_of_pupil, views
-from roslf_design.lenses.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.manufacture import as_made
 from roslf_design.lenses.prescription import LensError, first_order
 from roslf_design.lenses.tracer import describe
+from roslf_design.traced.camera import LensCamera, Rim, chief_slope, sensor_of_pupil, views
+from roslf_design.traced.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images
 
 GREEN = 550e-6
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from roslf_design.lenses.camera import camera_of, microlenses
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.images import real_field, real_images
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.manufacture import abbe_number, as_made, lens_builds, lens_places, lens_values
 from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order, surface_table
 from roslf_design.lenses.tracer import COLUMNS, Rays
+from roslf_design.traced.camera import camera_of, microlenses
+from roslf_design.traced.images import real_field, real_images
 
 from .test_in_design import real
 from .test_prescription import missed

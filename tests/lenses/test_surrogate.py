@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.lenses.camera import sensor_of_pupil, views
 from roslf_design.lenses.manufacture import as_made
 from roslf_design.lenses.prescription import LensError
-from roslf_design.lenses.surrogate import fitted
+from roslf_design.traced.camera import sensor_of_pupil, views
+from roslf_design.traced.surrogate import fitted
 from tests.lenses.test_images import GREEN, bench
 
 

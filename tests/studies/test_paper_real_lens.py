@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from roslf_design.evaluation import evaluate
-from roslf_design.lenses.camera import camera_of, views
 from roslf_design.pictures.lens import lens_curves
+from roslf_design.traced.camera import camera_of, views
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"
 spec = importlib.util.spec_from_file_location("paper_real_lens_study", FOLDER / "real_lens.py")

@@ -6,9 +6,6 @@ from numpy.testing import assert_allclose
 
 from roslf_design._points import sunflower
 from roslf_design.design import load
-from roslf_design.lenses.aim import spot_radii
-from roslf_design.lenses.camera import Plane, camera_of, microlenses
-from roslf_design.lenses.images import FULL, real_field, real_images
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
@@ -18,6 +15,9 @@ from roslf_design.tolerancing.run import Where, run_trials
 from roslf_design.tolerancing.study import plan_from
 from roslf_design.tolerancing.traced import as_built, mounted
 from roslf_design.tolerancing.trials import one_trial
+from roslf_design.traced.aim import spot_radii
+from roslf_design.traced.camera import Plane, camera_of, microlenses
+from roslf_design.traced.images import FULL, real_field, real_images
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
+from ..lenses.manufacture import LensBuilds
+from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, pass_surfaces
 from .camera import LensCamera, sensor_of_pupil, views
-from .manufacture import LensBuilds
-from .tracer import BLOCK, COLUMNS, ROWS, Rays, pass_surfaces
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

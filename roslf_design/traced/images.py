@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from .._points import sunflower
 from ..design import Design
 from ..errors import InputError
+from ..lenses.tracer import KEPT, MISSED, Passed, describe
 from ..theory.field import FieldBound, nondistortion_bound
 from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
-from .tracer import KEPT, MISSED, Passed, describe
 
 Array = NDArray[np.float64]
 
@@ -301,7 +301,7 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     distortion = np.divide(real - ideal, ideal, where=away, out=np.zeros_like(ideal))
     along = np.where(real[..., None] > 0, c / np.where(real > 0, real, 1.0)[..., None], np.array([1.0, 0.0]))
     across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    foci = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
+    tangential, sagittal = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
     blur, spread = _spot(camera, point, along, across)
     lateral = np.zeros((*c.shape[:-1], waves.size, 2))
     own = _forward(camera, point, fap.centre, camera.wavelength)
@@ -310,7 +310,9 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
         both = (own.state == KEPT) & (other.state == KEPT)
         lateral[..., index, :] = np.where(both[..., None], np.moveaxis(other.height - own.height, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
-    return FieldMap(c, point, distortion, *foci, np.where(good, blur, 0.0), spread, waves, lateral, state)
+    return FieldMap(
+        c, point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, waves, lateral, state
+    )
 
 
 def _forward(camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False) -> Passed:

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import kernel
 from .._points import recurrence
 from ..errors import Problem
+from ..lenses.prescription import LensError
+from ..lenses.tracer import KEPT
 from .camera import LensCamera, chief_slope, sensor_of_pupil
-from .prescription import LensError
-from .tracer import KEPT
 
 Array = NDArray[np.float64]
 
@@ -158,12 +158,11 @@ class Surrogate:
         shape, domain = np.broadcast_shapes(*(part.shape for part in inputs)), self._domain
         together = bool(shape) and all(part.ndim == 0 or part.shape[-1] == 1 for part in inputs[:2])
         shapes = [(*shape[:-1], 1) if together else shape] * 2 + [shape] * 2
-        flat = [np.broadcast_to(part, size).ravel() for part, size in zip(inputs, shapes, strict=True)]
-        outs = [np.empty(flat[2].size) for _ in range(5)]
-        evaluate.compiled(
-            *flat, shape[-1] if together else 1, domain.slope, domain.reach, domain.chief, self._coefficients,
-            self.order, domain.field, domain.pupil, np.empty(self._coefficients.size // (self.order + 1)), *outs,
-        )  # fmt: skip
+        flat: list[Any] = [np.broadcast_to(part, size).ravel() for part, size in zip(inputs, shapes, strict=True)]
+        outs: list[Any] = [np.empty(flat[2].size) for _ in range(5)]
+        room = np.empty(self._coefficients.size // (self.order + 1))
+        arguments = [*flat, shape[-1] if together else 1, domain.slope, domain.reach, domain.chief, self._coefficients]
+        evaluate.compiled(*arguments, self.order, domain.field, domain.pupil, room, *outs)
         return SurrogateRays(*(out.reshape(shape) for out in outs))
 
 

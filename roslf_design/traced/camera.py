@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
-from .manufacture import turned
-from .prescription import FirstOrder, LensError, Prescription, first_order, rotation
-from .tracer import KEPT, STOPPED
+from ..lenses.manufacture import turned
+from ..lenses.prescription import FirstOrder, LensError, Prescription, first_order, rotation
+from ..lenses.tracer import KEPT, STOPPED
 
 Array = NDArray[np.float64]
 
@@ -174,7 +174,8 @@ class LensCamera:
     @property
     def is_upright(self) -> bool:
         """Whether nothing around the lens is tilted."""
-        return all(part.tilt == (0.0, 0.0) for part in (*self.rims, self.array, self.detector))
+        tilts = [*(rim.tilt for rim in self.rims), self.array.tilt, self.detector.tilt]
+        return all(tilt == (0.0, 0.0) for tilt in tilts)
 
     @property
     def first_order(self) -> FirstOrder:
@@ -310,7 +311,8 @@ def views(
             room = np.minimum(room, left)
         if clip:
             state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
-    return Views(*(np.moveaxis(part, 0, -1) for part in (pupil, place, slope)), state, fap_room, room)
+    pupil, place, slope = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
+    return Views(pupil, place, slope, state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:

@@ -1,0 +1,12 @@
+"""Cameras behind a real main lens: what the lens does to microlens images and to the field.
+
+- `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
+- `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
+- `aim`, `outlines`: image points, spots and image shapes of many builds
+- `surrogate`: a fast polynomial twin with a stated error
+
+>>> from roslf_design.design import load
+>>> from roslf_design.traced.images import real_field
+>>> real_field(load("paper-singlet"), [(0.0, 0.0), (11.15, 0.0)]).images.diameter.round(4)
+array([0.063 , 0.0743])
+"""
