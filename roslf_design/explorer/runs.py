@@ -244,16 +244,9 @@ def optimise_request(design: Design, options: Options) -> OptimiseRequest:
     variables = tuple(symbol for symbol in VARIABLES if symbol in options.get("variables", ()))
     if not variables:
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
-    return OptimiseRequest(
-        design,
-        goal,
-        variables,
-        matched="matched" in options,
-        undistorted="undistorted" in options,
-        held=tuple(key for key in HELD if key in options.get("held", ())),
-        against=against,
-        seed=_seed(options),
-    )
+    held = tuple(key for key in HELD if key in options.get("held", ()))
+    wanted = "matched" in options, "undistorted" in options
+    return OptimiseRequest(design, goal, variables, *wanted, held, against, _seed(options))
 
 
 def _one(options: Options, name: str, otherwise: str) -> str:

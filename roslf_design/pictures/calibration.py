@@ -116,12 +116,7 @@ def epi_lines(result: Outcome) -> Picture:
 def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
     """Draw the posterior of H, d_3, d_2, A, m and f: each alone and every pair, with 68 and 95 % regions.
 
-    Parameters
-    ----------
-    result : Outcome
-        Without a posterior, Laplace's approximation is drawn in its place, and called so.
-    units : mapping
-        Of the quantities; "" for none.
+    Without a posterior, Laplace's approximation is drawn in its place, and called so; `units` are the quantities'.
     """
     names = ["H", "d_3", "d_2", "A", "m"] + (["f"] if result.sheet.f_sigma > 0 else [])
     draws = {name: np.asarray(result.draws.draws(name)) for name in names}

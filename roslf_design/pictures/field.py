@@ -66,21 +66,9 @@ def field_map(design: Design, points: int = 160) -> ArrayMap:
 
 
 def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 400)) -> Picture:
-    """Draw which microlens images are whole, cut or dark, and which microlens is looked at.
+    """Draw which microlens images are whole, cut or dark, and which microlens is looked at, `selected` on the MLA [mm].
 
-    Parameters
-    ----------
-    design : Design
-        A real lens is taken as its thin twin.
-    selected : (x, y), optional
-        A place on the MLA to mark [mm].
-    size : (width, height)
-        [px].
-
-    Returns
-    -------
-    Picture
-        Its mapping takes pixels to places on the MLA [mm].
+    A real lens is taken as its thin twin. The picture's mapping takes pixels to places on the MLA [mm].
     """
     thin = design.thin_twin
     fields = field_map(thin, POINTS)

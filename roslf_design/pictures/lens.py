@@ -130,17 +130,7 @@ def _bounds(c: LensCurves, up: Scale) -> list[Mark]:
 
 
 def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE) -> Picture:
-    """Draw microlens images as the real lens makes them, and the thin twin's, all to one scale.
-
-    Parameters
-    ----------
-    design : Design
-        With a real main lens.
-    places : mapping
-        Axes of microlenses on the MLA [mm], by what to call them.
-    width : float
-        [px].
-    """
+    """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
     drawn = {label: lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
     scale, each = Scale(-1.06 * reach, 1.06 * reach), width / max(len(drawn), 1)

@@ -330,14 +330,7 @@ def image_keys(design: Design) -> list[Key]:
 def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> Picture:
     """Draw the microlens image on the axis with its neighbours, by ray and by wave optics, before pixels integrate.
 
-    Parameters
-    ----------
-    design : Design
-        Its microlens on the axis is shown, unclipped.
-    width : float
-        [px].
-    samples : int
-        Points along each side.
+    Unclipped, at `samples` points along each side.
     """
     camera = Camera.of(design)
     pitch, radius = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera)) / 2

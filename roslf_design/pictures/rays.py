@@ -329,15 +329,7 @@ def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
 def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310), microlenses: int = 5) -> Picture:
     """Draw neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
 
-    Parameters
-    ----------
-    design : Design
-    places : mapping
-        x of the middle microlens on the MLA [mm], by what to call it.
-    size : (width, height)
-        [px].
-    microlenses : int
-        How many; an odd number.
+    `places` are x of the middle microlens on the MLA [mm] by what to call it; `microlenses` is odd.
     """
     each = size[0] / len(places), size[1]
     pictures = [_cells(design, label, place, each, microlenses) for label, place in places.items()]
