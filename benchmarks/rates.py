@@ -24,8 +24,8 @@ from roslf_design.scenes import load_scene
 from roslf_design.shapes.lattice import Lattice, lens_centres
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
-from roslf_design.tolerance.run import run_chunk
-from roslf_design.tolerance.study import plan_from
+from roslf_design.tolerancing.run import run_chunk
+from roslf_design.tolerancing.study import plan_from
 
 from .commands import REPOSITORY
 from .turns import Row, Side, environment, last_line

@@ -28,11 +28,11 @@ PACKAGES = {
     "roslf_design.scenes": "what is looked at",
     "roslf_design.imaging": "raw light-field images",
     "roslf_design.evaluation": "everything that `roslf evaluate` says",
-    "roslf_design.tolerance": "Monte Carlo, sensitivities, yield",
-    "roslf_design.optimize": "problems, solvers, conflicts, parts",
+    "roslf_design.tolerancing": "Monte Carlo, sensitivities, yield",
+    "roslf_design.optimization": "problems, solvers, conflicts, parts",
     "roslf_design.calibration": "from raw images to lengths with intervals",
     "roslf_design.accuracy": "what numbers can be trusted to, and at what cost",
-    "roslf_design.report": "content, figures, HTML and PDF",
+    "roslf_design.reporting": "content, figures, HTML and PDF",
 }
 
 
@@ -97,8 +97,8 @@ def _about(kind: type) -> str:
 
 def tolerance_study() -> str:
     """Every table of a tolerance study, and its metrics."""
-    from roslf_design.tolerance.metrics import METRICS
-    from roslf_design.tolerance.study import Compensate, Group, MetricGoal, Perturb, Study
+    from roslf_design.tolerancing.metrics import METRICS
+    from roslf_design.tolerancing.study import Compensate, Group, MetricGoal, Perturb, Study
 
     own: dict[type, dict[str, str]] = {
         Study: {
@@ -137,7 +137,7 @@ def _first(kind: type) -> str:
 
 def optimise_study() -> str:
     """Every table of an optimise study, and its quantities."""
-    from roslf_design.optimize import study as tables
+    from roslf_design.optimization import study as tables
     from roslf_design.theory.quantities import QUANTITIES
 
     limits = {"min": "Text with a unit for lengths, else a number.", "max": "The same.", "quantity": QUANTITY}
@@ -269,7 +269,7 @@ def effects() -> str:
 
 def grades() -> str:
     """The grades that ship."""
-    from roslf_design.tolerance.places import load_grades
+    from roslf_design.tolerancing.places import load_grades
 
     found = load_grades()
     rows = [(code(line.place), *line.tolerances, plain(line.provenance)) for line in found.lines]
@@ -349,7 +349,7 @@ def _headed(name: str, line: str) -> str:
 
 def story_file() -> str:
     """Every table of a story."""
-    from roslf_design.report.story import CalibrationPart, Opening, Part
+    from roslf_design.reporting.story import CalibrationPart, Opening, Part
 
     own: dict[type, dict[str, str]] = {
         Opening: {"title": "Of the report.", "question": "What it asks."},

@@ -15,7 +15,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 from roslf_design.design.real_lens import Lens
 from roslf_design.design.units import Angle, AnyLength, Distance, Length, format_quantity
-from roslf_design.tolerance.study import FieldPlace
+from roslf_design.tolerancing.study import FieldPlace
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 

@@ -19,7 +19,7 @@ from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_tab
 from ..design import load
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from ..report.html import render_html
+from ..reporting.html import render_html
 from ..scenes import load_scene
 from ..tables import print_table
 from .evaluate import parse_field

@@ -37,10 +37,10 @@ from ..design.units import parse_quantity
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
-from ..report import calibration as pages
-from ..report.html import render_html
-from ..report.study_figures import calibration_pictures
-from ..report.terminal import print_blocks, print_statements
+from ..reporting import calibration as pages
+from ..reporting.html import render_html
+from ..reporting.study_figures import calibration_pictures
+from ..reporting.terminal import print_blocks, print_statements
 from ..theory.exit_pupil import microlens_image_pitch
 from .progress import StatusLine
 

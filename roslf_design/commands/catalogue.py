@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from ..optimize.parts import KINDS, load_catalogue, read_condition, rows
+from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 
 Kinds = Literal["lenses", "microlens_arrays", "sensors"]

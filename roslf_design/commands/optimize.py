@@ -14,19 +14,19 @@ from ..accuracy.statement import check_accuracy
 from ..design import dumps
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from ..optimize.run import designs, run, to_dict
-from ..optimize.search import QUICK
-from ..optimize.study import load_study
-from ..report.html import render_html
-from ..report.optimization import optimization_report, statements, tables
-from ..report.study_figures import optimisation_pictures
-from ..report.terminal import print_blocks, print_statements
+from ..optimization.run import designs, run, to_dict
+from ..optimization.search import QUICK
+from ..optimization.study import load_study
+from ..reporting.html import render_html
+from ..reporting.optimization import optimization_report, statements, tables
+from ..reporting.study_figures import optimisation_pictures
+from ..reporting.terminal import print_blocks, print_statements
 from .progress import StatusLine
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..optimize.run import Result
+    from ..optimization.run import Result
 
 
 def optimize(

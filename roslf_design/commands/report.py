@@ -19,16 +19,16 @@ from ..errors import InputError, Problem
 from ..evaluation.precision import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
-from ..report.calibration import read_calibration
-from ..report.compare import comparison_report
-from ..report.html import render_html
-from ..report.pdf import render_pdf
-from ..report.story import full_report, load_story_or_study, story_report, study_report
+from ..reporting.calibration import read_calibration
+from ..reporting.compare import comparison_report
+from ..reporting.html import render_html
+from ..reporting.pdf import render_pdf
+from ..reporting.story import full_report, load_story_or_study, story_report, study_report
 from .progress import StatusLine
 
 if TYPE_CHECKING:
     from ..design import Design
-    from ..report.blocks import Report
+    from ..reporting.blocks import Report
 
 PAGE, DOCUMENT = "index.html", "report.pdf"
 SOLID = {"model": "model.vtp", "3d": "3d.png"}

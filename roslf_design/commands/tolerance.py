@@ -13,21 +13,21 @@ from cyclopts import Parameter
 
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from ..report.html import render_html
-from ..report.study_figures import tolerance_pictures
-from ..report.tolerance import headline, tables, tolerance_report
+from ..reporting.html import render_html
+from ..reporting.study_figures import tolerance_pictures
+from ..reporting.tolerance import headline, tables, tolerance_report
 from ..tables import print_table
-from ..tolerance.result import analyse, precision, save_worst, trial_arrays, trials_for
-from ..tolerance.run import ChunkLostError, Where, run_trials
-from ..tolerance.study import load_plan
-from ..tolerance.tally import npz_bytes
+from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
+from ..tolerancing.run import ChunkLostError, Where, run_trials
+from ..tolerancing.study import load_plan
+from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .progress import bar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..tolerance.result import StudyResult
+    from ..tolerancing.result import StudyResult
 
 
 def tolerance(

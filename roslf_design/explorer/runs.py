@@ -16,19 +16,19 @@ from ..camera import Camera
 from ..design import Design
 from ..design.units import format_quantity
 from ..errors import InputError, Problem
-from ..optimize.run import Result
+from ..optimization.run import Result
 from ..pictures.lettering import short
 from ..pictures.optimise import SearchEnd, VariableMove, ends_of
 from ..pictures.tolerance import LimitSpread, Offender, Yields, YieldShare
-from ..report.blocks import Statement
-from ..report.optimization import statements
-from ..report.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
+from ..reporting.blocks import Statement
+from ..reporting.optimization import statements
+from ..reporting.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
 from ..theory.quantities import quantity_named
-from ..tolerance.analyses import Variant, Yield, sensitivity, summarise, yield_at
-from ..tolerance.places import perturbable
-from ..tolerance.run import tally_chunk
-from ..tolerance.study import TolerancePlan, make_plan
-from ..tolerance.tally import merged
+from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
+from ..tolerancing.places import perturbable
+from ..tolerancing.run import tally_chunk
+from ..tolerancing.study import TolerancePlan, make_plan
+from ..tolerancing.tally import merged
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell

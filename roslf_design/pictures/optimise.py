@@ -16,7 +16,7 @@ from .theme import THEMES
 
 if TYPE_CHECKING:
     from ..explorer.runs import OptimiseResult
-    from ..optimize.solve import Answer
+    from ..optimization.solve import Answer
 
 ROW = 46.0
 """Height of a variable's row [px]."""

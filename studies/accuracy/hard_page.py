@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from roslf_design.pictures.axes import BLUE, VERMILLION, WIDTH, drawing, to_svg
-from roslf_design.report.blocks import (
+from roslf_design.reporting.blocks import (
     Bullets,
     Code,
     Figure,

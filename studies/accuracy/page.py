@@ -21,7 +21,7 @@ from roslf_design.pictures.axes import (
     drawing,
     to_svg,
 )
-from roslf_design.report.blocks import (
+from roslf_design.reporting.blocks import (
     Bullets,
     Code,
     Figure,

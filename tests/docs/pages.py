@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from roslf_design.cli import build_app, main
-from roslf_design.report import story, studies
+from roslf_design.reporting import story, studies
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")

@@ -76,7 +76,7 @@ def test_every_evaluation_carries_what_it_is_worth(tmp_path, capsys):
 
 def test_a_report_passes_it_on(tmp_path):
     from roslf_design.commands.report import maker
-    from roslf_design.report.design import accuracy_section
+    from roslf_design.reporting.design import accuracy_section
 
     tilted = PAPER.replace({"aperture.tilt": (0.02, 0.0)})
     path = tmp_path / "tilted.toml"

@@ -5,7 +5,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.design import Stop
-from roslf_design.optimize.bore import judge_pupil, reduce_bore
+from roslf_design.optimization.bore import judge_pupil, reduce_bore
 
 PAPER = roslf.load("paper")
 

@@ -5,13 +5,13 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
-from roslf_design.optimize.pareto import pareto_front
-from roslf_design.optimize.parts import load_catalogue, read_condition, rows
-from roslf_design.optimize.problem import Constraint, DesignProblem, Goal, Variable
-from roslf_design.optimize.ranking import Combinations, rank
-from roslf_design.optimize.robust import builds, maximise_robustness, scatter_of
-from roslf_design.optimize.search import search
-from roslf_design.optimize.study import RobustTable
+from roslf_design.optimization.pareto import pareto_front
+from roslf_design.optimization.parts import load_catalogue, read_condition, rows
+from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimization.ranking import Combinations, rank
+from roslf_design.optimization.robust import builds, maximise_robustness, scatter_of
+from roslf_design.optimization.search import search
+from roslf_design.optimization.study import RobustTable
 from roslf_design.theory.quantities import quantity_named as Q
 
 PAPER = roslf.load("paper")

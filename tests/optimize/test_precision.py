@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from roslf_design.cli import main
-from roslf_design.optimize.search import search
-from roslf_design.optimize.solve import Settings, optimum_accuracy, solve
-from roslf_design.optimize.study import load_study
+from roslf_design.optimization.search import search
+from roslf_design.optimization.solve import Settings, optimum_accuracy, solve
+from roslf_design.optimization.study import load_study
 
 STUDY = "studies/optimize-ear-speculum/study.toml"
 

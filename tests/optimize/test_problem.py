@@ -6,10 +6,10 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.optimize.parts import Catalogue
-from roslf_design.optimize.problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
-from roslf_design.optimize.ranking import Boxes, Combinations, prunable
-from roslf_design.optimize.search import gradient_error, value_and_jacobian
+from roslf_design.optimization.parts import Catalogue
+from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
+from roslf_design.optimization.ranking import Boxes, Combinations, prunable
+from roslf_design.optimization.search import gradient_error, value_and_jacobian
 from roslf_design.theory.quantities import QUANTITIES, quantity_named
 
 PAPER = roslf.load("paper")

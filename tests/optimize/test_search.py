@@ -8,7 +8,7 @@ import nlopt
 import numpy as np
 import pytest
 
-from roslf_design.optimize.search import Guard, globally, search, slsqp
+from roslf_design.optimization.search import Guard, globally, search, slsqp
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimize.problem import SIGNS, Constraint, DesignProblem, Goal, Variable
-from roslf_design.optimize.search import search
-from roslf_design.optimize.solve import Settings, solve
+from roslf_design.optimization.problem import SIGNS, Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimization.search import search
+from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory.light import half_diagonal
 from roslf_design.theory.quantities import quantity_named
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance

@@ -2,8 +2,8 @@
 
 import pytest
 
-from roslf_design.report import design, story, studies
-from roslf_design.report.blocks import Figure
+from roslf_design.reporting import design, story, studies
+from roslf_design.reporting.blocks import Figure
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
@@ -19,7 +19,7 @@ def without_figures(monkeypatch):
 @pytest.fixture(scope="module")
 def few_builds():
     """A first look at tolerances with a handful of builds, without the yields at other scales."""
-    from roslf_design.tolerance import result
+    from roslf_design.tolerancing import result
 
     look = studies.quick_tolerances
     with pytest.MonkeyPatch.context() as patch:

@@ -8,8 +8,8 @@ from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.pictures.svg import file_of
-from roslf_design.report.blocks import Report
-from roslf_design.report.calibration import (
+from roslf_design.reporting.blocks import Report
+from roslf_design.reporting.calibration import (
     CalibrationPart,
     calibrated_section,
     calibration_plan,
@@ -18,8 +18,8 @@ from roslf_design.report.calibration import (
     field_at,
     read_calibration,
 )
-from roslf_design.report.html import render_html
-from roslf_design.report.story import read_story
+from roslf_design.reporting.html import render_html
+from roslf_design.reporting.story import read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'

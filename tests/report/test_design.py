@@ -10,15 +10,15 @@ from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.optimize.parts import Catalogue, load_catalogue
+from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.pictures import solid
-from roslf_design.report.blocks import Figure, Report, Section, Table
-from roslf_design.report.compare import comparison_report
-from roslf_design.report.design import design_report
-from roslf_design.report.html import render_html
-from roslf_design.report.parts_list import array_match, lens_match, parts_section, sensor_match
-from roslf_design.report.sheets import picture_sheet
-from roslf_design.report.story import full_report
+from roslf_design.reporting.blocks import Figure, Report, Section, Table
+from roslf_design.reporting.compare import comparison_report
+from roslf_design.reporting.design import design_report
+from roslf_design.reporting.html import render_html
+from roslf_design.reporting.parts_list import array_match, lens_match, parts_section, sensor_match
+from roslf_design.reporting.sheets import picture_sheet
+from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS
 
 SECTIONS = (

@@ -9,13 +9,23 @@ import pytest
 from rich.console import Console
 
 from roslf_design.design import PATHS, load
-from roslf_design.report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from roslf_design.report.pdf import render_pdf
-from roslf_design.report.sheets import dimensions_sheet
-from roslf_design.report.terminal import print_blocks
+from roslf_design.reporting.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+)
+from roslf_design.reporting.pdf import render_pdf
+from roslf_design.reporting.sheets import dimensions_sheet
+from roslf_design.reporting.terminal import print_blocks
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerance.metrics import METRICS
+from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.words import WORDS, in_words, length, number, rounded, sentence, spans, to_html
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'

@@ -9,7 +9,7 @@ from roslf_design.design import load
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.images import real_field
 from roslf_design.pictures.lens import lens_curves, lens_image, lens_over_field
-from roslf_design.report import sheets
+from roslf_design.reporting import sheets
 
 SINGLET = load("paper-singlet")
 CONVEX_FIRST = SINGLET.replace({"main_lens.reversed": False})

@@ -3,12 +3,12 @@
 import pytest
 
 from roslf_design.commands.tolerance import summary
-from roslf_design.report.blocks import Figure, Statements, Table
-from roslf_design.report.study_figures import tolerance_pictures
-from roslf_design.report.tolerance import quantiles_table, ranking, tables, tolerance_section, yield_statement
-from roslf_design.tolerance.result import analyse
-from roslf_design.tolerance.run import tally_chunk
-from roslf_design.tolerance.study import make_plan, read_study
+from roslf_design.reporting.blocks import Figure, Statements, Table
+from roslf_design.reporting.study_figures import tolerance_pictures
+from roslf_design.reporting.tolerance import quantiles_table, ranking, tables, tolerance_section, yield_statement
+from roslf_design.tolerancing.result import analyse
+from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.study import make_plan, read_study
 
 
 @pytest.fixture(scope="module")

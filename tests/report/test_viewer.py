@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from roslf_design.design import load
-from roslf_design.report.blocks import Report, Section
-from roslf_design.report.html import render_html
-from roslf_design.report.sheets import picture_sheet
+from roslf_design.reporting.blocks import Report, Section
+from roslf_design.reporting.html import render_html
+from roslf_design.reporting.sheets import picture_sheet
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (

@@ -9,7 +9,7 @@ from scipy import stats
 
 from roslf_design.design import PATHS, load
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerance.analyses import (
+from roslf_design.tolerancing.analyses import (
     binomial_interval,
     correlations,
     exact_derivatives,
@@ -22,11 +22,11 @@ from roslf_design.tolerance.analyses import (
     summarise,
     yield_at,
 )
-from roslf_design.tolerance.draws import sobol_points
-from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
-from roslf_design.tolerance.run import tally_chunk
-from roslf_design.tolerance.study import plan_from
-from roslf_design.tolerance.trials import Compensator, measure, one_trial, trial_measured
+from roslf_design.tolerancing.draws import sobol_points
+from roslf_design.tolerancing.metrics import METRICS, Question, evaluate_builds
+from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.trials import Compensator, measure, one_trial, trial_measured
 
 D_2 = {"place": "d_2", "tolerance": "0.02 mm", "distribution": "uniform"}
 

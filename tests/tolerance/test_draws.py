@@ -7,7 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from roslf_design.tolerance.draws import DISTRIBUTIONS, Draws, Perturbation, deviation, sobol_points, standard_deviation
+from roslf_design.tolerancing.draws import (
+    DISTRIBUTIONS,
+    Draws,
+    Perturbation,
+    deviation,
+    sobol_points,
+    standard_deviation,
+)
 
 DENSITIES = {
     "uniform": lambda x: 0.5 + 0 * x,

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from roslf_design.design import Design, load
 from roslf_design.evaluation import evaluate
-from roslf_design.tolerance.metrics import METRICS, Question, evaluate_builds
-from roslf_design.tolerance.places import load_grades, nominal_values, perturbable
+from roslf_design.tolerancing.metrics import METRICS, Question, evaluate_builds
+from roslf_design.tolerancing.places import load_grades, nominal_values, perturbable
 from tests.oracles.tolerance import evaluate_one
 
 EXACT = (

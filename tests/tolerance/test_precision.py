@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from roslf_design.cli import main
-from roslf_design.tolerance.analyses import summarise
-from roslf_design.tolerance.result import precision, shapes_text, trials_for
-from roslf_design.tolerance.run import run_trials
-from roslf_design.tolerance.study import plan_from
+from roslf_design.tolerancing.analyses import summarise
+from roslf_design.tolerancing.result import precision, shapes_text, trials_for
+from roslf_design.tolerancing.run import run_trials
+from roslf_design.tolerancing.study import plan_from
 
 GOALS = [{"metric": "fill_factor", "max": 1.02}]
 PERTURB = [{"place": "sensor.distance", "tolerance": "0.06 mm"}]
@@ -76,7 +76,7 @@ def test_errors_measured_from_chunks_and_from_kept_trials_agree(tmp_path):
 
 @pytest.mark.parametrize("accuracy", [1.0, 0.3, 0.1, 0.01, 1e-3])
 def test_trials_are_enough_whatever_the_yield(accuracy):
-    from roslf_design.tolerance.analyses import binomial_interval
+    from roslf_design.tolerancing.analyses import binomial_interval
 
     n = trials_for(accuracy)
     for passed in {0, n // 4, n // 2, n}:

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from roslf_design.errors import InputError
-from roslf_design.tolerance import run as runs
-from roslf_design.tolerance.run import ChunkLostError, Where, anywhere, run_trials, tally_chunk
-from roslf_design.tolerance.study import plan_from
-from roslf_design.tolerance.tally import merged, pack, unpack
+from roslf_design.tolerancing import run as runs
+from roslf_design.tolerancing.run import ChunkLostError, Where, anywhere, run_trials, tally_chunk
+from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.tally import merged, pack, unpack
 
 STUDY = """
 name = "small"

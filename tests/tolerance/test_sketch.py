@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roslf_design.tolerance import sketch
+from roslf_design.tolerancing import sketch
 
 
 @given(arrays(float, st.integers(2, 300), elements=st.floats(-1e6, 1e6)), st.floats(0.01, 0.99))

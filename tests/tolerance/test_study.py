@@ -5,7 +5,7 @@ import pytest
 
 from roslf_design.design import load, preset_path
 from roslf_design.errors import InputError
-from roslf_design.tolerance.places import (
+from roslf_design.tolerancing.places import (
     SHIPPED,
     display,
     expand,
@@ -15,7 +15,7 @@ from roslf_design.tolerance.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerance.study import chunk_size, load_plan, plan_from
+from roslf_design.tolerancing.study import chunk_size, load_plan, plan_from
 
 GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
 

@@ -11,13 +11,13 @@ from roslf_design.lenses.camera import Plane, camera_of, microlenses
 from roslf_design.lenses.images import FULL, real_field, real_images
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays
-from roslf_design.tolerance.metrics import METRICS, Question, builds_of, evaluate_builds
-from roslf_design.tolerance.places import LENS, load_grades, nominal_values, perturbable
-from roslf_design.tolerance.result import trace_check
-from roslf_design.tolerance.run import Where, run_trials
-from roslf_design.tolerance.study import plan_from
-from roslf_design.tolerance.traced import as_built, mounted
-from roslf_design.tolerance.trials import one_trial
+from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.places import LENS, load_grades, nominal_values, perturbable
+from roslf_design.tolerancing.result import trace_check
+from roslf_design.tolerancing.run import Where, run_trials
+from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.traced import as_built, mounted
+from roslf_design.tolerancing.trials import one_trial
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 

@@ -15,19 +15,19 @@ from typing import TYPE_CHECKING, Any
 from ..design import dumps
 from ..errors import InputError
 from ..evaluation import default_fields
-from ..optimize.run import run
-from ..optimize.study import read_study as read_optimisation
-from ..tolerance.result import analyse
-from ..tolerance.run import run_trials
-from ..tolerance.study import make_plan, read_study
+from ..optimization.run import run
+from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.result import analyse
+from ..tolerancing.run import run_trials
+from ..tolerancing.study import make_plan, read_study
 
 if TYPE_CHECKING:
     from ..design import Design
-    from ..optimize.run import Result
-    from ..tolerance.places import Grades
-    from ..tolerance.result import StudyResult
-    from ..tolerance.study import Study
-    from ..tolerance.study import TolerancePlan as Plan
+    from ..optimization.run import Result
+    from ..tolerancing.places import Grades
+    from ..tolerancing.result import StudyResult
+    from ..tolerancing.study import Study
+    from ..tolerancing.study import TolerancePlan as Plan
 
 Tell = Callable[[str], None]
 TRIALS = 16384

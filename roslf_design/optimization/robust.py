@@ -16,9 +16,9 @@ from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
-from ..tolerance.analyses import Yield
-from ..tolerance.draws import Draws, Perturbation
-from ..tolerance.places import expand, nominal_values, parse_tolerance, perturbable
+from ..tolerancing.analyses import Yield
+from ..tolerancing.draws import Draws, Perturbation
+from ..tolerancing.places import expand, nominal_values, parse_tolerance, perturbable
 from .problem import IDLE, DesignProblem
 from .search import FEASIBLE, simplex
 from .study import RobustTable

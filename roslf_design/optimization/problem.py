@@ -24,7 +24,7 @@ from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..theory.f_number import inverse_fill_factor
 from ..theory.quantities import Quantity
-from ..tolerance.draws import sobol_points
+from ..tolerancing.draws import sobol_points
 
 Array = NDArray[np.float64]
 

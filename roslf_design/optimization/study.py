@@ -21,8 +21,8 @@ from ..design.parts import Stop
 from ..design.units import Distance, Length, format_quantity, parse_quantity
 from ..errors import InputError, Problem
 from ..theory.quantities import Quantity, quantity_named
-from ..tolerance.draws import Distribution
-from ..tolerance.study import StrictTable
+from ..tolerancing.draws import Distribution
+from ..tolerancing.study import StrictTable
 from .parts import Kind, given_by
 from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
 from .solve import Settings

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from ..optimize.parts import ArrayPart, Catalogue, Entry, LensPart, SensorPart, load_catalogue
+from ..optimization.parts import ArrayPart, Catalogue, Entry, LensPart, SensorPart, load_catalogue
 from ..words import length
 from .blocks import Bullets, Section, Table
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.result import UNITS, Outcome
-from ..optimize.pareto import Front
-from ..optimize.problem import Goal
-from ..optimize.run import Result
+from ..optimization.pareto import Front
+from ..optimization.problem import Goal
+from ..optimization.run import Result
 from ..pictures import calibration
 from ..pictures.optimise import bore_and_stop, goal_front, robust_yields
 from ..pictures.picture import Picture
@@ -23,10 +23,10 @@ from ..pictures.tolerance import (
     yield_bars,
     yield_curve,
 )
-from ..tolerance.analyses import LimitYield, Yield
-from ..tolerance.metrics import METRICS
-from ..tolerance.places import short_name
-from ..tolerance.result import StudyResult
+from ..tolerancing.analyses import LimitYield, Yield
+from ..tolerancing.metrics import METRICS
+from ..tolerancing.places import short_name
+from ..tolerancing.result import StudyResult
 from ..words import in_words
 
 MOST = 14

@@ -40,7 +40,7 @@ from ..design.files import read_toml
 from ..design.kinds import Kind, kind_of
 from ..design.messages import problems_of
 from ..errors import InputError, Problem
-from ..optimize.run import designs
+from ..optimization.run import designs
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
 from .design import FOOTER, Evidence, design_report, making
@@ -48,7 +48,7 @@ from .optimization import optimization_section, statements
 from .studies import Tell, quick_tolerances, run_optimisation, run_tolerances
 
 if TYPE_CHECKING:
-    from ..optimize.run import Result
+    from ..optimization.run import Result
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from .. import words
-from ..tolerance.metrics import METRICS
-from ..tolerance.places import display, perturbable, short_name
-from ..tolerance.result import StudyResult
+from ..tolerancing.metrics import METRICS
+from ..tolerancing.places import display, perturbable, short_name
+from ..tolerancing.result import StudyResult
 from ..words import in_words
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from .study_figures import TOLERANCE, tolerance_pictures

@@ -27,7 +27,7 @@ from .blocks import Figure
 if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
-    from ..optimize.solve import Answer
+    from ..optimization.solve import Answer
     from ..pictures.picture import Picture
 
 PLACES = ("centre", "edge", "corner")

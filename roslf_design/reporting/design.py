@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from ..calibration import CapturePlan
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
-    from ..optimize.run import Result
-    from ..tolerance.result import StudyResult
+    from ..optimization.run import Result
+    from ..tolerancing.result import StudyResult
 
 FACTS = (18, 15, 0)
 """Widths of the columns of the evaluation's tables."""

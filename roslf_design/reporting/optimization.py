@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..optimize.conflicts import Conflict
-from ..optimize.pareto import Front
-from ..optimize.problem import Constraint, Goal
-from ..optimize.ranking import Ranking
-from ..optimize.run import Result
-from ..optimize.solve import Answer, optimum_accuracy
+from ..optimization.conflicts import Conflict
+from ..optimization.pareto import Front
+from ..optimization.problem import Constraint, Goal
+from ..optimization.ranking import Ranking
+from ..optimization.run import Result
+from ..optimization.solve import Answer, optimum_accuracy
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from .study_figures import optimisation_pictures
