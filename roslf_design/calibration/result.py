@@ -11,8 +11,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..evaluation.rims import field_limit
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.vignetting import field_limit
 from .calibrate import Calibration
 from .centres import MicrolensCentres
 from .datasheet import QUANTITIES, CameraDraws, DataSheet, depth_errors, derived, variance_shares
@@ -287,7 +287,8 @@ def undistorted_radius(design: Design) -> float:
     Inf where none ever does, 0 where some rim cuts even on the axis. Eq. 6 for the main lens and every stop, carried
     from the focal plane to the sensor.
     """
-    bound = field_limit(design, 0.0).radius
+    camera = Camera.of(design)
+    bound = field_limit(camera).radius
     if not math.isfinite(bound):
         return math.inf
-    return bound * design.d_1 / design.d_f * abs(float(microlens_image_pitch(Camera.of(design)))) / design.d / design.q
+    return bound * design.d_1 / design.d_f * abs(float(microlens_image_pitch(camera))) / design.d / design.q

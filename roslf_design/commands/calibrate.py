@@ -26,7 +26,6 @@ from ..calibration import (
     MicrolensCentres,
     Outcome,
     Posterior,
-    figures,
 )
 from ..calibration.frames import Capture
 from ..calibration.planning import reason
@@ -39,6 +38,7 @@ from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.html import render_html
+from ..reporting.study_figures import calibration_pictures
 from ..reporting.terminal import print_blocks, print_statements
 from ..theory.exit_pupil import microlens_image_pitch
 from ..units import parse_quantity
@@ -279,7 +279,7 @@ def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
-    for name, picture in figures.drawn(result).items():
+    for name, picture in calibration_pictures(result).items():
         drawings[name] = picture.svg(name=f"calibration-{name}")
         files[f"{name}.svg"] = file_of(drawings[name])
         files[f"{name}.png"] = picture.to_png()

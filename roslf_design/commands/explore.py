@@ -13,9 +13,9 @@ from cyclopts import Parameter
 
 from ..design import load
 from ..errors import InputError, Problem
-from ..explorer.patch import warm_up
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
+from ..imaging.patch import warm_up
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""

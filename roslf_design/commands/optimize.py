@@ -14,12 +14,12 @@ from ..accuracy.statement import check_accuracy
 from ..design import dumps
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from ..optimization.figures import drawn
 from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK
 from ..optimization.study import load_study
 from ..reporting.html import render_html
 from ..reporting.optimization import optimization_report, statements, tables
+from ..reporting.study_figures import optimisation_pictures
 from ..reporting.terminal import print_blocks, print_statements
 from .progress import StatusLine
 
@@ -104,7 +104,7 @@ def write_result(result: Result, folder: Path, command: str) -> list[Path]:
     files = {
         "results.json": (text + "\n").encode(),
         **{name: dumps(design).encode() for name, design in designs(result)},
-        **{f"{name}.png": figure.to_png() for name, figure in drawn(result).items()},
+        **{f"{name}.png": figure.to_png() for name, figure in optimisation_pictures(result).items()},
         "index.html": render_html(page).encode(),
     }
     folder.mkdir(parents=True, exist_ok=True)

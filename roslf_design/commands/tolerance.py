@@ -14,9 +14,9 @@ from cyclopts import Parameter
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..reporting.html import render_html
+from ..reporting.study_figures import tolerance_pictures
 from ..reporting.tolerance import headline, tables, tolerance_report
 from ..tables import print_table
-from ..tolerancing.figures import pictures
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, run_trials
 from ..tolerancing.study import load_plan
@@ -93,8 +93,9 @@ def tolerance(
     write_atomically(output / "results.json", (text + "\n").encode())
     write_atomically(output / "summary.txt", summary(result).encode())
     write_atomically(output / "trials.npz", npz_bytes(trial_arrays(plan, tally)))
-    for name, content in pictures(result).items():
-        write_atomically(output / name, content)
+    for name, picture in tolerance_pictures(result).items():
+        write_atomically(output / f"{name}.svg", picture.svg_file())
+        write_atomically(output / f"{name}.png", picture.to_png())
     write_atomically(output / "index.html", page(result, str(study)).encode())
     if json:
         timed = None if result.precision is None else result.precision.to_dict(times=True)

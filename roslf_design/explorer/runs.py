@@ -16,8 +16,9 @@ from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
 from ..optimization.run import Result
-from ..pictures.marks import short
-from ..pictures.optimise import SearchEnd, ends_of
+from ..pictures.lettering import short
+from ..pictures.optimise import SearchEnd, VariableMove, ends_of
+from ..pictures.tolerance import LimitSpread, Offender, Yields, YieldShare
 from ..reporting.blocks import Statement
 from ..reporting.optimization import statements
 from ..reporting.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
@@ -99,59 +100,15 @@ class ToleranceRequest:
 
 
 @dataclass(frozen=True)
-class Share:
-    """A measured yield."""
-
-    value: float
-    low: float
-    high: float
-    """Its 95 % interval."""
-
-
-@dataclass(frozen=True)
-class Offender:
-    """What one tolerance alone, at its end, does."""
-
-    place: str
-    """Where in the design, in words."""
-    tolerance: str
-    """Half-width with its unit."""
-    used: float
-    """Largest part of the way from nominal to any limit; above 1 it breaks the limit by itself, inf where the build
-    loses a number that is limited."""
-    limited_by: str
-
-
-@dataclass(frozen=True)
-class LimitSpread:
-    """Scatter of one limited number over the builds."""
-
-    label: str
-    nominal: float
-    deviation: float
-    """Standard deviation; NaN where some builds lack the number."""
-    low: float
-    high: float
-    """5th and 95th percentile."""
-    limit_low: float
-    limit_high: float
-
-
-@dataclass(frozen=True)
-class ToleranceResult:
+class ToleranceResult(Yields):
     """What a tolerance run found."""
 
-    grade: str
     trials: int
-    share: Share
-    limits: tuple[tuple[str, Share], ...]
+    limits: tuple[tuple[str, YieldShare], ...]
     """Each limit alone."""
     offenders: tuple[Offender, ...]
     """Worst first."""
     spreads: tuple[LimitSpread, ...]
-    grades: tuple[tuple[str, Share], ...]
-    curve: tuple[tuple[float, Share], ...]
-    """Yield over a common factor on all tolerances."""
     question: str
     """The limits in words."""
 
@@ -173,22 +130,6 @@ class OptimiseRequest:
     against: str = ""
     """Another key of `GOALS`: what the goal costs of it is found out as well."""
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class VariableMove:
-    """One variable, from the design asked about to the one found, between its bounds [mm]."""
-
-    symbol: str
-    before: float
-    after: float
-    low: float
-    high: float
-
-    @property
-    def at_bound(self) -> bool:
-        """Whether it ended at one of its bounds."""
-        return min(self.after - self.low, self.high - self.after) <= 1e-6 * max(abs(self.high), 1e-12)
 
 
 @dataclass(frozen=True)
@@ -303,16 +244,9 @@ def optimise_request(design: Design, options: Options) -> OptimiseRequest:
     variables = tuple(symbol for symbol in VARIABLES if symbol in options.get("variables", ()))
     if not variables:
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
-    return OptimiseRequest(
-        design,
-        goal,
-        variables,
-        matched="matched" in options,
-        undistorted="undistorted" in options,
-        held=tuple(key for key in HELD if key in options.get("held", ())),
-        against=against,
-        seed=_seed(options),
-    )
+    held = tuple(key for key in HELD if key in options.get("held", ()))
+    wanted = "matched" in options, "undistorted" in options
+    return OptimiseRequest(design, goal, variables, *wanted, held, against, _seed(options))
 
 
 def _one(options: Options, name: str, otherwise: str) -> str:
@@ -432,7 +366,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     tell(done / total, "one tolerance after the other")
     offenders = sorted(_offenders(plan), key=lambda row: -row.used)
 
-    def few_builds(text: str, asked: TolerancePlan, scale: float) -> Share:
+    def few_builds(text: str, asked: TolerancePlan, scale: float) -> YieldShare:
         nonlocal done
         done += few
         tell(done / total, text)
@@ -457,8 +391,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     )
 
 
-def _share(result: Yield) -> Share:
-    return Share(result.value, *result.interval)
+def _share(result: Yield) -> YieldShare:
+    return YieldShare(result.value, *result.interval)
 
 
 def _label(column: str) -> str:

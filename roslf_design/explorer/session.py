@@ -24,7 +24,7 @@ from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, summary
 from .state import TABS, WHOLE, History, LinkError, Look, State, decode, on_array, place_on_mla, read_place
-from .view import DRAWINGS, TRACING, Size, Subject, controls, fitting, glance, header, lights, looked_at, proposed
+from .view import DRAWINGS, TRACING, PictureSource, Size, controls, fitting, glance, header, lights, looked_at, proposed
 
 TICK = 0.25
 """How often a run is asked how far it is [s]."""
@@ -75,7 +75,7 @@ class Session:
         self._space = Space()
         self._proposed: tuple[Design | None, tuple[Fix, ...]] = (None, ())
         self._later = Later(lambda: self.on_news())
-        self._subject = Subject(design.thin_twin, self._look)
+        self._subject = PictureSource(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
         self.on_news: Callable[[], None] = lambda: None
@@ -257,14 +257,14 @@ class Session:
     def point(self, picture: str, x: float, y: float, gesture: str) -> None:
         """Click or drag in a picture, at a place in its own pixels."""
         drawn = self._drawn.get(picture, (None, None, ""))[1]
-        if drawn is None or drawn.mapping is None:
+        if drawn is None:
             return
         across, up = drawn.mapping.to_value(float(x), float(y))
         if picture == "mla-map":
             self._look = replace(self._look, place=on_array(self.design, across, up))
         elif picture == "matching-plane":
             # Axes that follow the design would run away under the pointer.
-            self._limits = (drawn.mapping.x1, drawn.mapping.y1)
+            self._limits = (drawn.mapping.x.high, drawn.mapping.y.high)
             self._move_pupil(across, up, gesture)
 
     def let_go(self) -> None:
@@ -274,14 +274,14 @@ class Session:
     def nudge(self, picture: str, right: float, up: float) -> None:
         """Arrow keys in a picture: by a microlens, or by a hundredth of what the axes show."""
         drawn = self._drawn.get(picture, (None, None, ""))[1]
-        if drawn is None or drawn.mapping is None:
+        if drawn is None:
             return
         design, step = self.design, self.design.d
         if picture == "mla-map":
             x, y = place_on_mla(design, self._look.place)
             self._look = replace(self._look, place=on_array(design, x + step * right, y + step * up))
         elif picture == "matching-plane":
-            across, high = (drawn.mapping.x1 / 100, drawn.mapping.y1 / 100)
+            across, high = (drawn.mapping.x.high / 100, drawn.mapping.y.high / 100)
             self._move_pupil(design.d_3 + across * right, design.D_F + high * up, "")
 
     def show_whole(self, whole: str) -> None:
@@ -370,10 +370,10 @@ class Session:
         shown = self._opened and self._look.tab == "space"
         return self._space.parcel(self.design.thin_twin, self._theme) if shown else self._space.sent
 
-    def _seen(self) -> Subject:
+    def _seen(self) -> PictureSource:
         """What pictures are made of now; its evaluation is kept while the design is the same."""
         design = self.design.thin_twin
-        now = Subject(design, self._look, self._limits, self._result("tolerance"), self._result("optimise"))
+        now = PictureSource(design, self._look, self._limits, self._result("tolerance"), self._result("optimise"))
         if now != self._subject:
             if self._subject.design == design and "evaluation" in vars(self._subject):
                 vars(now)["evaluation"] = self._subject.evaluation

@@ -13,7 +13,7 @@ from ..evaluation import Evaluation, evaluate
 from ..pictures.depth import depth_precision
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
-from ..pictures.marks import short
+from ..pictures.lettering import short
 from ..pictures.matching import matching_plane
 from ..pictures.microlens import microlens_image, nearest_microlens
 from ..pictures.optimise import change_bars, front, search_history
@@ -23,8 +23,7 @@ from ..pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_c
 from ..words import to_html
 from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix
-from .patch import white_patch
-from .runs import OptimiseResult, ToleranceResult
+from .runs import Kind, OptimiseResult, ToleranceResult
 from .state import WHOLE, History, Look, State, encode, place_on_mla
 
 Size = tuple[int, int]
@@ -34,7 +33,7 @@ LEAST, MOST = 160, 3000
 
 
 @dataclass(frozen=True)
-class Subject:
+class PictureSource:
     """What pictures are made of: a design, what of it is looked at, and what runs found."""
 
     design: Design
@@ -67,26 +66,21 @@ class Drawing(NamedTuple):
     """Its heading."""
     size: Size
     """[px], until the browser tells how much room there is."""
-    inputs: Callable[[Subject], tuple[Any, ...] | None]
+    inputs: Callable[[PictureSource], tuple[Any, ...] | None]
     """What it is a function of, besides its size: equal inputs, equal picture; None where there is none."""
     make: Callable[..., Picture]
     """Takes the inputs, then the size."""
 
 
-def _of_tolerance(part: Callable[[ToleranceResult], Any] = lambda result: result) -> Callable[[Subject], Any]:
-    return lambda subject: None if subject.tolerance is None else (part(subject.tolerance),)
+def _of(run: Kind, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
+    """What a picture takes of a run's result; None before there is any."""
 
+    def inputs(source: PictureSource) -> tuple[Any] | None:
+        result = source.tolerance if run == "tolerance" else source.optimum
+        value = None if result is None else part(result)
+        return None if value is None else (value,)
 
-def _of_optimum(wanted: Callable[[OptimiseResult], Any] = lambda result: True) -> Callable[[Subject], Any]:
-    return lambda subject: (subject.optimum,) if subject.optimum is not None and wanted(subject.optimum) else None
-
-
-def _changes(result: OptimiseResult, size: Size) -> Picture:
-    return change_bars(result.changes, size)
-
-
-def _ends(result: OptimiseResult, size: Size) -> Picture:
-    return search_history(result.ends, size)
+    return inputs
 
 
 DRAWINGS = {
@@ -98,7 +92,7 @@ DRAWINGS = {
         "camera", "Image of a microlens", (340, 330),
         lambda s: (s.design, s.place, s.look.diffraction, s.look.pixels),
         lambda design, place, waves, pixels, size: microlens_image(
-            design, place, size, waves=white_patch if waves else None, pixels=pixels
+            design, place, size, waves=waves, pixels=pixels
         ),
     ),
     "mla-map": Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
@@ -110,17 +104,21 @@ DRAWINGS = {
     "effects": Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
-    "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of_tolerance(), yield_bars),
-    "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of_tolerance(), yield_curve),
+    "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of("tolerance"), yield_bars),
+    "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of("tolerance"), yield_curve),
     "offenders": Drawing(
-        "tolerance", "Worst offenders", (560, 300), _of_tolerance(lambda r: r.offenders), offender_bars
+        "tolerance", "Worst offenders", (560, 300), _of("tolerance", lambda r: r.offenders), offender_bars
     ),
     "spreads": Drawing(
-        "tolerance", "Scatter of the limited numbers", (560, 300), _of_tolerance(lambda r: r.spreads), spread_bars
+        "tolerance", "Scatter of the limited numbers", (560, 300), _of("tolerance", lambda r: r.spreads), spread_bars
     ),
-    "changes": Drawing("optimise", "What changed", (560, 240), _of_optimum(), _changes),
-    "search": Drawing("optimise", "Where the searches ended", (420, 260), _of_optimum(), _ends),
-    "front": Drawing("optimise", "Goal against goal", (420, 300), _of_optimum(lambda r: r.front), front),
+    "changes": Drawing("optimise", "What changed", (560, 240), _of("optimise", lambda r: r.changes), change_bars),
+    "search": Drawing(
+        "optimise", "Where the searches ended", (420, 260), _of("optimise", lambda r: r.ends), search_history
+    ),
+    "front": Drawing(
+        "optimise", "Goal against goal", (420, 300), _of("optimise", lambda r: r if r.front else None), front
+    ),
 }  # fmt: skip
 """By the name that addresses and the page use."""
 

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..words import SYMBOL, typographic
-from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Panel, Point, Scale, Text
+from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text
+from .panel import Panel, Scale
 from .svg import HEAD, STROKES, with_subscripts
 from .theme import THEMES, Theme
 
@@ -33,38 +34,16 @@ BLUE, SKY, GREEN = THEMES["light"].blue, THEMES["light"].sky, THEMES["light"].gr
 ORANGE, VERMILLION, PURPLE = THEMES["light"].orange, THEMES["light"].vermillion, THEMES["light"].purple
 
 SETTINGS: dict[Any, Any] = {
-    "font.family": ["DejaVu Sans"],
-    "font.size": 8.5,
-    "axes.titlesize": 8.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 8.5,
-    "axes.edgecolor": GREY,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": GREY,
-    "ytick.color": GREY,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "lines.linewidth": 1.3,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.6,
-    "mathtext.default": "it",
-    "svg.fonttype": "none",
-    "image.interpolation": "nearest",
-    "image.composite_image": True,
-    "path.simplify": True,
-}
+    "font.family": ["DejaVu Sans"], "font.size": 8.5, "text.color": INK, "mathtext.default": "it",
+    "axes.titlesize": 8.5, "axes.titleweight": "bold", "axes.titlelocation": "left", "axes.labelsize": 8.5,
+    "axes.labelcolor": INK, "axes.edgecolor": GREY, "axes.linewidth": 0.7, "axes.axisbelow": True,
+    "axes.spines.top": False, "axes.spines.right": False,
+    "xtick.color": GREY, "xtick.labelcolor": INK, "xtick.labelsize": 8, "xtick.major.width": 0.7,
+    "ytick.color": GREY, "ytick.labelcolor": INK, "ytick.labelsize": 8, "ytick.major.width": 0.7,
+    "lines.linewidth": 1.3, "path.simplify": True, "legend.fontsize": 8, "legend.frameon": False,
+    "grid.color": "#e6e6e6", "grid.linewidth": 0.6, "svg.fonttype": "none",
+    "image.interpolation": "nearest", "image.composite_image": True,
+}  # fmt: skip
 """Settings of matplotlib within `drawing`."""
 
 
@@ -145,43 +124,29 @@ def handles(keys: Sequence[Key], theme: Theme) -> list[Any]:
 
 
 def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
-    from matplotlib.patches import Ellipse, PathPatch
+    from matplotlib.patches import PathPatch
     from matplotlib.patheffects import withStroke
 
+    at: dict[str, Any] = {"clip_on": mark.clip, "zorder": order}
     match mark:
         case Line():
             ax.plot(
                 np.atleast_1d(mark.x), np.atleast_1d(mark.y), color=theme.colour(mark.colour),
-                linewidth=POINTS * mark.width, linestyle=_dashes(mark.dash), alpha=mark.opacity, clip_on=mark.clip,
-                zorder=order, scalex=False, scaley=False,
+                linewidth=POINTS * mark.width, linestyle=_dashes(mark.dash), alpha=mark.opacity, scalex=False,
+                scaley=False, **at,
             )  # fmt: skip
             _ends(mark, ax, theme, order)
-        case Area():
+        case Area() | Disc():
             path = _path(mark)
             if path is None:
                 return
-            look: dict[str, Any] = {"facecolor": theme.colour(mark.fill), "alpha": mark.opacity}
-            if mark.hatch:
-                look = {"facecolor": "none", "edgecolor": theme.colour(mark.fill), "hatch": "////"}
-            ax.add_patch(PathPatch(path, linewidth=0, clip_on=mark.clip, zorder=order, **look))
+            if isinstance(mark, Area) and mark.hatch:
+                ax.add_patch(PathPatch(path, lw=0, fc="none", ec=theme.colour(mark.fill), hatch="////", **at))
+            elif mark.fill != "none":
+                ax.add_patch(PathPatch(path, lw=0, fc=theme.colour(mark.fill), alpha=mark.opacity, **at))
             if mark.edge != "none":
-                edge: dict[str, Any] = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
-                ax.add_patch(
-                    PathPatch(path, fill=False, linestyle=_dashes(mark.dash), clip_on=mark.clip, zorder=order, **edge)
-                )
-        case Disc():
-            place, side = (mark.x, mark.y), 2 * mark.radius
-            if mark.fill != "none":
-                face = theme.colour(mark.fill)
-                ax.add_patch(
-                    Ellipse(place, side, side, facecolor=face, alpha=mark.opacity, clip_on=mark.clip, zorder=order)
-                )
-            edge = {"edgecolor": theme.colour(mark.edge), "linewidth": POINTS * mark.width}
-            ax.add_patch(
-                Ellipse(
-                    place, side, side, fill=False, linestyle=_dashes(mark.dash), clip_on=mark.clip, zorder=order, **edge
-                )
-            )
+                look = {"ec": theme.colour(mark.edge), "lw": POINTS * mark.width, "ls": _dashes(mark.dash)}
+                ax.add_patch(PathPatch(path, fill=False, **look, **at))
         case Dots():
             lines = mark.shape in STROKES
             edge_colour = mark.colour if lines else mark.edge
@@ -189,7 +154,7 @@ def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
                 np.atleast_1d(mark.x), np.atleast_1d(mark.y), linestyle="none", marker=mark.shape,
                 markersize=2 * POINTS * mark.size, color=theme.colour(mark.colour), alpha=mark.opacity,
                 markeredgecolor=theme.colour(edge_colour), markeredgewidth=POINTS * mark.width,
-                clip_on=mark.clip, zorder=order, scalex=False, scaley=False,
+                scalex=False, scaley=False, **at,
             )  # fmt: skip
         case Text():
             plate = {"facecolor": theme.ground, "edgecolor": "none", "pad": 1.0, "alpha": 0.85} if mark.plate else None
@@ -210,10 +175,12 @@ def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
                 )  # fmt: skip
 
 
-def _path(mark: Area) -> Any:
-    """The polygons as one path; None where there are none."""
+def _path(mark: Area | Disc) -> Any:
+    """Polygons as one path, None where there are none; or a circle."""
     from matplotlib.path import Path
 
+    if isinstance(mark, Disc):
+        return Path.circle((mark.x, mark.y), mark.radius)
     corners = np.stack(np.broadcast_arrays(np.asarray(mark.x, float), np.asarray(mark.y, float)), -1)
     runs = np.split(corners, np.flatnonzero(np.isnan(corners).any(axis=1)))
     rings = [run[~np.isnan(run).any(axis=1)] for run in runs]

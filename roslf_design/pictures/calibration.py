@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .lettering import PLAIN, SMALL
 from .marks import (
-    PLAIN,
-    SMALL,
     Area,
     Disc,
     Dots,
@@ -17,17 +16,16 @@ from .marks import (
     Key,
     Line,
     Mark,
-    Panel,
     Point,
-    Scale,
     Text,
     box_key,
     dot_key,
     line_key,
-    named_ticks,
+    parted,
     where_above,
     xy,
 )
+from .panel import Panel, Scale, named_ticks
 from .picture import PAGE, Picture, below, legend_height, one_panel
 from .theme import MANY
 
@@ -67,8 +65,7 @@ def residuals(result: Outcome) -> Picture:
         own = boards == k
         colour, sign = MANY[k % 7], SIGNS[k // 7 % 7]
         ends = place[own] + gain * mean[own]
-        gap = np.full((int(own.sum()), 1), np.nan)
-        x, y = (np.hstack([place[own][:, [c]], ends[:, [c]], gap]).ravel() for c in (0, 1))
+        x, y = (parted(np.stack([place[own][:, c], ends[:, c]], -1)) for c in (0, 1))
         marks += [Line(x, y, colour, 1.2), Dots(*xy(place[own]), colour, sign, 1.8)]
         keys.append(dot_key(name, colour, sign, 2.6))
     u, v = (Scale.around(place[:, c], 0.06) for c in (0, 1))
@@ -119,12 +116,7 @@ def epi_lines(result: Outcome) -> Picture:
 def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
     """Draw the posterior of H, d_3, d_2, A, m and f: each alone and every pair, with 68 and 95 % regions.
 
-    Parameters
-    ----------
-    result : Outcome
-        Without a posterior, Laplace's approximation is drawn in its place, and called so.
-    units : mapping
-        Of the quantities; "" for none.
+    Without a posterior, Laplace's approximation is drawn in its place, and called so; `units` are the quantities'.
     """
     names = ["H", "d_3", "d_2", "A", "m"] + (["f"] if result.sheet.f_sigma > 0 else [])
     draws = {name: np.asarray(result.draws.draws(name)) for name in names}
@@ -205,13 +197,3 @@ def depth_errors(result: Outcome, size: Point = (540, 340)) -> Picture:
     labels = "distance from the lens [mm]", "systematic depth error [mm]"
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), *labels, grid="y")
     return one_panel("depth", "Systematic error of measured depths", size, panel, keys, left=70)
-
-
-def pictures_of(units: Mapping[str, str]) -> dict[str, tuple[str, Callable[[Outcome], Picture]]]:
-    """Name of each picture's file: its title and what draws it; `units` as `posterior` wants them."""
-    return {
-        "residuals": ("What the joint fit leaves over", residuals),
-        "epi-lines": ("Epipolar slopes against inverse depth", epi_lines),
-        "posterior": ("How sure: the posterior", lambda result: posterior(result, units)),
-        "depth": ("What it means for measured depths", depth_errors),
-    }

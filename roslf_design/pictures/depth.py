@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..theory.aperture import gap
-from ..theory.depth import defocus_blur, depth_sigma
-from .marks import SMALL, Dots, Floats, Key, Line, Mark, Panel, Point, Scale, Text, line_key, short, text_width
+from ..camera import Camera
+from ..theory.disparity import SIGMA_DISPARITY, depth_sigma, rim_disparity
+from .lettering import SMALL, short, text_width
+from .marks import Dots, Floats, Key, Line, Mark, Point, Text, line_key
+from .panel import Panel, Scale
 from .picture import Picture, legend_height, one_panel
 
 if TYPE_CHECKING:
     from ..design import Design
 
-SIGMA_DISPARITY = 0.1
-"""Disparity error that depth precision assumes [microlens pitches]."""
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
 
@@ -32,39 +32,27 @@ class DepthCurve(NamedTuple):
     """Spread of an object point over the MLA [microlens pitches]."""
 
 
-def depth_curve(design: Design, points: int = 241, sigma_disparity: float = SIGMA_DISPARITY) -> DepthCurve:
+def depth_curve(design: Design, points: int = 241) -> DepthCurve:
     """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP."""
-    ahead = float(gap(design.d_f, design.d_3))
-    depth = np.linspace(0.4, 1.8, points) * ahead
-    numbers = depth, design.D_F, design.d, design.f, design.d_f, design.d_3
-    return DepthCurve(depth + design.d_3, depth_sigma(sigma_disparity, *numbers), defocus_blur(*numbers))
+    camera = Camera.of(design)
+    depth = np.linspace(0.4, 1.8, points) * camera.gap
+    return DepthCurve(depth + design.d_3, depth_sigma(camera, depth), np.abs(rim_disparity(camera, depth)))
 
 
-def focal_plane_sigma(design: Design, sigma_disparity: float = SIGMA_DISPARITY) -> float:
+def _in_focus(design: Design) -> float:
     """sigma_Z at the focal plane [mm]."""
-    numbers = design.D_F, design.d, design.f, design.d_f, design.d_3
-    return float(depth_sigma(sigma_disparity, gap(design.d_f, design.d_3), *numbers))
+    camera = Camera.of(design)
+    return float(depth_sigma(camera, camera.gap))
 
 
-def depth_precision(design: Design, size: Point = (560, 320), sigma_disparity: float = SIGMA_DISPARITY) -> Picture:
-    """Draw sigma_Z over the object distance Z, and the defocus there on a second axis.
+def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
+    """Draw sigma_Z over the object distance Z, and the defocus there on a second axis; `size` in px.
 
-    Parameters
-    ----------
-    design : Design
-    size : (width, height)
-        [px].
-    sigma_disparity : float
-        Standard deviation of the disparity between the FAP's rims [microlens pitches].
-
-    Returns
-    -------
-    Picture
-        Its mapping takes pixels to Z and sigma_Z [mm].
+    The picture's mapping takes pixels to Z and sigma_Z [mm].
     """
-    curve, focus = depth_curve(design, 121, sigma_disparity), focal_plane_sigma(design, sigma_disparity)
+    curve, focus = depth_curve(design, 121), _in_focus(design)
     keys = [
-        line_key(f"σ_Z for {sigma_disparity:g} pitch of disparity error", "blue", 2.2),
+        line_key(f"σ_Z for {SIGMA_DISPARITY:g} pitch of disparity error", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
     left, top, right = 58.0, 14.0, 56.0
@@ -96,27 +84,16 @@ def depth_precision(design: Design, size: Point = (560, 320), sigma_disparity: f
     return Picture(picture.name, title, size, (*picture.panels, beside), picture.keys, picture.key_box)
 
 
-def depth_comparison(
-    designs: Mapping[str, Design], size: Point = (768, 320), sigma_disparity: float = SIGMA_DISPARITY
-) -> Picture:
-    """Draw sigma_Z over the distance from the FAP, Z_F, one line a design; both axes are logarithmic.
-
-    Parameters
-    ----------
-    designs : mapping
-        Up to three, by what to call them.
-    size, sigma_disparity
-        As for `depth_precision`.
-    """
+def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) -> Picture:
+    """Draw sigma_Z of up to three named designs over the distance from the FAP, Z_F; both axes are logarithmic."""
     marks: list[Mark] = []
     keys: list[Key] = []
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
-        curve = depth_curve(design, sigma_disparity=sigma_disparity)
+        curve = depth_curve(design)
         xs.append(curve.distance - design.d_3)
         ys.append(curve.sigma)
-        focus = focal_plane_sigma(design, sigma_disparity)
-        dot = Dots([design.d_f - design.d_3], [focus], colour, size=5, edge="ground", width=1.5)
+        dot = Dots([design.d_f - design.d_3], [_in_focus(design)], colour, size=5, edge="ground", width=1.5)
         marks += [Line(xs[-1], ys[-1], colour, 2.0, dash), dot]
         keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
     ends = [(float(np.min(v)), float(np.max(v))) for v in (np.concatenate(xs), np.concatenate(ys))]

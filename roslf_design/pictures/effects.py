@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .marks import PLAIN, SMALL, Line, Mark, Panel, Point, Scale, Text, bars, named_ticks, short, text_width, wrapped
+from .lettering import PLAIN, SMALL, short, text_width, wrapped
+from .marks import Line, Mark, Point, Text, bars
+from .panel import Panel, Scale, named_ticks
 from .picture import Picture
 
 if TYPE_CHECKING:
@@ -27,12 +29,7 @@ UNITS = {"pitch": "pitches", "intensity": "of full scale", "px": "px"}
 def effects_budget(effects: Sequence[Effect], size: Point = (560, 360)) -> Picture:
     """Draw the effects of a plan as bars of estimate over budget, largest first; those of no size are left out.
 
-    Parameters
-    ----------
-    effects : sequence of Effect
-        ``evaluate(design).effects``.
-    size : (width, height)
-        [px]; with many effects the picture grows higher than asked for rather than illegible.
+    `size` [px] is the least: with many effects the picture grows higher rather than illegible.
     """
     shown = sorted(
         (effect for effect in effects if effect.estimate != 0 and effect.budget > 0),

@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..camera import Camera
 from ..evaluation import default_fields
-from ..evaluation.fields import field_discs
-from ..evaluation.rims import axes_in_space, field_limit
+from ..evaluation.fields import axes_in_space, field_discs
 from ..shapes.discs import intersect
-from .marks import (
-    Area,
-    Disc,
-    Dots,
-    Floats,
-    Image,
-    Key,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    box_key,
-    line_key,
-    short,
-    xy,
-)
+from ..theory.vignetting import field_limit
+from .lettering import short
+from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, line_key, xy
+from .panel import Panel, Scale
 from .picture import PAGE, Picture, beside, colour_bar, legend_height
 from .theme import FIELDS
 
@@ -41,7 +28,7 @@ LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
 
 
-class FieldMap(NamedTuple):
+class ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
 
     x: Floats
@@ -60,7 +47,7 @@ class FieldMap(NamedTuple):
         return float(self.x[0]) - dx, float(self.x[-1]) + dx, float(self.y[0]) - dy, float(self.y[-1]) + dy
 
 
-def field_map(design: Design, points: int = 160) -> FieldMap:
+def field_map(design: Design, points: int = 160) -> ArrayMap:
     """Shapes of the images of microlenses on a grid, `points` along the MLA's longer side.
 
     Images change so slowly over the array that the grid need not be that of the microlenses.
@@ -73,27 +60,15 @@ def field_map(design: Design, points: int = 160) -> FieldMap:
     images = intersect(*field_discs(design, places))
     shape = len(y), len(x)
     offset = np.where(images.lit[:, None], images.centroid / design.q, np.nan)
-    return FieldMap(
+    return ArrayMap(
         np.asarray(x, float), np.asarray(y, float), images.kept_fraction.reshape(shape), offset.reshape(*shape, 2)
     )
 
 
 def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 400)) -> Picture:
-    """Draw which microlens images are whole, cut or dark, and which microlens is looked at.
+    """Draw which microlens images are whole, cut or dark, and which microlens is looked at, `selected` on the MLA [mm].
 
-    Parameters
-    ----------
-    design : Design
-        A real lens is taken as its thin twin.
-    selected : (x, y), optional
-        A place on the MLA to mark [mm].
-    size : (width, height)
-        [px].
-
-    Returns
-    -------
-    Picture
-        Its mapping takes pixels to places on the MLA [mm].
+    A real lens is taken as its thin twin. The picture's mapping takes pixels to places on the MLA [mm].
     """
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
@@ -118,17 +93,8 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))
 
 
-def field_maps(design: Design, fields: FieldMap | None = None, width: float = PAGE) -> Picture:
-    """Draw kept fraction and centroid's offset over the MLA beside each other.
-
-    Parameters
-    ----------
-    design : Design
-    fields : FieldMap, optional
-        As `field_map` gives it, where it is known already.
-    width : float
-        [px].
-    """
+def field_maps(design: Design, fields: ArrayMap | None = None, width: float = PAGE) -> Picture:
+    """Draw kept fraction and centroid's offset over the MLA; `fields` where they are known already."""
     fields = field_map(design) if fields is None else fields
     kept, offset = kept_map(design, fields, (width / 2, 300)), offset_map(design, fields, (width / 2, 300))
     lowest = float(fields.kept.min())
@@ -136,7 +102,7 @@ def field_maps(design: Design, fields: FieldMap | None = None, width: float = PA
     return beside("maps", title, [kept, offset], _frame_keys(design))
 
 
-def kept_map(design: Design, fields: FieldMap, size: Point) -> Picture:
+def kept_map(design: Design, fields: ArrayMap, size: Point) -> Picture:
     """The kept fraction over the MLA, with the sensor and the circle of Eq. 6."""
     lowest = float(fields.kept.min())
     title = "kept fraction" + (": 1 everywhere" if lowest == 1.0 else f": down to {lowest:.3g}")
@@ -144,7 +110,7 @@ def kept_map(design: Design, fields: FieldMap, size: Point) -> Picture:
     return _map("kept", design, title, [shades], ("kept", 0.0, 1.0, "kept fraction [1]"), size)
 
 
-def offset_map(design: Design, fields: FieldMap, size: Point) -> Picture:
+def offset_map(design: Design, fields: ArrayMap, size: Point) -> Picture:
     """How far each microlens image's centroid lies off its axis, and which way."""
     length = np.hypot(fields.offset_px[..., 0], fields.offset_px[..., 1])
     top = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
@@ -161,31 +127,20 @@ def offset_map(design: Design, fields: FieldMap, size: Point) -> Picture:
                     marks.append(Line([x - dx, x + dx], [y - dy, y + dy], "#000000", 2.6, opacity=0.6))
                     marks.append(Line([x - dx, x + dx], [y - dy, y + dy], "#ffffff", 1.3, ends=">"))
     title = f"image centroid: up to {top:.3g} px off axis"
-    return _map(
-        "offset", design, title, marks, ("cividis", 0.0, top or 1.0, "offset from the microlens axis [px]"), size
-    )
+    bar = "cividis", 0.0, top or 1.0, "offset from the microlens axis [px]"
+    return _map("offset", design, title, marks, bar, size)
 
 
 def _map(
     name: str, design: Design, title: str, marks: list[Mark], bar: tuple[str, float, float, str], size: Point
 ) -> Picture:
-    panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW))
-    panel = Panel(
-        panel.box,
-        panel.x,
-        panel.y,
-        (*marks, *_frames(design)),
-        panel.x_label,
-        panel.y_label,
-        title,
-        grid="",
-        equal=True,
-    )
+    panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW)).with_marks(*marks, *_frames(design))
+    panel = replace(panel, title=title)
     ramp, low, high, label = bar
     return Picture(name, title, size, (panel, colour_bar(panel, low, high, ramp, label)))
 
 
-def shares(design: Design, fields: FieldMap) -> str:
+def shares(design: Design, fields: ArrayMap) -> str:
     """How many of the microlens images on the sensor are whole, cut and dark, in words."""
     x, y = on_mla(design, design.sensor.decentre)
     half_x, half_y = (0.5 * side for side in design.sensor_size)
@@ -203,7 +158,7 @@ def _percent(share: float) -> str:
 
 def circle_of_eq_6(design: Design) -> tuple[Point, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
-    return on_mla(design, design.main_lens.decentre), field_limit(design, 0.0).radius * design.d_1 / design.d_f
+    return on_mla(design, design.main_lens.decentre), field_limit(Camera.of(design)).radius * design.d_1 / design.d_f
 
 
 def on_mla(design: Design, point: Point) -> Point:

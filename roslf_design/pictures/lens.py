@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..lenses.tracer import KEPT
-from ..theory import inverse_aperture_constant
+from ..theory.exit_pupil import pupil_angle
 from ..theory.light import half_diagonal
 from ..traced.camera import camera_of, microlenses, views
 from ..traced.images import measured_bound, real_field
-from .marks import Area, Floats, Line, Mark, Panel, Point, Scale, box_key, line_key, where_above
+from .marks import Area, Floats, Line, Mark, Point, box_key, line_key, where_above
+from .panel import Panel, Scale
 from .picture import PAGE, Picture, beside
 
 if TYPE_CHECKING:
@@ -53,9 +54,10 @@ class LensCurves(NamedTuple):
 
 def lens_curves(design: Design, points: int = 46) -> LensCurves:
     """Trace a design's real lens along x."""
-    x = np.linspace(0.0, float(half_diagonal(Camera.of(design))), points)
+    camera = Camera.of(design)
+    x = np.linspace(0.0, float(half_diagonal(camera)), points)
     found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
-    cone = design.D_F / (design.d_1 * float(inverse_aperture_constant(design.d_f, design.d_3))) / design.d
+    cone = float(pupil_angle(camera)) / design.d
     maps, images = found.maps, found.images
     traced, folded = maps.status == KEPT, images.status == FOLDED
 
@@ -79,16 +81,9 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
 
 
 def lens_over_field(design: Design, curves: LensCurves | None = None, width: float = PAGE) -> Picture:
-    """Draw shift and growth of images against the thin twin's, foci and lateral colour, and distortion.
+    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion; `width` in px.
 
-    Parameters
-    ----------
-    design : Design
-        With a real main lens.
-    curves : LensCurves, optional
-        As `lens_curves` gives them, where they are known already.
-    width : float
-        [px].
+    `curves` are those of `lens_curves` where they are known already.
     """
     c = lens_curves(design) if curves is None else curves
     growth = c.diameter_px - c.thin_diameter_px
@@ -135,17 +130,7 @@ def _bounds(c: LensCurves, up: Scale) -> list[Mark]:
 
 
 def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE) -> Picture:
-    """Draw microlens images as the real lens makes them, and the thin twin's, all to one scale.
-
-    Parameters
-    ----------
-    design : Design
-        With a real main lens.
-    places : mapping
-        Axes of microlenses on the MLA [mm], by what to call them.
-    width : float
-        [px].
-    """
+    """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
     drawn = {label: lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
     scale, each = Scale(-1.06 * reach, 1.06 * reach), width / max(len(drawn), 1)

@@ -8,28 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..camera import Camera
-from ..theory.field import nondistortion_margin
+from ..theory.f_number import matched, mismatch_px
 from ..theory.light import half_diagonal
-from ..theory.matched import matched_pupil_diameter, matched_pupil_distance
-from ..theory.matching import matching_mismatch
-from ..theory.stops import stop_margin
-from .marks import (
-    SMALL,
-    Area,
-    Dots,
-    Floats,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    box_key,
-    dot_key,
-    line_key,
-    short,
-    text_width,
-)
+from ..theory.vignetting import room_at
+from .lettering import SMALL, short, text_width
+from .marks import Area, Dots, Floats, Line, Mark, Point, Text, box_key, dot_key, line_key
+from .panel import Panel, Scale
 from .picture import Picture, one_panel
 
 if TYPE_CHECKING:
@@ -66,38 +50,35 @@ def plane_of(design: Design, points: int = POINTS, limits: Point | None = None) 
     limits : (d_3, D_F), optional
         Ends of the ranges [mm], instead of those chosen for the design; d_3 stops short of the focal plane.
     """
-    triple = design.f, design.d_f
-    right = _right(design) if limits is None else min(limits[0], design.d_f * (1 - 1e-3))
+    camera = Camera.of(design)
+    right = _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3))
     d_3 = np.linspace(0.0, right, points)
-    exact = matched_pupil_diameter(design.d, design.d_2, *triple, d_3, exact=True)
-    approximate = matched_pupil_diameter(design.d, design.d_2, *triple, d_3, exact=False)
-    here = matched_pupil_diameter(design.d, design.d_2, *triple, design.d_3).value
-    largest = float(np.max(exact.value, initial=0.0, where=np.isfinite(exact.value)))
-    chosen = 1.35 * max(design.D_F, float(here) if math.isfinite(here) else 0.0, 0.75 * largest)
+    exact, approximate = (matched(camera.replace({"d_3": d_3}), "D_F", exact=law).value for law in (True, False))
+    here = float(matched(camera, "D_F").value)
+    largest = float(np.max(exact, initial=0.0, where=np.isfinite(exact)))
+    chosen = 1.35 * max(design.D_F, here if math.isfinite(here) else 0.0, 0.75 * largest)
     D_F = np.linspace(0.0, chosen if limits is None else limits[1], points)
     across, up = np.meshgrid(d_3, D_F)
-    margin = _margin(design, across, up)
-    mismatch = matching_mismatch(up, design.d, design.q, design.d_2, *triple, across)
-    return MatchingPlane(d_3, np.asarray(exact.value), np.asarray(approximate.value), D_F, margin, mismatch)
+    builds = camera.replace({"d_3": across, "D_F": up})
+    return MatchingPlane(d_3, exact, approximate, D_F, _margin(builds), np.asarray(mismatch_px(builds)))
 
 
-def _margin(design: Design, d_3: Floats, D_F: Floats) -> Floats:
-    camera = Camera.of(design)
-    corner = float(half_diagonal(camera) * camera.inverse_m)
-    margin = nondistortion_margin(design.D, D_F, d_3, design.d_f, corner)
-    for stop in design.stops:
-        room = stop_margin(stop.diameter, stop.distance, D_F, d_3, design.d_f, (corner, 0.0))
-        margin = np.minimum(margin, room)
-    return margin
+def _margin(camera: Camera) -> Floats:
+    """Linear in D_F and in d_3, unlike the room itself."""
+    parts = [rim.part for rim in (camera.fap, *camera.rims)]
+    centred = camera.replace({f"{part}.decentre.{k}": 0.0 for part in parts for k in (0, 1)})
+    rooms = room_at(centred, half_diagonal(camera) * camera.inverse_m)
+    return np.asarray(2 * camera.gap * rooms.min(axis=0))
 
 
-def _right(design: Design) -> float:
+def _right(camera: Camera) -> float:
     """A d_3 beyond the design, telecentricity, the undistorted region and the match for the design's own D_F."""
-    reach = design.d_f * (1 - 1e-3)
-    d_3 = np.linspace(0.0, reach, 401)
-    clear = d_3[_margin(design, d_3, np.zeros_like(d_3)) >= 0]
-    match = matched_pupil_distance(design.D_F, design.d, design.d_2, design.f, design.d_f)
-    shown = [design.d_3, design.f, float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0]
+    d_f, d_3 = float(camera.d_f), float(camera.d_3)
+    reach = d_f * (1 - 1e-3)
+    tried = np.linspace(0.0, reach, 401)
+    clear = tried[_margin(camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})) >= 0]
+    match = matched(camera, "d_3")
+    shown = [d_3, float(camera.f), float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0]
     return min(reach, 1.15 * max(shown))
 
 
@@ -112,7 +93,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         [px].
     limits : (d_3, D_F), optional
         Where the axes end [mm], to keep them still while the design is dragged; those of the picture before are
-        ``(mapping.x1, mapping.y1)``.
+        ``(mapping.x.high, mapping.y.high)``.
 
     Returns
     -------

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..camera import Camera
 from ..effects import plan
 from ..errors import InputError, Problem
-from ..evaluation.fields import field_discs
-from ..evaluation.rims import axes_in_space, rims
+from ..evaluation.fields import axes_in_space, field_discs
 from ..imaging.camera import planned_camera
+from ..imaging.patch import white_patch
 from ..imaging.transfer import MicrolensTransfer, encircled
 from ..imaging.white import harmonic_series
 from ..shapes.cells import area_in_rectangle
@@ -21,27 +21,9 @@ from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline
 from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from .marks import (
-    PLAIN,
-    SMALL,
-    Area,
-    Disc,
-    Dots,
-    Floats,
-    Image,
-    Key,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    box_key,
-    dot_key,
-    line_key,
-    short,
-    xy,
-)
+from .lettering import PLAIN, SMALL, short
+from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
+from .panel import Panel, Scale
 from .picture import PAGE, Picture, beside, colour_bar, legend_height
 from .theme import stop_colour
 
@@ -60,8 +42,6 @@ ON_PICTURE = "#f0b429"
 """Outline on a picture that has both black and white."""
 FULL = 0.42
 """Opacity of a pixel that is covered whole, so that lines on it stay visible."""
-Waves = Callable[["Design", slice, slice], Any]
-"""What gives the pixels (columns, rows) under uniform light, as ``values``; None where too many images overlap."""
 
 
 class ImageView(NamedTuple):
@@ -75,8 +55,11 @@ class ImageView(NamedTuple):
     """Shape (N, 2), not closed; (0, 2) where dark."""
     cell: Floats
     """Corners of its own cell, shape (M, 2)."""
+    columns: slice
+    rows: slice
+    """Pixels seen."""
     x: Floats
-    """Edges of the pixels seen, shape (I + 1,)."""
+    """Their edges, shape (I + 1,)."""
     y: Floats
     """Shape (J + 1,)."""
     coverage: Floats
@@ -131,7 +114,8 @@ def image_view(design: Design, place: Point, most: float = math.inf) -> ImageVie
         inside = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
     on_sensor = min(inside / float(image.area), 1.0) if image.lit else 1.0
     kept = float(image.kept_fraction)
-    return ImageView(centres, radii, outline(centres, radii), cell, x, y, shares, kept, on_sensor, half)
+    edge = outline(centres, radii)
+    return ImageView(centres, radii, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
 
 
 def _pixels_within(design: Design, side: int, low: float, high: float) -> slice:
@@ -171,7 +155,7 @@ def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> 
 
 
 def microlens_image(
-    design: Design, place: Point, size: Point = (320, 380), *, waves: Waves | None = None, pixels: bool = True,
+    design: Design, place: Point, size: Point = (320, 380), *, waves: bool = False, pixels: bool = True,
     name: str = "microlens", label: str = "", key: bool = True, snap: bool = True,
 ) -> Picture:  # fmt: skip
     """Draw the image behind one microlens.
@@ -184,9 +168,9 @@ def microlens_image(
         On the MLA [mm]; the nearest microlens is shown.
     size : (width, height)
         [px].
-    waves : callable, optional
-        What gives pixels as they are recorded under uniform light, diffraction and neighbours' light included; None
-        shows the share of each that this microlens's geometric image covers.
+    waves : bool
+        Whether pixels are shown as they are recorded under uniform light, diffraction and neighbours' light included;
+        else by the share of each that this microlens's geometric image covers.
     pixels : bool
         Whether pixels are drawn at all.
     name : str
@@ -208,8 +192,8 @@ def microlens_image(
     keys = image_keys(design) if key else []
     foot = legend_height(keys, size[0] - 24)
     panel = _panel(view, size, foot)
-    drawn, words = _light(design, place, view, waves) if pixels else ([], "")
-    on_picture = waves is not None and pixels
+    drawn, words = _light(design, view, waves) if pixels else ([], "")
+    on_picture = waves and pixels
     marks = [*_beyond(view, panel), *drawn, *(_grid(view) if pixels else []), *_lines(design, view, on_picture)]
     marks += _title(place, view, label, words, panel)
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
@@ -259,28 +243,19 @@ def _panel(view: ImageView, size: Point, foot: float) -> Panel:
     )
 
 
-def _light(design: Design, place: Point, view: ImageView, waves: Waves | None) -> tuple[list[Mark], str]:
+def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], str]:
     """Pixels as an image, and what to say of them."""
     plain: list[Mark] = [Area(*xy(UM * view.outline), "ink", FULL)] if len(view.outline) else []
     if not view.coverage.size:
         return (plain, "pixels too small to draw") if view.sensor_in_view else ([], "")
     box = (UM * view.x[0], UM * view.x[-1], UM * view.y[0], UM * view.y[-1])
-    if waves is None:
+    if not waves:
         return [Image(view.coverage, box, "ink", 0.0, 1 / FULL)], ""
-    columns, rows = (_whole_pixels(design, place, view, side) for side in (0, 1))
-    patch = waves(design, columns, rows)
+    patch = white_patch(design, view.columns, view.rows)
     if patch is None:
         return plain, "too many images overlap for diffraction"
-    peak = float(patch.values.max(initial=0.0))
-    return [Image(patch.values, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
-
-
-def _whole_pixels(design: Design, place: Point, view: ImageView, side: int) -> slice:
-    """Which of the sensor's pixels the view holds."""
-    edges = (view.x, view.y)[side] + float(axes_in_space(design, [place])[0][side])
-    start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
-    first = round((edges[0] - start) / design.q)
-    return slice(first, first + len(edges) - 1)
+    peak = float(patch.max(initial=0.0))
+    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
 
 
 def _grid(view: ImageView) -> list[Mark]:
@@ -288,16 +263,15 @@ def _grid(view: ImageView) -> list[Mark]:
     if not view.coverage.size or view.coverage.shape[1] > GRID_UP_TO:
         return []
     x, y = UM * view.x, UM * view.y
-    gap = np.nan
-    across = np.concatenate([[a, a, gap] for a in x] + [[x[0], x[-1], gap]] * len(y))
-    up = np.concatenate([[y[0], y[-1], gap]] * len(x) + [[b, b, gap] for b in y])
+    across = parted([[a, a] for a in x] + [[x[0], x[-1]]] * len(y))
+    up = parted([[y[0], y[-1]]] * len(x) + [[b, b] for b in y])
     return [Line(across, up, "grey", 0.5, opacity=0.35)]
 
 
 def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
     marks: list[Mark] = []
-    for rim, colour, (x, y), radius in zip(rims(design), _colours(design), view.centres, view.radii, strict=True):
-        hue = ON_PICTURE if on_picture and rim.name == "FAP" else colour
+    for (name, colour), (x, y), radius in zip(_rims(design), view.centres, view.radii, strict=True):
+        hue = ON_PICTURE if on_picture and name == "FAP" else colour
         marks.append(Disc(UM * x, UM * y, UM * radius, edge=hue, width=1.2, dash="5 3"))
     if len(view.outline):
         x, y = UM * np.append(view.outline, view.outline[:1], axis=0).T
@@ -309,8 +283,11 @@ def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
     return marks
 
 
-def _colours(design: Design) -> list[str]:
-    return ["ink", "blue", *(stop_colour(k) for k in range(1, len(design.stops) + 1))]
+def _rims(design: Design) -> list[tuple[str, str]]:
+    """Names and colours of what cuts an image: FAP, main lens, further stops."""
+    camera = Camera.of(design)
+    colours = ["ink", "blue", *(stop_colour(k) for k in range(1, camera.stops + 1))]
+    return [(rim.name, colour) for rim, colour in zip((camera.fap, *camera.rims), colours, strict=True)]
 
 
 def _beyond(view: ImageView, panel: Panel) -> list[Mark]:
@@ -345,23 +322,15 @@ def _title(place: Point, view: ImageView, label: str, words: str, panel: Panel) 
 
 def image_keys(design: Design) -> list[Key]:
     """What the lines of a microlens image mean."""
-    keys = [line_key("image", "ink", 1.8)]
-    for rim, colour in zip(rims(design), _colours(design), strict=True):
-        keys.append(line_key(f"disc of {rim.name}", colour, 1.2, "5 3"))
-    return [*keys, box_key("own cell", "none", 1.0, "green", 1.8), dot_key("chief ray", "vermillion", "+", 6, width=2)]
+    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in _rims(design)]
+    chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
+    return [line_key("image", "ink", 1.8), *discs, box_key("own cell", "none", 1.0, "green", 1.8), chief]
 
 
 def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> Picture:
     """Draw the microlens image on the axis with its neighbours, by ray and by wave optics, before pixels integrate.
 
-    Parameters
-    ----------
-    design : Design
-        Its microlens on the axis is shown, unclipped.
-    width : float
-        [px].
-    samples : int
-        Points along each side.
+    Unclipped, at `samples` points along each side.
     """
     camera = Camera.of(design)
     pitch, radius = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera)) / 2
@@ -404,14 +373,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
 
 
 def preview(image: RawImage, zoom: int | None = None) -> Picture:
-    """Draw a raw image with zooms at its centre, edge and corner.
-
-    Parameters
-    ----------
-    image : RawImage
-    zoom : int, optional
-        Side of a zoom [pixels]; None shows about five microlens images.
-    """
+    """Draw a raw image with zooms of `zoom` pixels at its centre, edge and corner; None shows about five images."""
     pixels, region = image.pixels, image.region
     top = max(float(np.percentile(pixels[:: max(1, region.rows // 500)], 99.9)), 1e-9)
     # Every so many pixels would beat with the microlenses: show means of blocks.

@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .marks import (
-    PLAIN,
-    SMALL,
-    Dots,
-    Floats,
-    Key,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    bars,
-    box_key,
-    dot_key,
-    line_key,
-    named_ticks,
-    short,
-    text_width,
-)
+from .lettering import PLAIN, SMALL, short, text_width
+from .marks import Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key
+from .panel import Panel, Scale, named_ticks
 from .picture import Picture, colour_bar, legend_height, one_panel
 from .theme import THEMES
 
 if TYPE_CHECKING:
-    from ..explorer.runs import OptimiseResult, VariableMove
+    from ..explorer.runs import OptimiseResult
     from ..optimization.solve import Answer
 
 ROW = 46.0
@@ -53,15 +37,24 @@ class SearchEnd(NamedTuple):
     """Of a check."""
 
 
-def change_bars(changes: Sequence[VariableMove], size: Point = (560, 200)) -> Picture:
-    """Draw every variable between its bounds, where it was and where it is now.
+@dataclass(frozen=True)
+class VariableMove:
+    """One variable, from the design asked about to the one found, between its bounds [mm]."""
 
-    Parameters
-    ----------
-    changes : sequence of VariableMove
-    size : (width, height)
-        [px]; the picture may be higher, so that its rows are legible.
-    """
+    symbol: str
+    before: float
+    after: float
+    low: float
+    high: float
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether it ended at one of its bounds."""
+        return min(self.after - self.low, self.high - self.after) <= 1e-6 * max(abs(self.high), 1e-12)
+
+
+def change_bars(changes: Sequence[VariableMove], size: Point = (560, 200)) -> Picture:
+    """Draw every variable between its bounds, where it was and where it is now; `size` [px] is the least."""
     left, right = 48.0, 24.0
     width = max(size[0] - left - right, 100.0)
     tall = ROW * len(changes)
@@ -106,15 +99,7 @@ def ends_of(answer: Answer) -> tuple[SearchEnd, ...]:
 
 
 def search_history(ends: Sequence[SearchEnd], size: Point = (420, 260)) -> Picture:
-    """Draw where every search ended, as a loss against the answer, over the evaluations spent so far.
-
-    Parameters
-    ----------
-    ends : sequence of SearchEnd
-        `ends_of` an answer.
-    size : (width, height)
-        [px].
-    """
+    """Draw where every search ended, as a loss against the answer, over the evaluations spent so far; `size` in px."""
     keys = [Key(name, (_sign(kind, [0.0], [0.0]),)) for kind, name in
             (("start", "a search's end"), ("check", "another solver's"), ("bad", "a limit fails"))]  # fmt: skip
     spent = max((end.spent for end in ends), default=1)
@@ -258,15 +243,7 @@ def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats, 
 
 
 def robust_yields(rows: Sequence[tuple[str, float, float]], width: float = 672) -> Picture:
-    """Draw the share of builds that hold each constraint, of the nominal and of the robust design.
-
-    Parameters
-    ----------
-    rows : sequence of (name, nominal, robust)
-        Shares from 0 to 1.
-    width : float
-        [px].
-    """
+    """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design."""
     each = 38.0
     left = 16 + max(text_width(name, SMALL) for name, *_ in rows)
     tall = each * len(rows)

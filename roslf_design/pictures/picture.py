@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import axes, svg
-from .marks import SMALL, Box, Image, Key, Mapping, Mark, Panel, Point, Scale, Text, shifted, text_width
+from .lettering import SMALL, text_width
+from .marks import Box, Image, Key, Mark, Point, Text, shifted
+from .panel import Panel, Scale
 from .theme import ThemeName, theme_named
 
 if TYPE_CHECKING:
@@ -41,10 +43,9 @@ class Picture:
     """Marks in pixels of the picture, downwards positive."""
 
     @property
-    def mapping(self) -> Mapping:
-        """What pixels mean in the first panel, where its scales are linear."""
-        panel = self.panels[0]
-        return Mapping(*panel.box, panel.x.low, panel.x.high, panel.y.low, panel.y.high)
+    def mapping(self) -> Panel:
+        """What says what pixels mean: the first panel, by `Panel.at` and `Panel.to_value`."""
+        return self.panels[0]
 
     @property
     def marks(self) -> tuple[Mark, ...]:

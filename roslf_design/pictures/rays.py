@@ -15,24 +15,9 @@ from ..camera import Camera
 from ..evaluation import default_fields
 from ..rays import PASSED, fans, trace_pupil
 from ..words import length
-from .marks import (
-    GLYPH,
-    SMALL,
-    Area,
-    Dots,
-    Floats,
-    Key,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    line_key,
-    rows_of_names,
-    short,
-    text_width,
-)
+from .lettering import GLYPH, SMALL, rows_of_names, short, text_width
+from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, line_key, parted
+from .panel import Panel, Scale
 from .picture import PAGE, Picture, below, beside, legend_height, room
 from .theme import FIELDS, stop_colour
 
@@ -154,7 +139,7 @@ def _instrument_share(design: Design) -> float:
     return (end + front) / (end + design.d_f)
 
 
-class Section(NamedTuple):
+class SectionLayout(NamedTuple):
     """Where things are in the picture."""
 
     panel: Panel
@@ -166,7 +151,7 @@ class Section(NamedTuple):
     """Of the elements' names."""
 
 
-def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> Section:
+def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> SectionLayout:
     end = design.d_1 + design.d_2
     front = max(stop.distance for stop in design.all_stops)
     length = end + (design.d_f if whole else front)
@@ -198,21 +183,13 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
     if not to_scale:
         y = over + (max(size[1] - over - under, LOWEST) - tall) / 2
         panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
-        return Section(panel, half, factor, tuple(rows))
+        return SectionLayout(panel, half, factor, tuple(rows))
     mm = 1 / along
     scale = Scale(-half - under * mm, half + over * mm)
-    axes = Panel(
-        (x, 6.0, width, tall + over + under),
-        Scale(left, right),
-        scale,
-        (),
-        "z [mm]",
-        "height [mm]",
-        grid="",
-        equal=True,
-    )
+    box = x, 6.0, width, tall + over + under
+    axes = Panel(box, Scale(left, right), scale, (), "z [mm]", "height [mm]", grid="", equal=True)
     heights = Panel((0.0, 0.0, width, tall), axes.x, Scale(-half, half)).ticks()[1]
-    return Section(replace(axes, y_ticks=heights), half, 1.0, tuple(rows))
+    return SectionLayout(replace(axes, y_ticks=heights), half, 1.0, tuple(rows))
 
 
 def element_names(design: Design, whole: bool) -> list[tuple[float, str]]:
@@ -222,7 +199,7 @@ def element_names(design: Design, whole: bool) -> list[tuple[float, str]]:
     return sorted([*names, (-design.d_f, "object plane")] if whole else names)
 
 
-def _housing(design: Design, section: Section) -> list[Mark]:
+def _housing(design: Design, section: SectionLayout) -> list[Mark]:
     ends = -max(stop.distance for stop in design.all_stops), design.d_1 + design.d_2
     return [Area([*ends, *ends[::-1]], [section.half] * 2 + [-section.half] * 2, "pale", 0.28)]
 
@@ -234,15 +211,14 @@ def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
         # Chief and marginal rays stand out.
         width = 1.9 if number == len(fan.kept) // 2 else 1.4 if number in (passed[0], passed[-1]) else 0.6
         marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
-    gap = np.full((int((~fan.kept).sum()), 1), np.nan)
-    if len(gap):
-        z, x = (np.hstack([values[~fan.kept], gap]).ravel() for values in (fan.z, fan.x))
+    if not fan.kept.all():
+        z, x = (parted(values[~fan.kept]) for values in (fan.z, fan.x))
         marks.append(Line(z, x, "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
         marks.append(Dots(fan.z[~fan.kept, -1], fan.x[~fan.kept, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
     return marks
 
 
-def _elements(design: Design, section: Section, whole: bool) -> list[Mark]:
+def _elements(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
     half, (mm, up) = section.half, section.panel.per_px
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
@@ -273,7 +249,7 @@ def _elements(design: Design, section: Section, whole: bool) -> list[Mark]:
     return marks
 
 
-def _names(design: Design, section: Section, whole: bool) -> list[Mark]:
+def _names(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
     panel, marks = section.panel, []  # type: Panel, list[Mark]
     for (z, name), row in zip(element_names(design, whole), section.rows, strict=True):
         rise = 5 + NAME_ROW * row
@@ -287,7 +263,7 @@ def _names(design: Design, section: Section, whole: bool) -> list[Mark]:
     return marks
 
 
-def _openings(design: Design, section: Section) -> list[Mark]:
+def _openings(design: Design, section: SectionLayout) -> list[Mark]:
     """Diameters of the FAP and the main lens as dimensions across."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
@@ -309,7 +285,7 @@ def _openings(design: Design, section: Section) -> list[Mark]:
     return marks
 
 
-def _lengths(design: Design, section: Section, whole: bool) -> list[Mark]:
+def _lengths(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
     """Distances as dimensions along."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
@@ -353,15 +329,7 @@ def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
 def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310), microlenses: int = 5) -> Picture:
     """Draw neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
 
-    Parameters
-    ----------
-    design : Design
-    places : mapping
-        x of the middle microlens on the MLA [mm], by what to call it.
-    size : (width, height)
-        [px].
-    microlenses : int
-        How many; an odd number.
+    `places` are x of the middle microlens on the MLA [mm] by what to call it; `microlenses` is odd.
     """
     each = size[0] / len(places), size[1]
     pictures = [_cells(design, label, place, each, microlenses) for label, place in places.items()]
@@ -414,14 +382,10 @@ def _pixel_row(design: Design, origin: float, low: float, high: float, depth: fl
     first, last = max(math.floor((low - edge) / size), 0), min(math.ceil((high - edge) / size), design.pixels[0])
     left, right = depth, 1.06 * depth
     dark = edge + size * np.arange(first + (first + 1) % 2, last, 2)
-    gap = np.full(len(dark), np.nan)
-    x = np.tile([left, right, right, left, np.nan], len(dark))
-    y = np.stack([dark, dark, dark + size, dark + size, gap], -1).ravel()
-    marks: list[Mark] = [Area(x, y, "pale")] if len(dark) else []
+    marks: list[Mark] = [bars(left, right, dark + size / 2, size, fill="pale")] if len(dark) else []
     if first < last:
-        edges = edge + size * np.array([first, last])
-        corners = [left, right, right, left], [edges[0], edges[0], edges[1], edges[1]]
-        marks.append(Area(*corners, "none", 1.0, "grey", 0.6))
+        middle = edge + size * (first + last) / 2
+        marks.append(bars(left, right, middle, size * (last - first), fill="none", edge="grey", width=0.6))
     return [*marks, Line([depth, depth], [low, high], "ink", 1.6)]
 
 
@@ -446,11 +410,7 @@ class Element(NamedTuple):
 def dimensions(design: Design, size: Point = (PAGE, 0)) -> Picture:
     """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are.
 
-    Parameters
-    ----------
-    design : Design
-    size : (width, height)
-        [px]; the picture is as high as its lines ask for.
+    The picture is as wide as `size` [px], and as high as its lines ask for.
     """
     elements = _all_elements(design)
     place = _spread_out(elements)
@@ -533,10 +493,10 @@ def _drawn(element: Element, x: float, half: float) -> list[Mark]:
         return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
     if element.name in ("main lens", "MLA"):
         count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
-        turn = np.append(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.nan)
+        turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
         middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
-        xs, ys = np.tile(x + wide * np.cos(turn), count), (middles + half / count * np.sin(turn)).ravel()
-        return [Area(xs, ys, "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
+        xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)
+        return [Area(parted(xs), parted(ys), "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
     colour = stop_colour(0 if element.name == "FAP" else int(element.name.split()[1]))
     return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]
 

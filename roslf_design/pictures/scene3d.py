@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..evaluation import default_fields
-from ..evaluation.rims import axes_in_space
+from ..evaluation.fields import axes_in_space
 from ..rays import PASSED, Status, trace_pupil
-from .marks import SMALL, Area, Line, Mark, Panel, Scale, Text, line_key, rows_of_names, text_width, xy
+from .lettering import SMALL, rows_of_names, text_width
+from .marks import Area, Line, Mark, Text, line_key, xy
+from .panel import Panel, Scale
 from .picture import PAGE, Picture, legend_height
 from .theme import FIELDS, ThemeName, rgb, stop_colour, theme_named
 
@@ -57,7 +59,7 @@ class Mesh(NamedTuple):
     """Unit normals at the points, where the surface is to look smooth."""
 
 
-class Part(NamedTuple):
+class Body(NamedTuple):
     """One thing of a scene."""
 
     name: str
@@ -97,16 +99,16 @@ class View(NamedTuple):
     """Width and height [px]."""
 
 
-class Scene(NamedTuple):
+class Instrument(NamedTuple):
     """A scene, how it is looked at, and where its names go."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[Body, ...]
     view: View
     names: tuple[Name, ...]
     """From the left to the right, as the elements stand."""
 
 
-def instrument_scene(design: Design) -> Scene:
+def instrument_scene(design: Design) -> Instrument:
     """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge."""
     end = design.d_1 + design.d_2
     front = max(stop.distance for stop in design.all_stops)
@@ -130,39 +132,39 @@ def instrument_scene(design: Design) -> Scene:
         right, up, _ = axes @ (np.array([0.0, y, z]) - np.asarray(view.focus)) / view.scale
         across = float(0.5 + 0.5 * right * view.window[1] / WIDTH)
         names.append(Name(text, across, float(0.5 + 0.5 * up), y > 0, (0.0, y, z)))
-    return Scene((*rays, *_elements(design, wall, front)), view, tuple(names))
+    return Instrument((*rays, *_elements(design, wall, front)), view, tuple(names))
 
 
-def _elements(design: Design, wall: float, front: float) -> list[Part]:
+def _elements(design: Design, wall: float, front: float) -> list[Body]:
     camera = Camera.of(design)
     openings = ("aperture", *(rim.part for rim in camera.rims[1:]))
     sensor, array, lens, *stops = (
         camera.pose(part).seen_from(camera.world) for part in ("sensor", "microlens_array", "main_lens", *openings)
     )
     end = design.d_1 + design.d_2
-    parts: list[Part] = []
+    parts: list[Body] = []
     for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
         name = f"stop {number}" if number else "FAP"
         colour, radius = stop_colour(number), stop.diameter / 2
         plate = ring(pose.origin, pose.z, radius, wall)
-        parts.append(Part(f"{name} plate", "ring", plate, colour, 0.38))
-        parts.append(Part(f"{name} rim", "lines", polylines([_circle(pose, radius)]), colour, width=4.0))
+        parts.append(Body(f"{name} plate", "ring", plate, colour, 0.38))
+        parts.append(Body(f"{name} rim", "lines", polylines([_circle(pose, radius)]), colour, width=4.0))
     glass = ellipsoid(lens.origin, design.D / 2, 0.09 * design.D)
     mount = ring(lens.origin, lens.z, design.D / 2, wall)
     ends = [_circle(None, wall, z) for z in (-front, end)]
     return [
         *parts,
-        Part("lens", "ellipsoid", glass, "sky", 0.35),
-        Part("lens rim", "lines", polylines([_circle(lens, design.D / 2)]), "blue", width=3.0),
-        Part("lens mount", "ring", mount, "blue", 0.16),
-        Part("MLA", "plate", plate_of(array.origin, array.z, design.microlens_array.size), "sky", 0.55),
-        Part("sensor", "plate", plate_of(sensor.origin, sensor.z, design.sensor_size), "ink", 0.9),
-        Part("tube", "tube", tube(wall, -front, end), "grey", 0.10),
-        Part("tube ends", "lines", polylines(ends), "grey", width=1.5),
+        Body("lens", "ellipsoid", glass, "sky", 0.35),
+        Body("lens rim", "lines", polylines([_circle(lens, design.D / 2)]), "blue", width=3.0),
+        Body("lens mount", "ring", mount, "blue", 0.16),
+        Body("MLA", "plate", plate_of(array.origin, array.z, design.microlens_array.size), "sky", 0.55),
+        Body("sensor", "plate", plate_of(sensor.origin, sensor.z, design.sensor_size), "ink", 0.9),
+        Body("tube", "tube", tube(wall, -front, end), "grey", 0.10),
+        Body("tube ends", "lines", polylines(ends), "grey", width=1.5),
     ]
 
 
-def _rays(design: Design, start: float) -> list[Part]:
+def _rays(design: Design, start: float) -> list[Body]:
     """Pencils of the centre, the right edge and a lower corner: rim and middle of the FAP."""
     camera = Camera.of(design)
     centre, edge, (x, y) = default_fields(design)
@@ -172,7 +174,7 @@ def _rays(design: Design, start: float) -> list[Part]:
     planes = {int(Status.APERTURE) + k: -stop.distance for k, stop in enumerate(design.all_stops)}
     planes[int(Status.MAIN_LENS)] = 0.0
     end = design.d_1 + design.d_2
-    parts: list[Part] = []
+    parts: list[Body] = []
     blocked: list[list[Point3]] = []
     for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
         # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
@@ -191,9 +193,9 @@ def _rays(design: Design, start: float) -> list[Part]:
                 line.append((float(landing[i, 0]), float(landing[i, 1]), end))
             (kept if int(status) in PASSED else blocked).append(line)
         if kept:
-            parts.append(Part(name, "lines", polylines(kept), colour, width=2.2))
+            parts.append(Body(name, "lines", polylines(kept), colour, width=2.2))
     if blocked:
-        parts.append(Part(RAYS[-1], "lines", polylines(blocked), "vermillion", width=2.2))
+        parts.append(Body(RAYS[-1], "lines", polylines(blocked), "vermillion", width=2.2))
     return parts
 
 
@@ -290,15 +292,8 @@ def _bands(rows: int) -> Indices:
     return np.stack([here, beside, beside + AROUND, here + AROUND], axis=-1).reshape(-1, 4)
 
 
-def outlines(scene: Scene, width: float = PAGE) -> Picture:
-    """Draw a scene in its own view, what is farther first.
-
-    Parameters
-    ----------
-    scene : Scene
-    width : float
-        [px].
-    """
+def outlines(scene: Instrument, width: float = PAGE) -> Picture:
+    """Draw a scene in its own view, what is farther first; `width` in px."""
     view = scene.view
     height = width * view.window[1] / view.window[0]
     away = np.subtract(view.focus, view.position)
@@ -376,7 +371,7 @@ class BrowserMesh(NamedTuple):
     """Of lines [px]."""
 
 
-class Scene3D(NamedTuple):
+class BrowserScene(NamedTuple):
     """Everything that a browser draws."""
 
     meshes: dict[str, BrowserMesh]
@@ -388,7 +383,7 @@ class Scene3D(NamedTuple):
     """Colour behind everything."""
 
 
-def scene(design: Design, theme: ThemeName = "light") -> Scene3D:
+def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:
     """Bore, stops, lens, microlens array, sensor and the rays of three microlenses, as plain lists for vtk.js.
 
     Parameters
@@ -422,7 +417,7 @@ def scene(design: Design, theme: ThemeName = "light") -> Scene3D:
         "parallelScale": view.scale,
         "halfWidth": view.scale * view.window[0] / view.window[1],
     }
-    return Scene3D(meshes, start, unit("ground"))
+    return BrowserScene(meshes, start, unit("ground"))
 
 
 def changed(before: Mapping[str, BrowserMesh], after: Mapping[str, BrowserMesh]) -> dict[str, BrowserMesh | None]:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design import dumps, loads
-from .scene3d import Mesh, Part, Scene, View, instrument_scene
+from .scene3d import Body, Instrument, Mesh, View, instrument_scene
 from .theme import THEMES, rgb
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def library() -> str:
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
-def scene_data(scene: Scene) -> str:
+def scene_data(scene: Instrument) -> str:
     """A scene as JSON: ``data`` (a vtk.js scene, zipped, base64), ``camera`` and ``names`` with their places [mm]."""
     view = scene.view
     camera = {"position": view.position, "focus": view.focus, "up": view.up, "scale": view.scale}
@@ -89,7 +89,7 @@ def scene_data(scene: Scene) -> str:
     return text.replace("<", "\\u003c")  # no end tag inside the page's script element
 
 
-def packed(parts: Sequence[Part], view: View) -> str:
+def packed(parts: Sequence[Body], view: View) -> str:
     """Parts and a view as vtk.js reads them: a zipped index.json, as base64; the same parts give the same text."""
     arrays: dict[str, Any] = {}
     actors = [_actor(number, part, arrays) for number, part in enumerate(parts)]
@@ -117,7 +117,7 @@ def packed(parts: Sequence[Part], view: View) -> str:
     return base64.b64encode(stream.getvalue()).decode()
 
 
-def _clipping(parts: Sequence[Part], view: View) -> list[float]:
+def _clipping(parts: Sequence[Body], view: View) -> list[float]:
     """Depths between which all points lie, as the camera counts them."""
     away = np.subtract(view.focus, view.position)
     away = away / np.linalg.norm(away)
@@ -126,7 +126,7 @@ def _clipping(parts: Sequence[Part], view: View) -> list[float]:
     return [float(depths.min()) - room, float(depths.max()) + room]
 
 
-def _actor(number: int, part: Part, arrays: dict[str, Any]) -> dict[str, Any]:
+def _actor(number: int, part: Body, arrays: dict[str, Any]) -> dict[str, Any]:
     own, mesh = f"part-{number}", part.mesh
     geometry = _object(f"{own}-geometry", "vtkPolyData", f"{own}-mapper", _geometry(mesh, arrays))
     calls = [["setInputData", [f"instance:${{{own}-geometry}}"]]]
@@ -140,7 +140,7 @@ def _actor(number: int, part: Part, arrays: dict[str, Any]) -> dict[str, Any]:
     return _object(own, "vtkActor", "renderer", {"visibility": 1, "pickable": 0}, calls, [mapper, surface])
 
 
-def _rgb(part: Part) -> tuple[int, int, int]:
+def _rgb(part: Body) -> tuple[int, int, int]:
     return rgb(THEMES["light"].colour(part.colour))
 
 
@@ -276,7 +276,7 @@ def picture(design: Design) -> bytes:
     NoPictureError
         There is no working OpenGL; the message names what helps.
     """
-    return Rendering(dumps(design)).result()
+    return rendered(dumps(design))
 
 
 def backend(environment: Mapping[str, str]) -> str | None:
@@ -298,59 +298,33 @@ def _loads(shared: str) -> bool:
     return True
 
 
-class Rendering:
-    """A picture being made by a child process; `result` waits for it.
-
-    Parameters
-    ----------
-    text : str
-        The child's standard input: a design as TOML.
-    environment : mapping, optional
-        Of the child; None is this process's own.
+def rendered(text: str, timeout: float = TIMEOUT) -> bytes:
+    """The picture that a child process draws of a design as TOML, as PNG bytes.
 
     Raises
     ------
     NoPictureError
-        Where there is no library to draw with.
+        There is no library to draw with, or the child crashed, failed or took too long.
     """
-
-    def __init__(self, text: str, environment: Mapping[str, str] | None = None) -> None:
-        variables = dict(os.environ if environment is None else environment)
-        way = backend(variables)
-        if way is None:
-            raise NoPictureError(f"no OpenGL library is installed; on Debian: apt-get install {DEBIAN}")
-        if way in WINDOWS:
-            variables["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOWS[way]
-        root = str(Path(__file__).resolve().parents[2])
-        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, variables.get("PYTHONPATH", "")]))
-        # A file, not a pipe: a child that never reads cannot hold up its parent.
-        with tempfile.TemporaryFile() as file:
-            file.write(text.encode())
-            file.seek(0)
-            self._child = subprocess.Popen(
-                [sys.executable, *CHILD], stdin=file, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=variables
-            )
-
-    def result(self, timeout: float = TIMEOUT) -> bytes:
-        """The picture as PNG bytes.
-
-        Raises
-        ------
-        NoPictureError
-            The child crashed, failed or took too long.
-        """
-        try:
-            png, complaint = self._child.communicate(timeout=timeout)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.communicate()
-            raise NoPictureError(f"drawing took more than {timeout:g} s and was given up") from None
-        if self._child.returncode == 0 and png.startswith(b"\x89PNG"):
-            return png
-        if self._child.returncode < 0:
-            raise NoPictureError(f"OpenGL does not work here; on Debian: apt-get install {DEBIAN}")
-        last = complaint.decode(errors="replace").strip().splitlines()[-1:] or ["no picture came"]
-        raise NoPictureError(f"{last[0]}; on Debian this may help: apt-get install {DEBIAN}")
+    variables = dict(os.environ)
+    way = backend(variables)
+    if way is None:
+        raise NoPictureError(f"no OpenGL library is installed; on Debian: apt-get install {DEBIAN}")
+    if way in WINDOWS:
+        variables["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOWS[way]
+    root = str(Path(__file__).resolve().parents[2])
+    variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, variables.get("PYTHONPATH", "")]))
+    try:
+        words = [sys.executable, *CHILD]
+        child = subprocess.run(words, input=text.encode(), capture_output=True, env=variables, timeout=timeout)
+    except subprocess.TimeoutExpired:
+        raise NoPictureError(f"drawing took more than {timeout:g} s and was given up") from None
+    if child.returncode == 0 and child.stdout.startswith(b"\x89PNG"):
+        return child.stdout
+    if child.returncode < 0:
+        raise NoPictureError(f"OpenGL does not work here; on Debian: apt-get install {DEBIAN}")
+    last = child.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no picture came"]
+    raise NoPictureError(f"{last[0]}; on Debian this may help: apt-get install {DEBIAN}")
 
 
 def main() -> int:

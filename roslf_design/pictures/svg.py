@@ -13,21 +13,9 @@ from re import Match
 import numpy as np
 
 from ..words import SYMBOL, typographic
-from .marks import (
-    PLAIN,
-    SMALL,
-    Area,
-    Disc,
-    Dots,
-    Floats,
-    Image,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Text,
-    text_width,
-)
+from .lettering import PLAIN, SMALL, text_width
+from .marks import Area, Disc, Dots, Floats, Image, Line, Mark, Point, Text
+from .panel import Panel
 from .theme import Theme
 
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"

@@ -4,35 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from .marks import (
-    PLAIN,
-    SMALL,
-    Area,
-    Dots,
-    Floats,
-    Key,
-    Line,
-    Mark,
-    Panel,
-    Point,
-    Scale,
-    Text,
-    bars,
-    box_key,
-    line_key,
-    named_ticks,
-    short,
-    text_width,
-    whiskers,
-)
+from .lettering import PLAIN, SMALL, short, text_width
+from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, line_key, whiskers
+from .panel import Panel, Scale, named_ticks
 from .picture import Picture, legend_height, one_panel
-
-if TYPE_CHECKING:
-    from ..explorer.runs import LimitSpread, Offender
 
 ROW = 24.0
 """Height of a bar's row, its text beside it [px]."""
@@ -46,64 +26,59 @@ LARGEST = 3.0
 """Times the way to the limit beyond which bars are cut off."""
 
 
-class Share(Protocol):
+class YieldShare(NamedTuple):
     """A measured yield, 0 to 1, with the ends of its 95 % interval."""
-
-    @property
-    def value(self) -> float: ...  # noqa: D102
-    @property
-    def low(self) -> float: ...  # noqa: D102
-    @property
-    def high(self) -> float: ...  # noqa: D102
-
-
-class Measured(NamedTuple):
-    """A `Share`."""
 
     value: float
     low: float
     high: float
 
 
-class Yields(Protocol):
+@dataclass(frozen=True)
+class Yields:
     """Yields of a run."""
 
-    @property
-    def grade(self) -> str:
-        """That of the run itself."""
-
-    @property
-    def share(self) -> Share:
-        """Of the run itself."""
-
-    @property
-    def grades(self) -> Sequence[tuple[str, Share]]:
-        """By grade."""
-
-    @property
-    def curve(self) -> Sequence[tuple[float, Share]]:
-        """By a common factor on all tolerances."""
-
-
-class RunYields(NamedTuple):
-    """`Yields` as plain values."""
-
     grade: str
-    share: Share
-    grades: Sequence[tuple[str, Share]]
-    curve: Sequence[tuple[float, Share]]
+    share: YieldShare
+    """Of the run itself."""
+    grades: tuple[tuple[str, YieldShare], ...]
+    curve: tuple[tuple[float, YieldShare], ...]
+    """Over a common factor on all tolerances."""
+
+
+@dataclass(frozen=True)
+class Offender:
+    """What one tolerance alone, at its end, does."""
+
+    place: str
+    """Where in the design, in words."""
+    tolerance: str
+    """Half-width with its unit."""
+    used: float
+    """Largest part of the way from nominal to any limit; above 1 it breaks the limit by itself, inf where the build
+    loses a number that is limited."""
+    limited_by: str
+
+
+@dataclass(frozen=True)
+class LimitSpread:
+    """Scatter of one limited number over the builds."""
+
+    label: str
+    nominal: float
+    deviation: float
+    """Standard deviation; NaN where some builds lack the number."""
+    low: float
+    high: float
+    """5th and 95th percentile."""
+    limit_low: float
+    limit_high: float
 
 
 def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = None) -> Picture:
     """Draw the yield of every grade with its 95 % interval; that of the run itself stands out.
 
-    Parameters
-    ----------
-    result : Yields
-    size : (width, height)
-        [px]; the picture may be higher, so that its rows are legible.
-    target : float, optional
-        Wanted yield, marked by a line.
+    `size` [px] is the least: rows stay legible. `target` is the wanted yield, marked by a line.
     """
     rows = [(f"{name} grade", share, name == result.grade) for name, share in result.grades]
     rows = [(name, result.share if own else share, own) for name, share, own in rows]
@@ -131,15 +106,7 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
 def yield_curve(
     result: Yields, size: Point = (420, 240), target: float | None = None, reached: float | None = None
 ) -> Picture:
-    """Draw the yield over a common factor on all tolerances, with its interval.
-
-    Parameters
-    ----------
-    result, size, target
-        As for `yield_bars`.
-    reached : float, optional
-        The factor at which the target is met.
-    """
+    """Draw the yield over a common factor on all tolerances, with its interval, the target and what factor meets it."""
     scales = np.array([scale for scale, _ in result.curve])
     value, low, high = (100 * np.array([getattr(s, n) for _, s in result.curve]) for n in ("value", "low", "high"))
     marks: list[Mark] = [
@@ -174,17 +141,7 @@ def yield_curve(
 
 
 def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, most: int = 8) -> Picture:
-    """Draw what each tolerance alone uses of the limits, worst first.
-
-    Parameters
-    ----------
-    offenders : sequence of Offender
-        ``ToleranceResult.offenders``.
-    size : (width, height)
-        [px]; the picture may be higher, so that its rows are legible.
-    most : int
-        How many are shown.
-    """
+    """Draw what each tolerance alone uses of the limits, worst first, the first `most`; `size` [px] is the least."""
     shown = [row for row in offenders if row.used > 1e-3][:most]
     high = min(max([1.0, *(row.used for row in shown)]) * 1.05, LARGEST)
     width = max(size[0] - 2 * SIDE, 100.0)
@@ -227,12 +184,7 @@ def _used(row: Offender) -> tuple[str, ...]:
 def spread_bars(spreads: Sequence[LimitSpread], size: Point = (560, 300)) -> Picture:
     """Draw how limited numbers scatter: 5th to 95th percentile on the way from nominal (0) to the limits (100 %).
 
-    Parameters
-    ----------
-    spreads : sequence of LimitSpread
-        ``ToleranceResult.spreads``.
-    size : (width, height)
-        [px]; the picture may be higher, so that its rows are legible.
+    `size` [px] is the least: rows stay legible.
     """
     rows = [(row.label, *_ends(row)) for row in spreads]
     left = 14 + max((text_width(name, SMALL) for name, *_ in rows), default=40.0)
@@ -288,11 +240,11 @@ def ranked_moves(
     Parameters
     ----------
     names : sequence of str
-        Of the perturbations, N of them.
-    plus, minus : ndarray
-        Moves at both ends, shape (N,).
+        Of the N perturbations.
+    plus, minus : ndarray, shape (N,)
+        Moves at both ends.
     limits : sequence of float
-        Moves that reach a limit, where they are near.
+        Moves that reach a limit, drawn where they are near.
     label : str
         Of the number, with its unit.
     width : float
@@ -313,16 +265,9 @@ def ranked_moves(
 
 
 def ranked_correlations(names: Sequence[str], values: Floats, noise: float, label: str, width: float = 540) -> Picture:
-    """Draw the correlation of each perturbation with a number over all trials, ranked; parameters as `ranked_moves`.
+    """Draw the correlation of each perturbation with a number over all trials, ranked; `noise` is what chance may give.
 
-    Parameters
-    ----------
-    names, label, width
-        As for `ranked_moves`.
-    values : ndarray
-        Correlations, shape (N,).
-    noise : float
-        What chance alone may give.
+    `values` has shape (N,); the others are as for `ranked_moves`.
     """
     at = ROW * (np.arange(len(names)) + 0.5)
     tall = ROW * len(names)

@@ -15,12 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
-from ..calibration.figures import PLOTS
 from ..calibration.result import LAPLACE, SHOWN, UNITS, Outcome
 from ..errors import InputError, Problem
 from ..units import Angle, Length, parse_quantity
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .study_figures import CALIBRATION as FIGURES
 
 if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
@@ -458,7 +458,7 @@ def _method(result: Outcome) -> str:
 
 
 def _drawings(drawings: Mapping[str, str]) -> list[Figure]:
-    return [Figure(f"calibration-{name}", PLOTS[name][0], CAPTIONS[name], svg) for name, svg in drawings.items()]
+    return [Figure(f"calibration-{name}", FIGURES[name][0], CAPTIONS[name], svg) for name, svg in drawings.items()]
 
 
 def _inline(svg: str) -> str:

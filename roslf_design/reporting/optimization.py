@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ..optimization.conflicts import Conflict
-from ..optimization.figures import drawn
 from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
@@ -14,6 +13,7 @@ from ..optimization.run import Result
 from ..optimization.solve import Answer, optimum_accuracy
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .study_figures import optimisation_pictures
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -34,7 +34,7 @@ def optimization_section(result: Result, command: str = "") -> Section:
     asked, notes = result.answer.asked, result.answer.notes
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
     blocks += [Statements(tuple(statements(result))), *tables(result)]
-    for name, figure in drawn(result).items():
+    for name, figure in optimisation_pictures(result).items():
         blocks.append(Figure(f"optimize-{name}", *TITLES[name], figure.svg(name=f"optimize-{name}")))
     if notes:
         blocks.append(Bullets(notes))

@@ -190,7 +190,7 @@ def depth_sheet(design: Design, result: Evaluation) -> Figure:
         f"distance from the FAP (at Z = {design.d_3:.4g} mm). The dashed curve tells how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
-    picture = depth_precision(design, (PAGE, 330), depth.sigma_disparity_pitches)
+    picture = depth_precision(design, (PAGE, 330))
     return compose("depth", "Depth precision over distance", caption, picture)
 
 

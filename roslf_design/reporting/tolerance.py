@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from .. import words
-from ..tolerancing.figures import PLOTS, drawn
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
 from ..words import in_words
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .study_figures import TOLERANCE, tolerance_pictures
 
 TOP = 12
 """Rows of a ranking."""
@@ -37,9 +37,9 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
     blocks.append(Statements(tuple(_statements(result))))
     captions = _captions(result)
-    for name, figure in drawn(result).items():
+    for name, figure in tolerance_pictures(result).items():
         svg = figure.svg(name=f"tolerance-{name}")
-        blocks.append(Figure(f"tolerance-{name}", PLOTS[name][0], captions[name], svg))
+        blocks.append(Figure(f"tolerance-{name}", TOLERANCE[name], captions[name], svg))
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))

@@ -162,7 +162,8 @@ class Surrogate:
         outs: list[Any] = [np.empty(flat[2].size) for _ in range(5)]
         room = np.empty(self._coefficients.size // (self.order + 1))
         arguments = [*flat, shape[-1] if together else 1, domain.slope, domain.reach, domain.chief, self._coefficients]
-        evaluate.compiled(*arguments, self.order, domain.field, domain.pupil, room, *outs)
+        run: Any = evaluate.compiled
+        run(*arguments, self.order, domain.field, domain.pupil, room, *outs)
         return SurrogateRays(*(out.reshape(shape) for out in outs))
 
 

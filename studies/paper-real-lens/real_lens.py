@@ -22,7 +22,7 @@ from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
 from roslf_design.pictures.axes import draw, drawing, handles
 from roslf_design.pictures.lens import KEYS, LensCurves, lens_curves, lens_image
-from roslf_design.pictures.marks import Panel, Scale
+from roslf_design.pictures.panel import Panel, Scale
 from roslf_design.pictures.theme import THEMES
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images

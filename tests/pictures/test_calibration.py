@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration import Captures, calibrate
-from roslf_design.calibration.result import UNITS
-from roslf_design.pictures.calibration import pictures_of
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
+from roslf_design.reporting.study_figures import calibration_pictures
 from tests.calibration.made import SHEET, captured
-
-PICTURES = pictures_of(UNITS)
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +27,13 @@ def outcome():
 
 @pytest.fixture(scope="module")
 def pictures(outcome):
-    return {name: draw(outcome) for name, (_, draw) in PICTURES.items()}
+    return calibration_pictures(outcome)
 
 
 def test_every_picture_is_printed_both_ways_and_always_the_same(outcome, pictures):
+    again = calibration_pictures(outcome)
     for name, picture in pictures.items():
-        assert picture.svg() == PICTURES[name][1](outcome).svg()
+        assert picture.svg() == again[name].svg()
         assert "nan" not in picture.svg().lower()
         assert picture.to_png(40).startswith(b"\x89PNG")
     assert "Laplace" in pictures["posterior"].svg()

@@ -9,28 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.pictures.marks import (
-    SMALL,
-    Area,
-    Disc,
-    Dots,
-    Image,
-    Line,
-    Mapping,
-    Panel,
-    Scale,
-    Text,
-    bars,
-    line_key,
-    log_ticks,
-    round_ticks,
-    rows_of_names,
-    short,
-    text_width,
-    where_above,
-    whiskers,
-    wrapped,
-)
+from roslf_design.pictures.lettering import SMALL, rows_of_names, short, text_width, wrapped
+from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above, whiskers
+from roslf_design.pictures.panel import Panel, Scale, log_ticks, round_ticks
 from roslf_design.pictures.picture import Picture, below, beside, one_panel
 from roslf_design.pictures.svg import px, tag, with_subscripts
 from roslf_design.pictures.theme import THEMES, theme_named
@@ -61,16 +42,16 @@ def test_log_ticks_stay_within_the_axis(low, ratio):
 
 @given(length, length, st.floats(-500, 500), st.floats(1, 1e3))
 def test_a_mapping_goes_there_and_back(px_, py, low, span):
-    mapping = Mapping(50, 20, 300, 200, low, low + span, 2 * low, 2 * low + 3 * span)
-    back = mapping.to_px(*mapping.to_value(px_, py))
+    mapping = Panel((50, 20, 300, 200), Scale(low, low + span), Scale(2 * low, 2 * low + 3 * span))
+    back = mapping.at(*mapping.to_value(px_, py))
     # Values of about 1e3, at 16 digits, over spans down to 1, on a few hundred pixels.
     assert back == pytest.approx((px_, py), abs=1e-7)
     assert mapping.to_value(50, 220) == pytest.approx((low, 2 * low), abs=1e-9)
 
 
 def test_up_is_up():
-    mapping = Mapping(0, 0, 100, 100, 0, 1, 0, 1)
-    assert mapping.to_px(1, 1) == (100, 0)
+    mapping = Panel((0, 0, 100, 100), Scale(0, 1), Scale(0, 1))
+    assert mapping.at(1, 1) == (100, 0)
     assert Scale(1, 100, log=True).share(10) == pytest.approx(0.5)
 
 

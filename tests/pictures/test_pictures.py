@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design import theory
 from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_discs
-from roslf_design.explorer.patch import KEPT, white_patch
+from roslf_design.imaging.patch import KEPT, white_patch
 from roslf_design.imaging.render import render
 from roslf_design.pictures.depth import depth_comparison, depth_curve, depth_precision
 from roslf_design.pictures.effects import effects_budget
@@ -31,6 +30,7 @@ from roslf_design.pictures.microlens import (
 from roslf_design.pictures.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.light import half_diagonal
+from roslf_design.theory.vignetting import nondistortion_margin
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -42,7 +42,7 @@ PICTURES = {
     "cells": lambda d: cells(d.thin_twin, {"centre": 0.0, "edge": 0.4 * d.sensor_size[0]}),
     "dimensions": dimensions,
     "microlens": lambda d: microlens_image(d, default_fields(d)[2]),
-    "microlens-waves": lambda d: microlens_image(d, default_fields(d)[0], waves=white_patch, label="centre"),
+    "microlens-waves": lambda d: microlens_image(d, default_fields(d)[0], waves=True, label="centre"),
     "images": lambda d: microlens_images({"corner": (d, default_fields(d)[2])})[0],
     "mla-map": lambda d: mla_map(d, (0.3, -0.2)),
     "maps": lambda d: field_maps(d.thin_twin, field_map(d.thin_twin, 40)),
@@ -129,7 +129,7 @@ def test_lengths_are_to_scale_and_dimensioned(whole):
         assert text.replace(" ", "") in words.replace(" ", "")
     assert ("df=350mm" in words.replace(" ", "")) == whole
     m = picture.mapping
-    factor = (m.height / (m.y1 - m.y0)) / (m.width / (m.x1 - m.x0))
+    factor = m.per_px[0] / m.per_px[1]
     assert f"heights ×{factor:.3g}" in words
     for panel in ray_diagrams(PAPER).panels:
         across, up = panel.per_px
@@ -194,7 +194,7 @@ def test_the_quick_patch_is_the_rendered_image(name, corner):
     side = 24
     width, height = design.pixels
     column, row = (width - side, height - side) if corner else (width // 2 - 12, height // 2 - 12)
-    quick = white_patch(design, slice(column, column + side), slice(row, row + side)).values
+    quick = white_patch(design, slice(column, column + side), slice(row, row + side))
     whole = render(design, region=(column, row, side, side), threads=1, overrides=KEPT).pixels
     # What `white_patch` promises: light of far microlenses is replaced by that of the other side.
     np.testing.assert_allclose(quick, whole, atol=1e-2)
@@ -209,7 +209,7 @@ def test_what_cannot_be_seen_is_told_instead():
 @pytest.mark.parametrize("change", [{"q": 1e-9}, {"q": 900.0}, {"D_F": 1e5}, {"f_ml": 1e-9}, {"d_2": 1e5}, {"D": 1e-9}])
 def test_extreme_numbers_are_drawn_or_told_within_little_memory(change):
     design = PAPER.replace(**change)
-    for waves in (white_patch, None):
+    for waves in (True, False):
         assert len(microlens_image(design, default_fields(design)[2], waves=waves).svg()) < 500_000
 
 
@@ -289,18 +289,22 @@ def test_the_design_point_maps_to_the_design_and_axes_stay_when_told():
     (point,) = _find(picture.svg(), "design-point")
     value = picture.mapping.to_value(float(point.attrib["cx"]), float(point.attrib["cy"]))
     assert value == pytest.approx((120.0, 2.9), rel=1e-3)  # a hundredth of a pixel
-    limits = picture.mapping.x1, picture.mapping.y1
-    assert matching_plane(PAPER.replace(d_3=30.0, D_F=4.0), limits=limits).mapping == picture.mapping
+    limits = picture.mapping.x.high, picture.mapping.y.high
+    moved = matching_plane(PAPER.replace(d_3=30.0, D_F=4.0), limits=limits).mapping
+    assert (moved.box, moved.x, moved.y) == (picture.mapping.box, picture.mapping.x, picture.mapping.y)
 
 
 def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
     picture = matching_plane(PAPER)
     region = _mark(picture, "eq6-region")
     x0 = float(half_diagonal(Camera.of(PAPER))) * PAPER.d_f / PAPER.d_1
-    corners = [(x, y) for x, y in zip(region.x, region.y, strict=True) if 0 < y < 0.98 * picture.mapping.y1]
+    corners = [(x, y) for x, y in zip(region.x, region.y, strict=True) if 0 < y < 0.98 * picture.mapping.y.high]
     assert len(corners) > 3
     for d_3, D_F in corners:
-        assert abs(float(theory.nondistortion_margin(PAPER.D, D_F, d_3, PAPER.d_f, x0))) < 1e-9 * PAPER.D * PAPER.d_f
+        assert (
+            abs(float(nondistortion_margin(Camera.of(PAPER, {"d_3": d_3, "D_F": D_F}), x0, PAPER.d_f)))
+            < 1e-9 * PAPER.D * PAPER.d_f
+        )
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():

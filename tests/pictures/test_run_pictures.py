@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.explorer.runs import LimitSpread, Offender, OptimiseResult, Share, ToleranceResult, VariableMove
+from roslf_design.explorer.runs import OptimiseResult, ToleranceResult
 from roslf_design.pictures.optimise import (
     SearchEnd,
+    VariableMove,
     bore_and_stop,
     change_bars,
     front,
@@ -18,6 +19,9 @@ from roslf_design.pictures.optimise import (
     search_history,
 )
 from roslf_design.pictures.tolerance import (
+    LimitSpread,
+    Offender,
+    YieldShare,
     distributions,
     offender_bars,
     ranked_correlations,
@@ -28,7 +32,7 @@ from roslf_design.pictures.tolerance import (
 )
 
 SVG = "{http://www.w3.org/2000/svg}"
-HALF, MOST = Share(0.5, 0.45, 0.55), Share(0.9, 0.88, 0.92)
+HALF, MOST = YieldShare(0.5, 0.45, 0.55), YieldShare(0.9, 0.88, 0.92)
 TOLERANCE = ToleranceResult(
     grade="precision",
     trials=1000,
@@ -45,8 +49,8 @@ TOLERANCE = ToleranceResult(
         LimitSpread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
         LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
-    grades=(("commercial", Share(0.1, 0.08, 0.12)), ("precision", Share(0.48, 0.4, 0.56)), ("high", MOST)),
-    curve=((0.5, MOST), (1.0, HALF), (2.0, Share(0.0, 0.0, 0.01))),
+    grades=(("commercial", YieldShare(0.1, 0.08, 0.12)), ("precision", YieldShare(0.48, 0.4, 0.56)), ("high", MOST)),
+    curve=((0.5, MOST), (1.0, HALF), (2.0, YieldShare(0.0, 0.0, 0.01))),
     question="",
 )
 OPTIMUM = OptimiseResult(

@@ -92,9 +92,8 @@ def test_a_model_is_of_one_design(tmp_path, capsys, words):
 def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, child, reason):
     monkeypatch.setattr(solid, "backend", lambda environment: "egl")
     monkeypatch.setattr(solid, "CHILD", ("-c", child))
-    rendering = solid.Rendering("far more than a pipe holds" * 10_000)
     with pytest.raises(solid.NoPictureError, match=reason):
-        rendering.result(timeout=3)
+        solid.rendered("far more than a pipe holds" * 10_000, timeout=3)
 
 
 @pytest.mark.parametrize(

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
 from ..effects import plan
-from ..imaging.camera import ImageLattice, Region, planned_camera
-from ..imaging.transfer import MicrolensTransfer, fineness
-from ..imaging.white import FRAME, WhiteGeometry
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
+from .camera import ImageLattice, Region, planned_camera
+from .transfer import MicrolensTransfer, fineness
+from .white import FRAME, WhiteGeometry
 
 Floats = NDArray[np.float64]
 
@@ -29,17 +28,7 @@ KEPT = ("+microlens_diffraction", "+overlap")
 """What is on whatever its size."""
 
 
-class Patch(NamedTuple):
-    """Part of the sensor under uniform light."""
-
-    columns: slice
-    rows: slice
-    """Which pixels."""
-    values: Floats
-    """Relative intensities, 1 where geometry lights a whole pixel; shape (rows, columns)."""
-
-
-def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
+def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:
     """Pixels of the white image with diffraction at the microlenses.
 
     Parameters
@@ -51,11 +40,11 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
 
     Returns
     -------
-    Patch or None
-        As `imaging.render.render` with a white scene has it, but for light of microlenses more than `NEIGHBOURS`
-        pitches away, for which those on the other side stand in, and for what coarser subpixels fold back: within about
-        1e-2 of full scale or of the brightest pixel. None where more than `MOST_IMAGES` images overlap or
-        one is thousands of pixels wide.
+    ndarray, shape (rows, columns), or None
+        Relative intensities, 1 where geometry lights a whole pixel, as `render` with a white scene has them, but for
+        light of microlenses more than `NEIGHBOURS` pitches away, for which those on the other side stand in, and for
+        what coarser subpixels fold back: within about 1e-2 of full scale or of the brightest pixel. None where more
+        than `MOST_IMAGES` images overlap or one is thousands of pixels wide.
     """
     effects = plan(design.thin_twin, overrides=KEPT)
     seen = planned_camera(design, effects)
@@ -65,7 +54,7 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
     if vast or (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
         return None
     if wide <= 0 or high <= 0:
-        return Patch(columns, rows, np.zeros((max(high, 0), max(wide, 0))))
+        return np.zeros((max(high, 0), max(wide, 0)))
     halo = min(FRAME, math.ceil(NEIGHBOURS * float(seen.d / seen.q)))
     fine = max(1, min(fineness(transfer, float(seen.q)), MOST // (max(wide, high) + 2 * halo)))
     region = Region(columns.start - halo, rows.start - halo, wide + 2 * halo, high + 2 * halo)
@@ -74,7 +63,7 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Patch | None:
     frequency_y, frequency_x = np.fft.fftfreq(light.shape[0], step), np.fft.rfftfreq(light.shape[1], step)
     wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
     pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))
-    return Patch(columns, rows, np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
+    return np.asarray(np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
 
 
 def warm_up() -> None:
