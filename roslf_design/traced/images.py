@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._points import sunflower
+from ..camera import Camera
 from ..design import Design
 from ..errors import InputError
 from ..lenses.tracer import KEPT, MISSED, Passed, describe
-from ..theory.field import FieldBound, nondistortion_bound
+from ..theory.vignetting import FieldBound, nondistortion_bound
 from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 
 Array = NDArray[np.float64]
@@ -354,6 +355,18 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
     return blur, np.max(sides, axis=-2) - np.min(sides, axis=-2)
 
 
+def thin_twin(camera: LensCamera) -> Camera:
+    """The straight camera with an ideal lens of the same focal length and clear aperture, as far as Eq. 6 takes it."""
+    numbers = {
+        "main_lens.focal_length": camera.first_order.focal_length,
+        "main_lens.focal_plane": camera.d_f,
+        "main_lens.diameter": camera.lens_diameter,
+        "aperture.distance": camera.d_3,
+        "aperture.diameter": camera.fap.diameter,
+    }
+    return Camera(numbers)
+
+
 def undistorted_field(camera: LensCamera, wavelength: float | None = None, angle: float = 0.0) -> FieldBound:
     """Non-distortion bound measured on the real lens: how far off axis a microlens still sees the whole FAP.
 
@@ -386,9 +399,7 @@ def undistorted_field(camera: LensCamera, wavelength: float | None = None, angle
         bend = left - 2 * least + right
         return least - (right - left) ** 2 / (8 * bend) if bend > 0 else least
 
-    thin = nondistortion_bound(
-        camera.lens_diameter, camera.fap.diameter, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
-    )
+    thin = nondistortion_bound(thin_twin(camera))
     low, high = 0.0, min(float(thin.mla_radius), camera.lens_diameter)
     inside, outside = room(low), room(high)
     if inside < 0:

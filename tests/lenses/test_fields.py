@@ -10,9 +10,9 @@ import pytest
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, first_order
 from roslf_design.lenses.tracer import describe
-from roslf_design.theory.field import nondistortion_bound
+from roslf_design.theory.vignetting import nondistortion_bound
 from roslf_design.traced.camera import sensor_of_pupil
-from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, undistorted_field
+from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
 from tests.lenses.test_images import GREEN, bench, mounted
 
 EDGE = 11.15
@@ -133,9 +133,7 @@ def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     assert float(bound.object_radius) == pytest.approx(
         abs(chief.views.at(camera.fap.z - camera.focal_plane)[0]), rel=1e-12
     )
-    thin = nondistortion_bound(
-        camera.lens_diameter, camera.fap.diameter, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
-    )
+    thin = nondistortion_bound(thin_twin(camera))
     assert 0.7 * thin.mla_radius < radius < thin.mla_radius
 
 
@@ -145,9 +143,7 @@ def test_measured_bound_tends_to_equation_six():
         lens = load_lens("AC508-150-A")
         small = Prescription(tuple(replace(s, semi_diameter=semi) for s in lens.surfaces), "small")
         camera = mounted(small, semi / 20, focal_plane=500.0)
-        thin = nondistortion_bound(
-            2 * semi, semi / 20, camera.d_3, camera.d_f, camera.first_order.focal_length, camera.d_f
-        )
+        thin = nondistortion_bound(thin_twin(camera))
         ratios.append(float(undistorted_field(camera).mla_radius / thin.mla_radius))
     # what remains is the lens's thickness: its two rims stand on either side of the principal planes, which is first
     # order; take it out by the same bound for a rim at the last vertex, the nearest to the array
