@@ -165,15 +165,18 @@ def _looked_at(
     design: Design, white: ArrayLike, dark: ArrayLike | None, lattice: CentreLattice, wish: Wish
 ) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
-    camera = Camera.of(design)
-    expected = float(diffraction_width(camera)) / design.q
+    c = Camera.of(design)
+    expected = float(diffraction_width(c) / c.q)
     if wish == "off":
         return DiffractionCheck(False, "Microlens diffraction was left alone, as asked", expected)
     if wish == "auto" and expected < _SMALL:
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, round_lenses = float(microlens_image_diameter(camera)) / (2 * design.q), camera.lens_shape == "circular"
+    radius, round_lenses = (
+        float(microlens_image_diameter(c) / (2 * c.q)),
+        design.microlens_array.lens_shape == "circular",
+    )
     start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, round_lenses)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..pictures.calibration import pictures_of
 from ..pictures.picture import Picture
-from .result import UNITS, Outcome
+from .datasheet import UNITS
+from .result import Outcome
 
 PLOTS = pictures_of(UNITS)
 """Name of each picture's file: its title and what draws it."""

@@ -52,6 +52,10 @@ class Board:
             raise CalibrationError(f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"')
         return cls(int(match[1]), int(match[2]), float(match[3]) * _UNITS[match[4]])
 
+    def to_dict(self) -> dict[str, float]:
+        """JSON-ready."""
+        return {"columns": self.columns, "rows": self.rows, "cell_mm": self.cell}
+
     @property
     def inner(self) -> tuple[int, int]:
         """Inner corners across and down."""

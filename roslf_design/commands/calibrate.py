@@ -28,8 +28,9 @@ from ..calibration import (
     Posterior,
     figures,
 )
+from ..calibration.datasheet import relative_sigma
 from ..calibration.frames import Capture
-from ..calibration.planning import reason
+from ..calibration.planning import reason, too_large
 from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
 from ..calibration.result import LAPLACE_DRAWS
 from ..camera import Camera
@@ -242,8 +243,7 @@ def calibrated(
             )
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
-        seed=seed, distortion=distortion, warnings=_mismatch(loaded, centres), diffraction=waves,
-        undistorted_radius=radius,
+        seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius,
     )  # fmt: skip
 
 
@@ -257,17 +257,6 @@ def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) ->
         except CalibrationError as error:
             raise CalibrationError(f"{path.name}: {error}") from None
         yield path.name, field
-
-
-def _mismatch(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
-    """A warning where the white image's pitch is not the design's."""
-    expected, shown = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q, centres.lattice.pitch
-    if abs(shown / expected - 1) < 0.02:
-        return ()
-    return (
-        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
-        " and its microlens pitch those of this camera?",
-    )
 
 
 def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
@@ -394,9 +383,10 @@ def print_plan(
             if why in str(error) or "into the bore" in str(error):
                 raise
             raise CalibrationError(f"{error}: {why}") from None
-    notes = too_large(loaded, captures)
+    large = too_large(loaded, captures)
+    notes = [f"{large}: choose a smaller --board"] if large else []
     if json:
-        data = {**pages.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
+        data = {**plan.to_dict(loaded.name, seed, distortion), "warnings": notes}
         print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
@@ -416,20 +406,6 @@ def print_plan(
         console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
 
 
-def too_large(design: Design, captures: Captures) -> tuple[str, ...]:
-    """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
-    board = captures.board
-    nearest = captures.distance - captures.distance_range / 2 - design.d_3
-    field = sorted(size * nearest / calibration.camera_of(design).A for size in design.sensor_size)
-    sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
-        return ()
-    return (
-        f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
-        f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen: choose a smaller --board",
-    )
-
-
 # --- options ----------------------------------------------------------------------------------------------------------
 
 
@@ -447,13 +423,10 @@ def read_board(text: str) -> Board:
 
 def read_sheet(design: Design, f_sigma: str) -> DataSheet:
     """The data sheet of a design, f as well known as --f-sigma says."""
-    text = f_sigma.strip()
-    if not text.endswith("%"):
-        return calibration.sheet_of(design, _quantity("--f-sigma", f_sigma, "length") / design.f)
     try:
-        relative = float(text[:-1]) / 100
-    except ValueError:
-        raise _refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
+        relative = relative_sigma(f_sigma, design.f)
+    except ValueError as error:
+        raise _refusal("--f-sigma", str(error)) from None
     return calibration.sheet_of(design, relative)
 
 

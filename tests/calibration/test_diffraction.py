@@ -30,6 +30,7 @@ from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.imaging.render import render
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.light import diffraction_width
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
@@ -37,11 +38,9 @@ IMAGE = PupilImage(6.5, 3.6, 12.94)
 
 
 def pupil_of(design):
-    blur = design.wavelength * design.d_2 / design.d / design.q
-    array = design.microlens_array
-    camera = Camera.of(design)
-    pitch, diameter = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera))
-    return PupilImage(diameter / 2 / design.q, blur, pitch / design.q, array.layout, array.lens_shape == "circular")
+    c, array = Camera.of(design), design.microlens_array
+    lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
+    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape == "circular")
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from roslf_design.calibration import (
 )
 from roslf_design.calibration.model import project_boards
 from roslf_design.calibration.posterior import ProfileLikelihood
-from roslf_design.theory import back_substitution_covariance
+from roslf_design.theory import back_substitution_jacobian
 from tests.calibration.made import CAMERA, SHEET, captured
 
 
@@ -97,7 +97,8 @@ def test_posterior_is_the_normal_law_of_the_fisher_matrix_near_its_peak(fit, pos
     spread = np.zeros((3, 3))
     spread[0, 0] = 1.0
     spread[1:, 1:] = fit.covariance.part(names)
-    lengths = back_substitution_covariance(100.0, fit.camera.A, fit.camera.m, spread)
+    by = back_substitution_jacobian(100.0, fit.camera.A, fit.camera.m)
+    lengths = by @ spread @ by.T
     for k, name in enumerate(("d_1", "d_f", "H", "d_3")):
         assert posterior.quantities[name].std() == pytest.approx(math.sqrt(lengths[k, k]), rel=0.15)
     low, high = np.quantile(posterior.draws("d_3"), [0.025, 0.975])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration import Captures, calibrate
-from roslf_design.calibration.result import UNITS
+from roslf_design.calibration.datasheet import UNITS
 from roslf_design.pictures.calibration import pictures_of
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
 from tests.calibration.made import SHEET, captured
