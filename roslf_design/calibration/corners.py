@@ -446,9 +446,15 @@ def _fit(
         cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, True)
         damping, moved, rest = 1e-2, 1e300, False
         for _ in range(rounds):
-            if not _solve(H, g, damping, L, step):
+            L[:] = H
+            step[:] = g
+            if not cholesky(L, damping, step):
                 damping *= 8.0
                 continue
+            for m in range(8, -1, -1):
+                for k in range(m + 1, 9):
+                    step[m] -= L[k, m] * step[k]
+                step[m] /= L[m, m]
             for k in range(9):
                 trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
             trial[4] = min(max(trial[4], blur[0]), blur[1])
@@ -541,30 +547,26 @@ def _misfit(
 
 
 @kernel()
-def _solve(H: Array, g: Array, damping: float, L: Array, step: Array) -> bool:
-    """Damped normal equations by Cholesky's method; false where they are not positive definite."""
-    for j in range(9):
-        for i in range(j, 9):
+def cholesky(H: Array, damping: float, g: Array) -> bool:
+    """Turn H, of which the lower half counts, into L with L L' = H + damping diag(H), and g into L^-1 g.
+
+    False where H is not positive definite.
+    """
+    size = len(g)
+    for j in range(size):
+        for i in range(j, size):
             total = H[i, j]
             if i == j:
-                total += damping * H[j, j] + 1e-300
+                total += damping * (H[j, j] + 1e-300)
             for k in range(j):
-                total -= L[i, k] * L[j, k]
+                total -= H[i, k] * H[j, k]
             if i == j:
                 if total <= 0.0:
                     return False
-                L[j, j] = math.sqrt(total)
+                H[j, j] = math.sqrt(total)
             else:
-                L[i, j] = total / L[j, j]
-    for j in range(9):
-        total = g[j]
+                H[i, j] = total / H[j, j]
         for k in range(j):
-            total -= L[j, k] * step[k]
-        step[j] = total / L[j, j]
-    for m in range(9):
-        j = 8 - m
-        total = step[j]
-        for k in range(j + 1, 9):
-            total -= L[k, j] * step[k]
-        step[j] = total / L[j, j]
+            g[j] -= H[j, k] * g[k]
+        g[j] /= H[j, j]
     return True

@@ -11,9 +11,10 @@ import numpy as np
 
 from .._jit import kernel
 from .calibrate import StatisticsFit
+from .corners import cholesky
 from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
 from .frames import Array, CalibrationError
-from .model import GLOBALS
+from .model import GLOBALS, rotation_matrix
 
 DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
 """Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
@@ -230,18 +231,18 @@ class ProfileLikelihood:
         """Log-likelihood, up to a constant, shape (w,), of cameras, shape (w, 7); -inf where a board is behind one."""
         cameras = np.ascontiguousarray(cameras, float)
         out = np.empty(len(cameras))
-        points, values, at, share, weight = self._data
-        shape = self.best, self._follow, self._pose, self._fixed
-        _eliminate.compiled(cameras, *shape, points, values, at, share, weight, out)
+        pose = self._pose + np.tensordot(cameras - self.best, self._follow, (1, 2))
+        _eliminate.compiled(
+            cameras, rotation_matrix(pose[..., :3]), pose[..., 3:].copy(), self._fixed, *self._data, out
+        )
         return out
 
 
 @kernel()
 def _eliminate(
     cameras: Array,
-    best: Array,
-    follow: Array,
-    pose: Array,
+    turns: Array,
+    shifts: Array,
     fixed: Array,
     points: Array,
     values: Array,
@@ -255,15 +256,10 @@ def _eliminate(
         A, m, x_0, y_0 = cameras[w, 0], cameras[w, 1], cameras[w, 3], cameras[w, 4]
         k_1, k_2, q, d = cameras[w, 5], cameras[w, 6], fixed[0], fixed[1]
         step = q * A * cameras[w, 2]
-        R, p, J, H, g = np.empty((3, 3)), np.empty(6), np.empty((3, 6)), np.empty((6, 6)), np.empty(6)
-        r = np.empty(3)
+        J, H, g, r = np.empty((3, 6)), np.empty((6, 6)), np.empty(6), np.empty(3)
         total, behind = 0.0, A <= 0.0 or m <= 0.0 or step <= 0.0
         for b in range(boards):
-            for i in range(6):
-                p[i] = pose[b, i]
-                for j in range(7):
-                    p[i] += follow[b, i, j] * (cameras[w, j] - best[j])
-            _turn(p, R)
+            R, p = turns[w, b], shifts[w, b]
             H[:] = 0.0
             g[:] = 0.0
             misfit = 0.0
@@ -271,13 +267,13 @@ def _eliminate(
                 if weight[b, n, 0] == 0.0:
                     continue
                 px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[5]
+                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[2]
                 if z <= 0.0:
                     behind = True
                     break
                 sx, sy = -step * at[b, n, 0], -step * at[b, n, 1]
-                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[3] - sx) / z
-                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[4] - sy) / z
+                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[0] - sx) / z
+                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[1] - sy) / z
                 r2 = fx * fx + fy * fy
                 gain, bend, curl = 1.0 + r2 * (k_1 + k_2 * r2), k_1 + 2.0 * k_2 * r2, 2.0 * k_2
                 wx, wy = share[b, n], 1.0 - share[b, n]
@@ -310,47 +306,10 @@ def _eliminate(
                         g[j] += J[i, j] * r[i]
                         for c in range(j + 1):
                             H[j, c] += J[i, j] * J[i, c]
-            gained = _gain(H, g)
-            if behind or gained < 0.0:
+            if behind or not cholesky(H, 0.0, g):
                 behind = True
                 break
-            total += misfit - gained
+            total += misfit
+            for j in range(6):
+                total -= g[j] * g[j]
         out[w] = -math.inf if behind else -0.5 * total
-
-
-@kernel()
-def _turn(vector: Array, R: Array) -> None:
-    """Rotation matrix of the first three numbers of a pose."""
-    x, y, z = vector[0], vector[1], vector[2]
-    square = x * x + y * y + z * z
-    if square < 1e-8:
-        one, two = 1.0 - square / 6.0, 0.5 - square / 24.0
-    else:
-        angle = math.sqrt(square)
-        half = math.sin(0.5 * angle) / angle
-        one, two = math.sin(angle) / angle, 2.0 * half * half
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - two * (y * y + z * z), two * x * y - one * z, two * x * z + one * y
-    R[1, 0], R[1, 1], R[1, 2] = two * x * y + one * z, 1.0 - two * (x * x + z * z), two * y * z - one * x
-    R[2, 0], R[2, 1], R[2, 2] = two * x * z - one * y, two * y * z + one * x, 1.0 - two * (x * x + y * y)
-
-
-@kernel()
-def _gain(H: Array, g: Array) -> float:
-    """``g' H^-1 g`` by Cholesky's method in place; -1 where H is not positive definite."""
-    gained = 0.0
-    for j in range(6):
-        for i in range(j, 6):
-            total = H[i, j]
-            for k in range(j):
-                total -= H[i, k] * H[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return -1.0
-                H[j, j] = math.sqrt(total)
-            else:
-                H[i, j] = total / H[j, j]
-        for k in range(j):
-            g[j] -= H[j, k] * g[k]
-        g[j] /= H[j, j]
-        gained += g[j] * g[j]
-    return gained

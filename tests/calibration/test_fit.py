@@ -255,7 +255,7 @@ def test_too_few_corners_are_refused():
         calibrate(replace(observations, uv=uv), SHEET)
     few = Observations(observations.points[:4], observations.views[:1], observations.uv[:2, :1, :4])
     with pytest.raises(CalibrationError, match="cannot determine"):
-        refine(few, CAMERA, poses_of(2))
+        refine(few, CAMERA, poses_of(2), NAMES)
     with pytest.raises(ValueError, match="0, 1 or 2 radial"):
         calibrate(observations, SHEET, distortion=3)
 
