@@ -13,7 +13,6 @@ would move u_0 and the boards, nothing else.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -103,11 +102,6 @@ class Observations:
     def count(self) -> int:
         """Coordinates measured."""
         return 2 * int(self.seen.sum())
-
-    def of_views(self, views: Sequence[int]) -> Observations:
-        """The same boards in some of the views, by their numbers."""
-        at = list(views)
-        return replace(self, views=self.views[at], uv=self.uv[:, at])
 
 
 def observed(uv: Array) -> NDArray[np.bool_]:

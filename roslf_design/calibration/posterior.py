@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._jit import kernel
+from ..accuracy.statement import Accuracy, check_accuracy
 from .calibrate import StatisticsFit
 from .corners import cholesky
 from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
@@ -18,6 +19,11 @@ from .model import GLOBALS, rotation_matrix
 
 DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
 """Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
+SIGMAS = 2.0
+"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
+FINEST = 0.02
+"""A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
+MOST_STEPS = 60_000
 RHAT = 1.01
 """R-hat between ensembles below which they count as converged."""
 _KEPT = 40_000
@@ -53,7 +59,6 @@ def sample_posterior(
     *,
     seed: int,
     ensembles: int = 4,
-    walkers: int | None = None,
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
     ess: float = DEFAULT_ESS,
@@ -61,7 +66,7 @@ def sample_posterior(
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
-    Ensembles start apart, spread 1.5 times as wide as the Fisher
+    Ensembles, of four walkers for each parameter and at least 24, start apart, spread 1.5 times as wide as the Fisher
     matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and bulk
     and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
     `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
@@ -76,8 +81,6 @@ def sample_posterior(
         Same seed, same draws.
     ensembles : int
         Separate ensembles, at least 4.
-    walkers : int, optional
-        In each ensemble, even; four for each parameter and at least 24 where not given.
     chunk : int
         Steps between checks.
     most_steps : int
@@ -98,7 +101,7 @@ def sample_posterior(
         raise CalibrationError(f"convergence is judged between at least 4 ensembles, got {ensembles}")
     target = _Target(fit, sheet)
     dimension = len(target.names)
-    size = max(24, 4 * dimension) if walkers is None else walkers
+    size = max(24, 4 * dimension)
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
     seeds = np.random.SeedSequence(seed).spawn(ensembles + 1)
     samplers, states = [], []
@@ -197,6 +200,53 @@ class _Target:
             bulk[name] = float(stats.ess(by_walker, method="bulk"))
             tail[name] = float(stats.ess(by_walker, method="tail", prob=(0.05, 0.95)))
         return r_hat, bulk, tail
+
+
+# --- what the draws are worth -----------------------------------------------------------------------------------------
+
+
+def sample_size_for(accuracy: float | None) -> float:
+    """Effective sample size, bulk and tail, that an accuracy of the means takes [standard deviations of the posterior].
+
+    Raises
+    ------
+    InputError
+        Out of range.
+    """
+    if accuracy is None:
+        return DEFAULT_ESS
+    check_accuracy(accuracy, FINEST, "in standard deviations; a finer posterior takes too many draws")
+    return max(50.0, (SIGMAS / accuracy) ** 2)
+
+
+def most_steps_for(size: float) -> int:
+    """Steps after which sampling gives up."""
+    return int(min(MOST_STEPS, max(DEFAULT_STEPS, DEFAULT_STEPS * size / DEFAULT_ESS)))
+
+
+def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accuracy:
+    """Method, expected and measured error of the intervals' ends and means, for having finitely many draws.
+
+    Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
+    Draws that are no posterior's are taken for Laplace's approximation.
+    """
+    of = "means and intervals, in standard deviations of the posterior"
+    count = len(draws.parameters)
+    if not isinstance(draws, Posterior):
+        model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
+        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
+    p = draws
+    least = min(*p.bulk_ess.values(), *p.tail_ess.values())
+    thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
+    return Accuracy(
+        of,
+        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
+        SIGMAS * math.sqrt(1 / least + thinned),
+        SIGMAS * p.between,
+        "scatter between ensembles",
+        asked,
+        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
+    )
 
 
 # --- likelihood -------------------------------------------------------------------------------------------------------

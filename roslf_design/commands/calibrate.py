@@ -15,7 +15,6 @@ import numpy as np
 from cyclopts import Parameter
 
 from .. import __version__, calibration
-from ..accuracy.statement import Accuracy, check_accuracy
 from ..calibration import (
     Board,
     CalibrationError,
@@ -25,13 +24,12 @@ from ..calibration import (
     LightField,
     MicrolensCentres,
     Outcome,
-    Posterior,
     figures,
 )
 from ..calibration.datasheet import relative_sigma
 from ..calibration.frames import Capture
 from ..calibration.planning import reason, too_large
-from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
+from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
 from ..camera import Camera
 from ..design import Design, DesignError, dumps, load
@@ -47,12 +45,6 @@ from .progress import StatusLine
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-SIGMAS = 2.0
-"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
-FINEST = 0.02
-"""A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
-MOST_STEPS = 60_000
 
 
 def calibrate(
@@ -290,53 +282,6 @@ def print_result(result: Outcome, written: list[Path], console: Console) -> None
     )
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
-
-
-# --- what the draws are worth -----------------------------------------------------------------------------------------
-
-
-def sample_size_for(accuracy: float | None) -> float:
-    """Effective sample size, bulk and tail, that an accuracy of the means takes [standard deviations of the posterior].
-
-    Raises
-    ------
-    InputError
-        Out of range.
-    """
-    if accuracy is None:
-        return DEFAULT_ESS
-    check_accuracy(accuracy, FINEST, "in standard deviations; a finer posterior takes too many draws")
-    return max(50.0, (SIGMAS / accuracy) ** 2)
-
-
-def most_steps_for(size: float) -> int:
-    """Steps after which sampling gives up."""
-    return int(min(MOST_STEPS, max(DEFAULT_STEPS, DEFAULT_STEPS * size / DEFAULT_ESS)))
-
-
-def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accuracy:
-    """Method, expected and measured error of the intervals' ends and means, for having finitely many draws.
-
-    Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
-    Draws that are no posterior's are taken for Laplace's approximation.
-    """
-    of = "means and intervals, in standard deviations of the posterior"
-    count = len(draws.parameters)
-    if not isinstance(draws, Posterior):
-        model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
-        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
-    p = draws
-    least = min(*p.bulk_ess.values(), *p.tail_ess.values())
-    thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
-    return Accuracy(
-        of,
-        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
-        SIGMAS * math.sqrt(1 / least + thinned),
-        SIGMAS * p.between,
-        "scatter between ensembles",
-        asked,
-        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
-    )
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------

@@ -7,9 +7,13 @@ from roslf_design.calibration.calibrate import calibrate
 from roslf_design.calibration.datasheet import DataSheet, laplace_draws
 from roslf_design.calibration.model import Intrinsics
 from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
-from roslf_design.calibration.posterior import sample_posterior
+from roslf_design.calibration.posterior import (
+    most_steps_for,
+    posterior_accuracy,
+    sample_posterior,
+    sample_size_for,
+)
 from roslf_design.cli import main
-from roslf_design.commands.calibrate import most_steps_for, posterior_accuracy, sample_size_for
 
 CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)
 SHEET = DataSheet(100.0, CAMERA.q, CAMERA.d, 1.0, d_sigma=6.3e-5, cell_sigma=1e-3)
