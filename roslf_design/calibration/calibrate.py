@@ -46,10 +46,6 @@ class CornerStatistics:
     sigma: Array
     """Standard deviation of each value, shape (b, n, 3); infinite where not seen."""
 
-    def scaled(self, place: float, slope: float) -> CornerStatistics:
-        """The same with the places' and the slopes' standard deviations multiplied."""
-        return replace(self, sigma=self.sigma * np.array([place, place, slope]))
-
     def model(self, camera: Array, pose: Array, derivatives: bool = True) -> ProjectedCorners:
         """Where `project_boards` puts them: values (b, n, 3), derivatives (b, n, 3, 9) and (b, n, 3, 6)."""
         both = project_boards(camera, pose, self.points, self.at[:, None], self.share[:, None], derivatives)
@@ -108,18 +104,18 @@ def fit_statistics(
     CalibrationError
         A parameter is not determined, or the fit does not settle.
     """
-    place = slope = 1.0
+    scales = np.ones(2)
+    data = statistics
     for _ in range(3 if scale else 1):
-        weighted = statistics.scaled(place, slope)
-        fit = settle(weighted.linear, camera, poses, names)
+        fit = settle(data.linear, camera, poses, names)
         if not fit.done:
             raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
         camera, poses = fit.camera, fit.poses
         if scale:
-            more = _scatter(fit.linear)
-            place, slope = place * more[0], slope * more[1]
-    best = fit_at(statistics.scaled(place, slope), camera, poses, names)
-    return best._replace(place_scale=place, slope_scale=slope)
+            scales *= _scatter(fit.linear)
+            data = replace(statistics, sigma=statistics.sigma * scales[[0, 0, 1]])
+    place, slope = map(float, scales)
+    return fit_at(data, camera, poses, names)._replace(place_scale=place, slope_scale=slope)
 
 
 def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:

@@ -208,11 +208,7 @@ def _placed(pixels: Array, known: NDArray[np.bool_], start: Array, shape: Array,
 def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
     """Mean directions [rad] of a board's edges across and down, and how far the windows of its corners reach [px].
 
-    Parameters
-    ----------
-    corners : ndarray
-        Columns and rows, shape (n, 2); NaN where not placed.
-    board : Board
+    `corners` are columns and rows, shape (n, 2); NaN where not placed.
     """
     grid = _completed(corners, board).reshape(*board.inner[::-1], 2)
     steps = [np.diff(grid, axis=k).reshape(-1, 2).mean(axis=0) for k in (1, 0)]
@@ -290,20 +286,9 @@ def _eight_bit(pixels: Array, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
 def checked_grid(corners: Array, board: Board, picture: Array) -> Array | None:
     """Corners in the order of `Board.points`, or None where they fit no plane or the cells do not alternate.
 
-    Parameters
-    ----------
-    corners : ndarray
-        Columns and rows, shape (n, 2), as a detector orders them.
-    board : Board
-    picture : ndarray
-        Grey picture, to look at the cells.
-
-    Returns
-    -------
-    ndarray or None
-        Turned from across to down as the board's points are (some detectors mirror boards). Of the two orders half a
-        turn apart, the one whose first cell is dark, where the board's colours tell them apart: an odd sum of cells
-        across and down.
+    `corners` are columns and rows, shape (n, 2), as a detector orders them; the result is turned from across to down as
+    the board's points are (some detectors mirror boards). Of the two orders half a turn apart it is the one whose first
+    cell is dark, where the board's colours tell them apart: an odd sum of cells across and down.
     """
     across, down = board.inner
     grid = corners.reshape(down, across, 2)
@@ -376,9 +361,10 @@ class Saddles(NamedTuple):
 def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array, half: int) -> Saddles:
     """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
 
-    Each sample is the mean of the model over its square, as a microlens averages what its aperture sees; a model
-    taken at the sample's middle is off by up to 0.1 px where edges are sharp and run along the rows. On drawn views of
-    a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by 0.092, its cornerSubPix by 0.045.
+    Nine parameters by Levenberg-Marquardt. Each sample is the mean of the model over its square, as a microlens
+    averages what its aperture sees; a model taken at the sample's middle is off by up to 0.1 px where edges are sharp
+    and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by
+    0.092, its cornerSubPix by 0.045.
 
     Parameters
     ----------
@@ -392,10 +378,6 @@ def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges:
         Directions of the two edges [rad], shape (n, 2).
     half : int
         Windows reach this many pixels to each side, weighted by a Gaussian of 0.6 of that.
-
-    Notes
-    -----
-    Levenberg-Marquardt in nine parameters.
     """
     out = np.zeros((len(corners), 5))
     start, directions = np.ascontiguousarray(corners, float), np.ascontiguousarray(edges, float)

@@ -110,36 +110,13 @@ class Outcome:
         """Everything as JSON's types."""
         result, fit = self.calibration, self.calibration.fit
         names = list(fit.covariance.names)
-        rows = {}
-        for name in SHOWN:
-            e = self.estimates[name]
-            rows[name] = {
-                "estimate": e.value,
-                "unit": UNITS[name],
-                "sigma": e.sigma,
-                "interval_68": [e.low_68, e.high_68],
-                "interval_95": [e.low_95, e.high_95],
-                "r_hat": e.r_hat,
-                "ess": e.ess,
-                "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
-            }
         steps = {
             way: dict(zip(("d_1", "d_f", "H", "d_3"), (float(x) for x in lengths[:4]), strict=True))
             for way, lengths in (("steps_one_and_two", result.stepwise), ("joint", result.refined))
         }
         camera, sigma = fit.camera, fit.covariance.sigma
+        told = ("message", "acceptance", "steps", "walkers", "r_hat", "bulk_ess", "tail_ess")
         p = self.posterior
-        sampling = None
-        if p is not None:
-            sampling = {
-                "message": p.message,
-                "acceptance": p.acceptance,
-                "steps": p.steps,
-                "walkers": p.walkers,
-                "r_hat": dict(p.r_hat),
-                "bulk_ess": dict(p.bulk_ess),
-                "tail_ess": dict(p.tail_ess),
-            }
         lattice, used = self.centres.lattice, self.centres.used
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
         radius = self.undistorted_radius
@@ -148,10 +125,22 @@ class Outcome:
             "design": self.design.name,
             "board": self.board.to_dict(),
             "intervals_from": self.intervals_from,
-            "quantities": rows,
+            "quantities": {
+                name: {
+                    "estimate": e.value,
+                    "unit": UNITS[name],
+                    "sigma": e.sigma,
+                    "interval_68": [e.low_68, e.high_68],
+                    "interval_95": [e.low_95, e.high_95],
+                    "r_hat": e.r_hat,
+                    "ess": e.ess,
+                    "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
+                }
+                for name, e in ((name, self.estimates[name]) for name in SHOWN)
+            },
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),
-            "posterior": sampling,
+            "posterior": None if p is None else {name: getattr(p, name) for name in told},
             "fit": {
                 name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names
             },

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .corners import homography
 from .frames import Array, CalibrationError
@@ -57,7 +58,7 @@ class Linear(NamedTuple):
         return np.asarray(np.einsum("brp,brq->pq", free, free))
 
 
-def whitened(model: ProjectedCorners, measured: Array, weight: Array) -> Linear:
+def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
     """Corners where they are modelled minus `measured`, both (b, ..., n, k), in units of their errors 1/`weight`."""
     boards, weight = len(measured), np.broadcast_to(weight, measured.shape)
     off = ((model.values - measured) * weight).reshape(boards, -1)
@@ -102,8 +103,11 @@ def settle(
 
     start = np.concatenate([camera.vector(names), poses.vector.ravel()])
 
+    def residuals(x: Array) -> Array:
+        return at(x, False).off.ravel()
+
     run = least_squares(
-        lambda x: at(x, False).off.ravel(), start, jacobian,
+        residuals, start, jacobian,
         method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST,
     )  # fmt: skip
     linear = at(run.x, True)

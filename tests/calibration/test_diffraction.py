@@ -1,9 +1,7 @@
 """Microlens diffraction: read from white images, computed for corners, taken off a rendered calibration."""
 
-import importlib.util
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -31,6 +29,7 @@ from roslf_design.design import load, save
 from roslf_design.imaging.render import render
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.light import diffraction_width
+from tests.calibration.made import study
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
@@ -146,11 +145,7 @@ def test_a_neighbour_s_light_moves_corners_by_less_than_its_share():
 def circle(root, tmp_path_factory):
     """Four boards by a corner of the paper's sensor, by rays and by waves; the design file beside."""
     place = tmp_path_factory.mktemp("circle")
-    script = root / "studies" / "calibration-circle" / "captures.py"
-    spec = importlib.util.spec_from_file_location("circle_captures", script)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
+    module = study(root / "studies" / "calibration-circle" / "captures.py")
     size = (900 * PAPER.q, 740 * PAPER.q)
     design = PAPER.replace(
         {"name": "small sensor", "sensor.size": size, "microlens_array.size": (size[0] + 0.2, size[1] + 0.2)}
