@@ -282,9 +282,9 @@ class ProfileLikelihood:
         cameras = np.ascontiguousarray(cameras, float)
         out = np.empty(len(cameras))
         pose = self._pose + np.tensordot(cameras - self.best, self._follow, (1, 2))
-        _eliminate.compiled(
-            cameras, rotation_matrix(pose[..., :3]), pose[..., 3:].copy(), self._fixed, *self._data, out
-        )
+        turns, shifts = rotation_matrix(pose[..., :3]), np.ascontiguousarray(pose[..., 3:])
+        points, values, at, share, weight = self._data
+        _eliminate.compiled(cameras, turns, shifts, self._fixed, points, values, at, share, weight, out)
         return out
 
 

@@ -31,7 +31,6 @@ from ..calibration.frames import Capture
 from ..calibration.planning import reason, too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
-from ..camera import Camera
 from ..design import Design, DesignError, dumps, load
 from ..design.units import parse_quantity
 from ..design.write import write_atomically
@@ -40,7 +39,6 @@ from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.html import render_html
 from ..reporting.terminal import print_blocks, print_statements
-from ..theory.exit_pupil import microlens_image_pitch
 from .progress import StatusLine
 
 if TYPE_CHECKING:
