@@ -60,11 +60,11 @@ class Linear(NamedTuple):
 
 def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
     """Corners where they are modelled minus `measured`, both (b, ..., n, k), in units of their errors 1/`weight`."""
-    boards, weight = len(measured), np.broadcast_to(weight, measured.shape)
-    off = ((model.values - measured) * weight).reshape(boards, -1)
+    boards, share = len(measured), np.broadcast_to(weight, measured.shape)
+    off = ((model.values - measured) * share).reshape(boards, -1)
     if not model.by_pose.size:
         return Linear(off, model.by_globals, model.by_pose)
-    shared, own = (part * weight[..., None] for part in (model.by_globals, model.by_pose))
+    shared, own = (part * share[..., None] for part in (model.by_globals, model.by_pose))
     return Linear(off, shared.reshape(boards, -1, len(GLOBALS)), own.reshape(boards, -1, 6))
 
 
