@@ -27,6 +27,7 @@ from .steps import (
     step_one,
     step_two,
     undetermined,
+    whitened,
 )
 
 
@@ -45,14 +46,14 @@ class CornerStatistics:
     sigma: Array
     """Standard deviation of each value, shape (b, n, 3); infinite where not seen."""
 
-    def scaled(self, place: float, slope: float) -> CornerStatistics:
-        """The same with the places' and the slopes' standard deviations multiplied."""
-        return replace(self, sigma=self.sigma * np.array([place, place, slope]))
-
     def model(self, camera: Array, pose: Array, derivatives: bool = True) -> ProjectedCorners:
         """Where `project_boards` puts them: values (b, n, 3), derivatives (b, n, 3, 9) and (b, n, 3, 6)."""
         both = project_boards(camera, pose, self.points, self.at[:, None], self.share[:, None], derivatives)
         return ProjectedCorners(*(part[:, 0] if part.ndim > 1 else part for part in both))
+
+    def linear(self, camera: Array, pose: Array, derivatives: bool = True) -> Linear:
+        """The model's residuals, in standard deviations."""
+        return whitened(self.model(camera, pose, derivatives), self.values, 1 / self.sigma)
 
 
 def corner_statistics(observations: Observations, sigma: float, lines: EpiLines | None = None) -> CornerStatistics:
@@ -96,53 +97,33 @@ def fit_statistics(
 
     Errors of a corner in neighbouring views are seldom independent (interpolation, diffraction, the detector's own
     bias). With `scale`, the scatter about the model of places and of slopes, each over its own degrees of freedom,
-    replaces what independence would promise.
-
-    Parameters
-    ----------
-    statistics : CornerStatistics
-    camera, poses
-        Where to start, near the solution.
-    names : tuple of str
-        Shared parameters to fit.
-    scale : bool
-        Judge the noise by the scatter.
+    replaces what independence would promise. `camera` and `poses` are where to start, near the solution.
 
     Raises
     ------
     CalibrationError
         A parameter is not determined, or the fit does not settle.
     """
-    place = slope = 1.0
+    scales = np.ones(2)
+    data = statistics
     for _ in range(3 if scale else 1):
-        weighted = statistics.scaled(place, slope)
-        fit = settle(lambda *x, data=weighted: _linear(data, *x), camera, poses, names)
+        fit = settle(data.linear, camera, poses, names)
         if not fit.done:
             raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
         camera, poses = fit.camera, fit.poses
         if scale:
-            more = _scatter(fit.linear)
-            place, slope = place * more[0], slope * more[1]
-    best = fit_at(statistics.scaled(place, slope), camera, poses, names)
-    return best._replace(place_scale=place, slope_scale=slope)
+            scales *= _scatter(fit.linear)
+            data = replace(statistics, sigma=statistics.sigma * scales[[0, 0, 1]])
+    place, slope = map(float, scales)
+    return fit_at(data, camera, poses, names)._replace(place_scale=place, slope_scale=slope)
 
 
 def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
     """What a fit that ended at this camera and these poses would say of its errors."""
-    linear = _linear(statistics, camera.vector(), poses.vector, True)
+    linear = statistics.linear(camera.vector(), poses.vector)
     linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
     follow = -np.linalg.pinv(linear.own) @ linear.shared
     return StatisticsFit(camera, poses, statistics, covariance_of(linear.information(), names), 1.0, 1.0, follow)
-
-
-def _linear(statistics: CornerStatistics, camera: Array, pose: Array, derivatives: bool) -> Linear:
-    model = statistics.model(camera, pose, derivatives)
-    boards, weight = len(pose), 1 / statistics.sigma
-    off = ((model.values - statistics.values) * weight).reshape(boards, -1)
-    if not derivatives:
-        return Linear(off, model.by_globals, model.by_pose)
-    shared, own = (part * weight[..., None] for part in (model.by_globals, model.by_pose))
-    return Linear(off, shared.reshape(boards, -1, len(GLOBALS)), own.reshape(boards, -1, 6))
 
 
 def _scatter(linear: Linear) -> tuple[float, float]:
@@ -213,7 +194,7 @@ def calibrate(
     try:
         first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
         second = step_two(observations, lines, first)
-        joint = refine(observations, second.camera, first.poses, distortion=distortion)
+        joint = refine(observations, second.camera, first.poses, shared_names(distortion))
         lost = undetermined(joint.covariance, joint.camera)
         if lost:
             raise CalibrationError(f"{', '.join(lost)} not determined to 30 %: {_why(joint.poses)}")

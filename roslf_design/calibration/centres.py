@@ -36,15 +36,18 @@ class Reason(IntEnum):
     @property
     def text(self) -> str:
         """One phrase for reports."""
-        return {
-            Reason.USED: "used",
-            Reason.BORDER: "cell reaches over the image's edge",
-            Reason.DARK: "too dark",
-            Reason.SATURATED: "saturated pixels",
-            Reason.CUT: "image cut by a stop (cat's eye)",
-            Reason.OUTLIER: "off the lattice by over 5 sigma",
-            Reason.BEYOND: "beyond the undistorted field",
-        }[self]
+        return _REASONS[self]
+
+
+_REASONS = (
+    "used",
+    "cell reaches over the image's edge",
+    "too dark",
+    "saturated pixels",
+    "image cut by a stop (cat's eye)",
+    "off the lattice by over 5 sigma",
+    "beyond the undistorted field",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +117,10 @@ def find_centres(
         )
     raw = frame if dark is None else grey_frame(white, None, "white image")
     lattice = _grown(frame, estimate_lattice(frame, layout))
-    return _fitted(
-        frame, raw, level, undistorted_radius, _fitted(frame, raw, level, undistorted_radius, lattice).lattice
-    )
+    for _ in range(2):
+        found = _fitted(frame, raw, level, undistorted_radius, lattice)
+        lattice = found.lattice
+    return found
 
 
 def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattice: CentreLattice) -> MicrolensCentres:
@@ -211,27 +215,10 @@ class CellMoments(NamedTuple):
 def cell_moments(
     image: Frame, lattice: CentreLattice, centres: Array, saturation: float = math.inf, scale: float = 1.0
 ) -> CellMoments:
-    """Moments of `image` in the Voronoi cells of `lattice` placed at `centres`, in one pass over the pixels.
+    """Moments of `image` in the Voronoi cells of `lattice` placed at `centres` [px], shape (n, 2), in one pass.
 
-    Pixels on a cell's side count in proportion to how far they reach inside.
-
-    Parameters
-    ----------
-    image : ndarray of float32
-        Shape (rows, columns).
-    lattice : CentreLattice
-        Gives the shape of the cells.
-    centres : ndarray
-        Middles of the cells [px], shape (n, 2).
-    saturation : float
-        Pixels at or above it are counted.
-    scale : float
-        Size of the window against the cell.
-
-    Returns
-    -------
-    CellMoments
-        A dark cell has zero offset and spread, never NaN.
+    Pixels on a cell's side count in proportion to how far they reach inside; those at or above `saturation` are counted
+    as well; `scale` is the window's size against the cell. A dark cell has zero offset and spread, never NaN.
     """
     normals, halves = lattice.cell()
     out = np.zeros((len(centres), 7))

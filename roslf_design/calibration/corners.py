@@ -208,11 +208,7 @@ def _placed(pixels: Array, known: NDArray[np.bool_], start: Array, shape: Array,
 def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
     """Mean directions [rad] of a board's edges across and down, and how far the windows of its corners reach [px].
 
-    Parameters
-    ----------
-    corners : ndarray
-        Columns and rows, shape (n, 2); NaN where not placed.
-    board : Board
+    `corners` are columns and rows, shape (n, 2); NaN where not placed.
     """
     grid = _completed(corners, board).reshape(*board.inner[::-1], 2)
     steps = [np.diff(grid, axis=k).reshape(-1, 2).mean(axis=0) for k in (1, 0)]
@@ -290,20 +286,9 @@ def _eight_bit(pixels: Array, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
 def checked_grid(corners: Array, board: Board, picture: Array) -> Array | None:
     """Corners in the order of `Board.points`, or None where they fit no plane or the cells do not alternate.
 
-    Parameters
-    ----------
-    corners : ndarray
-        Columns and rows, shape (n, 2), as a detector orders them.
-    board : Board
-    picture : ndarray
-        Grey picture, to look at the cells.
-
-    Returns
-    -------
-    ndarray or None
-        Turned from across to down as the board's points are (some detectors mirror boards). Of the two orders half a
-        turn apart, the one whose first cell is dark, where the board's colours tell them apart: an odd sum of cells
-        across and down.
+    `corners` are columns and rows, shape (n, 2), as a detector orders them; the result is turned from across to down as
+    the board's points are (some detectors mirror boards). Of the two orders half a turn apart it is the one whose first
+    cell is dark, where the board's colours tell them apart: an odd sum of cells across and down.
     """
     across, down = board.inner
     grid = corners.reshape(down, across, 2)
@@ -376,9 +361,10 @@ class Saddles(NamedTuple):
 def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array, half: int) -> Saddles:
     """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
 
-    Each sample is the mean of the model over its square, as a microlens averages what its aperture sees; a model
-    taken at the sample's middle is off by up to 0.1 px where edges are sharp and run along the rows. On drawn views of
-    a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by 0.092, its cornerSubPix by 0.045.
+    Nine parameters by Levenberg-Marquardt. Each sample is the mean of the model over its square, as a microlens
+    averages what its aperture sees; a model taken at the sample's middle is off by up to 0.1 px where edges are sharp
+    and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by
+    0.092, its cornerSubPix by 0.045.
 
     Parameters
     ----------
@@ -392,10 +378,6 @@ def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges:
         Directions of the two edges [rad], shape (n, 2).
     half : int
         Windows reach this many pixels to each side, weighted by a Gaussian of 0.6 of that.
-
-    Notes
-    -----
-    Levenberg-Marquardt in nine parameters.
     """
     out = np.zeros((len(corners), 5))
     start, directions = np.ascontiguousarray(corners, float), np.ascontiguousarray(edges, float)
@@ -446,9 +428,15 @@ def _fit(
         cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, True)
         damping, moved, rest = 1e-2, 1e300, False
         for _ in range(rounds):
-            if not _solve(H, g, damping, L, step):
+            L[:] = H
+            step[:] = g
+            if not cholesky(L, damping, step):
                 damping *= 8.0
                 continue
+            for m in range(8, -1, -1):
+                for k in range(m + 1, 9):
+                    step[m] -= L[k, m] * step[k]
+                step[m] /= L[m, m]
             for k in range(9):
                 trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
             trial[4] = min(max(trial[4], blur[0]), blur[1])
@@ -541,30 +529,26 @@ def _misfit(
 
 
 @kernel()
-def _solve(H: Array, g: Array, damping: float, L: Array, step: Array) -> bool:
-    """Damped normal equations by Cholesky's method; false where they are not positive definite."""
-    for j in range(9):
-        for i in range(j, 9):
+def cholesky(H: Array, damping: float, g: Array) -> bool:
+    """Turn H, of which the lower half counts, into L with L L' = H + damping diag(H), and g into L^-1 g.
+
+    False where H is not positive definite.
+    """
+    size = len(g)
+    for j in range(size):
+        for i in range(j, size):
             total = H[i, j]
             if i == j:
-                total += damping * H[j, j] + 1e-300
+                total += damping * (H[j, j] + 1e-300)
             for k in range(j):
-                total -= L[i, k] * L[j, k]
+                total -= H[i, k] * H[j, k]
             if i == j:
                 if total <= 0.0:
                     return False
-                L[j, j] = math.sqrt(total)
+                H[j, j] = math.sqrt(total)
             else:
-                L[i, j] = total / L[j, j]
-    for j in range(9):
-        total = g[j]
+                H[i, j] = total / H[j, j]
         for k in range(j):
-            total -= L[j, k] * step[k]
-        step[j] = total / L[j, j]
-    for m in range(9):
-        j = 8 - m
-        total = step[j]
-        for k in range(j + 1, 9):
-            total -= L[k, j] * step[k]
-        step[j] = total / L[j, j]
+            g[j] -= H[j, k] * g[k]
+        g[j] /= H[j, j]
     return True

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..design import Design
 from ..theory.back_substitution import back_substitute
+from ..units import parse_quantity
 from .frames import Array, CalibrationError
 
 if TYPE_CHECKING:
-    from ..design import Design
     from .calibrate import StatisticsFit
 
 QUANTITIES = ("A", "m", "d_2", "d_1", "d_f", "H", "d_3")
 """Lengths [mm] and ratios derived from a calibration."""
+SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
+"""The same in the order in which they are told."""
+UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,23 @@ def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3,
     return DataSheet(
         design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma
     )
+
+
+def relative_sigma(text: str, f: float) -> float:
+    """Relative standard deviation of f from text such as "1 %" or "0.5 mm".
+
+    Raises
+    ------
+    ValueError
+        Not understood; the message says what to give.
+    """
+    text = text.strip()
+    if not text.endswith("%"):
+        return parse_quantity(text, "length") / f
+    try:
+        return float(text[:-1]) / 100
+    except ValueError:
+        raise ValueError(f'"{text}" is not understood; give "1 mm" or "1%"') from None
 
 
 def derived(camera: Array, sheet: DataSheet, focal_length: Array, scales: Array | None = None) -> dict[str, Array]:

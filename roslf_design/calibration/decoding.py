@@ -111,14 +111,12 @@ def decode(
         level /= max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30)
         weight = np.where((level > _DARKEST) & (lit > 0), np.clip(level, 0, 1), 0).astype(np.float32)
         values = np.where(weight > 0, values / np.where(weight > 0, level, 1), 0).astype(np.float32)
+    step = 1.0 if square else math.sqrt(3) / 2
     if square:
-        return LightField(
-            values, weight, offsets, offsets.copy(), left + np.arange(columns, dtype=float), rows.astype(float),
-            lattice.pitch,
-        )  # fmt: skip
-    step = math.sqrt(3) / 2
-    u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
-    values, weight = _squared(values, weight, u, starts + 0.5 * rows)
+        u = left + np.arange(columns, dtype=float)
+    else:
+        u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
+        values, weight = _squared(values, weight, u, starts + 0.5 * rows)
     return LightField(values, weight, offsets, offsets.copy(), u, step * rows, lattice.pitch)
 
 

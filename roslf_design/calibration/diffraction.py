@@ -28,7 +28,7 @@ from .datasheet import DataSheet
 from .decoding import cubic_convolution, decode
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice, Layout
-from .model import Board, Intrinsics, Observations
+from .model import GLOBALS, Board, Intrinsics, Observations
 from .steps import fit_lines
 
 Wish = Literal["auto", "on", "off"]
@@ -54,7 +54,7 @@ _FINE = 8
 """Bins per pitch in which shifted corners are counted."""
 _PARTS = 5
 """Places across a microlens's aperture, per axis."""
-_NAMES = ("A", "m", "inverse_d_2")
+_NAMES = GLOBALS[:3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,15 +165,18 @@ def _looked_at(
     design: Design, white: ArrayLike, dark: ArrayLike | None, lattice: CentreLattice, wish: Wish
 ) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
-    camera = Camera.of(design)
-    expected = float(diffraction_width(camera)) / design.q
+    c = Camera.of(design)
+    expected = float(diffraction_width(c) / c.q)
     if wish == "off":
         return DiffractionCheck(False, "Microlens diffraction was left alone, as asked", expected)
     if wish == "auto" and expected < _SMALL:
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, round_lenses = float(microlens_image_diameter(camera)) / (2 * design.q), camera.lens_shape == "circular"
+    radius, round_lenses = (
+        float(microlens_image_diameter(c) / (2 * c.q)),
+        design.microlens_array.lens_shape == "circular",
+    )
     start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, round_lenses)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
@@ -313,16 +316,7 @@ class ViewWeights(NamedTuple):
 
 
 def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeights:
-    """Where the light of each view's samples came from.
-
-    Parameters
-    ----------
-    image : PupilImage
-    views : ndarray
-        (s', t') [px], shape (v, 2).
-    points : int
-        Places on the pupil.
-    """
+    """Where the light of the samples of `views`, (s', t') [px], shape (v, 2), came from; `points` on the pupil."""
     from scipy.ndimage import map_coordinates
 
     reach = (_RINGS + 1.5) * image.pitch + image.radius
@@ -330,15 +324,19 @@ def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeig
     count = 2 ** math.ceil(math.log2(2 * reach / step))
     frequency = np.asarray(np.fft.fftfreq(count, step), np.float64)
     spread = np.fft.fftshift(np.fft.ifft2(image.transfer(frequency[None, :], frequency[:, None])).real)
-    turns = np.asarray(np.arange(points) + 0.5, np.float64)
-    angle = turns * math.pi * (3 - math.sqrt(5))
-    along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    places: Array = image.radius * np.sqrt(turns / points)[:, None] * along
+    places = image.radius * _sunflower(points)
     around = image.neighbours()
     away = views[:, None, None] - image.pitch * around[None, :, None] - places[None, None]
     shares = map_coordinates(spread, [away[..., 1] / step + count // 2, away[..., 0] / step + count // 2], order=1)
     shares = shares / shares.sum(axis=(1, 2), keepdims=True)
     return ViewWeights(np.asarray(views, float), np.ascontiguousarray(shares), around, places)
+
+
+def _sunflower(count: int) -> Array:
+    """Points spread evenly over the unit disc, shape (count, 2)."""
+    turns = np.arange(count) + 0.5
+    angle = turns * math.pi * (3 - math.sqrt(5))
+    return np.asarray(np.sqrt(turns / count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def _reading(frequency: Array) -> Array:
@@ -380,8 +378,7 @@ def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None 
     top, left = max(0, rows // 2 - reach), max(0, columns // 2 - reach)
     piece = frame[top : rows // 2 + reach, left : columns // 2 + reach]
     i, j = np.round(lattice.indices([left + piece.shape[1] / 2, top + piece.shape[0] / 2])).astype(int)
-    x, y = lattice.nodes(i, j)
-    field = decode(piece, replace(lattice, origin=(float(x) - left, float(y) - top)))
+    field = decode(piece, lattice.at(lattice.nodes(i, j) - (left, top)))
     whole = (field.weight > 0).all(axis=(0, 1))
     if whole.sum() < 3:
         raise CalibrationError("the middle of the white image holds too few whole microlens images")
@@ -391,11 +388,7 @@ def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None 
 
 
 def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
-    """Fit the disc's radius, and with `blurred` the blur, to a cell.
-
-    `start` is what is expected; pitch, layout and the microlenses' shape are taken from it. Without `blurred` there is
-    no blur.
-    """
+    """Fit the disc's radius, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
     from scipy.optimize import least_squares
 
     def image(x: Array) -> PupilImage:
@@ -434,10 +427,8 @@ def apparent_shifts(
     weights : ViewWeights
     slopes : ndarray
         Du/Ds' of corners [pitches/px], shape (k,).
-    edges : (float, float)
-        Directions of the corner's two edges in the view [rad].
-    half : int
-        Of the window that the corner is fitted in [pitches].
+    edges, half
+        Directions of a corner's two edges in the view [rad]; how far the window reaches that it is fitted in [pitches].
     circular : bool
         Shape of the microlenses.
 
@@ -455,9 +446,7 @@ def apparent_shifts(
     middle = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
     aperture = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
     if circular:
-        turn = np.arange(_PARTS**2) + 0.5
-        angle = turn * math.pi * (3 - math.sqrt(5))
-        aperture = 0.5 * np.sqrt(turn / _PARTS**2)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        aperture = 0.5 * _sunflower(_PARTS**2)
     out = np.empty((size, views * count * size))
     ideal = np.einsum("k,vi->vki", slopes, weights.views)
     with THREADS:
@@ -550,10 +539,9 @@ def view_disagreement(observations: Observations, result: Calibration, sheet: Da
     inner = np.flatnonzero(away <= _INNER * away.max() + 1e-9)
     if len(inner) < 5 or len(inner) == len(away):
         return np.zeros((0, 3))
+    some = replace(observations, views=observations.views[inner], uv=observations.uv[:, inner])
     try:
-        other = calibrate(
-            observations.of_views(inner.tolist()), sheet, distortion=distortion, guess=result.fit.camera.A
-        )
+        other = calibrate(some, sheet, distortion=distortion, guess=result.fit.camera.A)
     except CalibrationError:
         return np.zeros((0, 3))
     difference = other.fit.camera.vector(_NAMES) - result.fit.camera.vector(_NAMES)

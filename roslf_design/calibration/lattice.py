@@ -18,6 +18,8 @@ _CROP = 1024
 _SIGNIFICANT = 0.1
 """Amplitude of a lattice peak against the strongest: touching images leave 0.77 of a hexagonal array's first order."""
 _BINS = 24
+_CLIP, _ROUNDS = 5.0, 6
+"""Largest residual that a lattice is fitted to, in robust standard deviations per axis; most rounds of clipping."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,10 @@ class CentreLattice:
     first: tuple[float, float]
     second: tuple[float, float]
     layout: Layout
+
+    def at(self, origin: Array) -> CentreLattice:
+        """The same with another node (0, 0) [px]."""
+        return replace(self, origin=(float(origin[0]), float(origin[1])))
 
     @property
     def basis(self) -> Array:
@@ -102,22 +108,14 @@ class LatticeFit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals[self.inliers] ** 2)))
 
 
-def fit_lattice(
-    indices: ArrayLike, centres: ArrayLike, layout: Layout, clip: float = 5.0, rounds: int = 6
-) -> LatticeFit:
-    """Least-squares lattice through measured centres, with outliers clipped at `clip` robust standard deviations.
+def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout) -> LatticeFit:
+    """Least-squares lattice through measured centres, with outliers clipped at 5 robust standard deviations an axis.
 
     Parameters
     ----------
-    indices : array_like
-        Lattice indices (i, j), shape (n, 2).
-    centres : array_like
-        Measured positions [px], shape (n, 2).
+    indices, centres : array_like
+        Lattice indices (i, j) and measured positions [px], shapes (n, 2).
     layout : {"square", "hexagonal"}
-    clip : float
-        Largest residual used, in robust standard deviations per axis.
-    rounds : int
-        Most rounds of clipping.
 
     Raises
     ------
@@ -128,7 +126,7 @@ def fit_lattice(
     used = np.ones(len(ij), bool)
     middle = ij.mean(axis=0) if len(ij) else np.zeros(2)
     design = np.column_stack([np.ones(len(ij)), ij - middle])
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         if used.sum() < 4 or np.linalg.matrix_rank(design[used]) < 3:
             raise CalibrationError(
                 f"a lattice needs at least four microlenses, not all in one line; got {int(used.sum())}"
@@ -137,7 +135,7 @@ def fit_lattice(
         residuals = xy - design @ solution
         distance = np.hypot(residuals[:, 0], residuals[:, 1])
         spread = float(np.median(distance[used])) / 1.1774  # the median length of a 2D normal vector is 1.1774 sigma
-        inliers = distance <= max(clip * spread, 1e-9)
+        inliers = distance <= max(_CLIP * spread, 1e-9)
         if np.array_equal(inliers, used):
             break
         used = inliers
@@ -149,22 +147,11 @@ def fit_lattice(
 
 
 def estimate_lattice(image: NDArray[np.floating], layout: Layout | None = None) -> CentreLattice:
-    """Find pitch, rotation, layout and phase of the lattice in the middle of an image to a fraction of a pixel.
+    """Find pitch, rotation, layout and phase of the lattice in the middle of a white image to a fraction of a pixel.
 
     The shortest significant peaks of the power spectrum span the reciprocal lattice; its inverse, reduced to the
-    shortest vectors, is the lattice; folding the image into one cell finds where the bright images sit in it.
-
-    Parameters
-    ----------
-    image : ndarray
-        White image, shape (rows, columns).
-    layout : {"square", "hexagonal"}, optional
-        Expected layout; without it the angle between the two shortest vectors decides.
-
-    Returns
-    -------
-    CentreLattice
-        Good near the middle of the image; its (0, 0) is the node nearest to the middle.
+    shortest vectors, is the lattice; folding the image into one cell finds where the bright images sit in it. (0, 0) is
+    the node nearest to the middle. Where no `layout` is expected, the angle between the two shortest vectors decides.
 
     Raises
     ------
@@ -180,11 +167,9 @@ def estimate_lattice(image: NDArray[np.floating], layout: Layout | None = None) 
         raise CalibrationError(f"the white image shows a {shown} lattice, not a {layout} one")
     (a, c), (b, d) = _oriented(basis, shown).tolist()
     lattice = CentreLattice((0.0, 0.0), (a, b), (c, d), shown)
-    x, y = lattice.nodes(*_phase(crop, lattice)) + np.array([left, top])
-    lattice = replace(lattice, origin=(float(x), float(y)))
+    lattice = lattice.at(lattice.nodes(*_phase(crop, lattice)) + np.array([left, top]))
     middle = lattice.indices([(image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2])
-    x, y = lattice.nodes(*np.round(middle))
-    return replace(lattice, origin=(float(x), float(y)))
+    return lattice.at(lattice.nodes(*np.round(middle)))
 
 
 def _spectral_peaks(crop: Array) -> Array:

@@ -13,7 +13,6 @@ would move u_0 and the boards, nothing else.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -51,6 +50,10 @@ class Board:
         if match is None:
             raise CalibrationError(f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"')
         return cls(int(match[1]), int(match[2]), float(match[3]) * _UNITS[match[4]])
+
+    def to_dict(self) -> dict[str, float]:
+        """JSON-ready."""
+        return {"columns": self.columns, "rows": self.rows, "cell_mm": self.cell}
 
     @property
     def inner(self) -> tuple[int, int]:
@@ -99,11 +102,6 @@ class Observations:
     def count(self) -> int:
         """Coordinates measured."""
         return 2 * int(self.seen.sum())
-
-    def of_views(self, views: Sequence[int]) -> Observations:
-        """The same boards in some of the views, by their numbers."""
-        at = list(views)
-        return replace(self, views=self.views[at], uv=self.uv[:, at])
 
 
 def observed(uv: Array) -> NDArray[np.bool_]:

@@ -5,22 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..theory.aperture import effective_image_distance
+from ..camera import Camera
+from ..design import Design
+from ..theory.exit_pupil import microlens_image_diameter
+from ..words import sentence
 from .calibrate import corner_statistics, fit_at
-from .datasheet import DataSheet, variance_shares
+from .datasheet import SHOWN, DataSheet, variance_shares
 from .frames import Array, CalibrationError
 from .model import Board, Intrinsics, Observations, Poses, project_boards
 from .steps import shared_names, undetermined
 
-if TYPE_CHECKING:
-    from ..design import Design
-
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
+_CELLS, _ROOM = (4, 5), 0.8
+"""A board of our own choosing: its cells, and the share of the narrower field that it may fill at its nearest."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Captures:
         cls,
         design: Design,
         *,
-        board: Board,
+        board: Board | None = None,
         boards: int,
         tilt: float,
         distance: float | None = None,
@@ -73,7 +75,8 @@ class Captures:
         Parameters
         ----------
         design : Design
-        board : Board
+        board : Board, optional
+            Not given, one of 4 x 5 cells that the sensor sees whole at its nearest.
         boards : int
         tilt : float
             [rad]
@@ -91,12 +94,13 @@ class Captures:
             raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
         depth = middle - design.d_3
-        image = design.D_F * design.d_2 / abs(float(effective_image_distance(design.f, design.d_f, design.d_3)))
+        spread = depth / 4 if distance_range is None else distance_range
+        image = abs(float(microlens_image_diameter(Camera.of(design))))
         return cls(
-            board=board,
+            board=_fitting_board(design, middle - spread / 2) if board is None else board,
             boards=boards,
             distance=middle,
-            distance_range=depth / 4 if distance_range is None else distance_range,
+            distance_range=spread,
             tilt=tilt,
             offset=0.035 * max(depth, 0.0),
             noise=noise,
@@ -115,9 +119,39 @@ class Captures:
 
 def camera_of(design: Design) -> Intrinsics:
     """The calibration's parameters of a design, the axis at the middle of its array."""
-    m = design.d_1 / design.d_f
-    width, height = (size / design.d for size in design.sensor_size)
-    return Intrinsics(design.d_1 - m * design.d_3, m, 1 / design.d_2, width / 2, height / 2, q=design.q, d=design.d)
+    c = Camera.of(design)
+    x_0, y_0 = (size / design.d / 2 for size in design.sensor_size)
+    return Intrinsics(float(c.A), float(c.m), 1 / design.d_2, x_0, y_0, q=design.q, d=design.d)
+
+
+def field_at(design: Design, distance: float) -> tuple[float, float]:
+    """What the sensor sees of a plane at `distance` from the main lens, across and down [mm], by middles of pencils."""
+    scale = abs(distance - design.d_3) / float(Camera.of(design).A)
+    across, down = (size * scale for size in design.sensor_size)
+    return across, down
+
+
+def _fitting_board(design: Design, nearest: float) -> Board:
+    """A board whose cells are 1, 2 or 5 times a power of ten."""
+    columns, rows = _CELLS
+    width, height = sorted(field_at(design, nearest))
+    largest = _ROOM * min(width / columns, height / rows)
+    decade = 10.0 ** math.floor(math.log10(largest))
+    cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))
+    return Board(columns, rows, float(f"{cell:.3g}"))
+
+
+def too_large(design: Design, captures: Captures) -> str:
+    """A clause where the sensor cannot see the whole board at its nearest, as plans count every corner; else ""."""
+    board = captures.board
+    field = sorted(field_at(design, captures.distance - captures.distance_range / 2))
+    sides = sorted((board.columns * board.cell, board.rows * board.cell))
+    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
+        return ""
+    return (
+        f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
+        f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen"
+    )
 
 
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
@@ -182,13 +216,49 @@ class CapturePlan(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """What to change first, in one sentence."""
+        """The change that helps most, in one sentence; where none helps, that."""
+        if not self.changes or self.changes[0].gain(self.expected) < 1.02:
+            return "No single change helps by more than 2 %."
         best = self.changes[0]
         before, after = self.expected.sigma, best.expected.sigma
-        return (
+        return sentence(
             f"{best.what}: d_3 to ±{after['d_3']:.2g} mm instead of ±{before['d_3']:.2g} mm,"
             f" H to ±{after['H']:.2g} instead of ±{before['H']:.2g}"
         )
+
+    def to_dict(self, design: str, seed: int, distortion: int) -> dict[str, object]:
+        """As JSON's types, with the design's name and what the plan was made with."""
+        s, before = self.captures, self.expected
+        return {
+            "schema": "roslf.calibration-plan/1",
+            "design": design,
+            "captures": {
+                "board": s.board.to_dict(),
+                "boards": s.boards,
+                "distance_mm": s.distance,
+                "range_mm": s.distance_range,
+                "tilt_deg": math.degrees(s.tilt),
+                "offset_mm": s.offset,
+                "noise_pitches": s.noise,
+                "views_across": s.views,
+                "reach_px": s.reach,
+            },
+            "expected_sigma": {name: before.sigma[name] for name in SHOWN},
+            "variance_shares": before.shares,
+            "condition_number": before.condition,
+            "correlation_A_inverse_d_2": before.correlation,
+            "changes": [
+                {
+                    "change": c.what,
+                    "expected_sigma": {name: c.expected.sigma[name] for name in SHOWN},
+                    "gain_d_3": c.gain(before),
+                }
+                for c in self.changes
+            ],
+            "advice": self.advice,
+            "distortion_coefficients": distortion,
+            "seed": seed,
+        }
 
 
 def expected_errors(

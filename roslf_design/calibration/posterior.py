@@ -10,13 +10,20 @@ from typing import Any
 import numpy as np
 
 from .._jit import kernel
+from ..accuracy.statement import Accuracy, check_accuracy
 from .calibrate import StatisticsFit
+from .corners import cholesky
 from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
 from .frames import Array, CalibrationError
-from .model import GLOBALS
+from .model import GLOBALS, rotation_matrix
 
 DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
 """Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
+SIGMAS = 2.0
+"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
+FINEST = 0.02
+"""A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
+MOST_STEPS = 60_000
 RHAT = 1.01
 """R-hat between ensembles below which they count as converged."""
 _KEPT = 40_000
@@ -52,7 +59,6 @@ def sample_posterior(
     *,
     seed: int,
     ensembles: int = 4,
-    walkers: int | None = None,
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
     ess: float = DEFAULT_ESS,
@@ -60,7 +66,7 @@ def sample_posterior(
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
-    Ensembles start apart, spread 1.5 times as wide as the Fisher
+    Ensembles, of four walkers for each parameter and at least 24, start apart, spread 1.5 times as wide as the Fisher
     matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and bulk
     and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
     `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
@@ -75,8 +81,6 @@ def sample_posterior(
         Same seed, same draws.
     ensembles : int
         Separate ensembles, at least 4.
-    walkers : int, optional
-        In each ensemble, even; four for each parameter and at least 24 where not given.
     chunk : int
         Steps between checks.
     most_steps : int
@@ -97,7 +101,7 @@ def sample_posterior(
         raise CalibrationError(f"convergence is judged between at least 4 ensembles, got {ensembles}")
     target = _Target(fit, sheet)
     dimension = len(target.names)
-    size = max(24, 4 * dimension) if walkers is None else walkers
+    size = max(24, 4 * dimension)
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
     seeds = np.random.SeedSequence(seed).spawn(ensembles + 1)
     samplers, states = [], []
@@ -198,6 +202,53 @@ class _Target:
         return r_hat, bulk, tail
 
 
+# --- what the draws are worth -----------------------------------------------------------------------------------------
+
+
+def sample_size_for(accuracy: float | None) -> float:
+    """Effective sample size, bulk and tail, that an accuracy of the means takes [standard deviations of the posterior].
+
+    Raises
+    ------
+    InputError
+        Out of range.
+    """
+    if accuracy is None:
+        return DEFAULT_ESS
+    check_accuracy(accuracy, FINEST, "in standard deviations; a finer posterior takes too many draws")
+    return max(50.0, (SIGMAS / accuracy) ** 2)
+
+
+def most_steps_for(size: float) -> int:
+    """Steps after which sampling gives up."""
+    return int(min(MOST_STEPS, max(DEFAULT_STEPS, DEFAULT_STEPS * size / DEFAULT_ESS)))
+
+
+def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accuracy:
+    """Method, expected and measured error of the intervals' ends and means, for having finitely many draws.
+
+    Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
+    Draws that are no posterior's are taken for Laplace's approximation.
+    """
+    of = "means and intervals, in standard deviations of the posterior"
+    count = len(draws.parameters)
+    if not isinstance(draws, Posterior):
+        model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
+        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
+    p = draws
+    least = min(*p.bulk_ess.values(), *p.tail_ess.values())
+    thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
+    return Accuracy(
+        of,
+        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
+        SIGMAS * math.sqrt(1 / least + thinned),
+        SIGMAS * p.between,
+        "scatter between ensembles",
+        asked,
+        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
+    )
+
+
 # --- likelihood -------------------------------------------------------------------------------------------------------
 
 
@@ -230,18 +281,18 @@ class ProfileLikelihood:
         """Log-likelihood, up to a constant, shape (w,), of cameras, shape (w, 7); -inf where a board is behind one."""
         cameras = np.ascontiguousarray(cameras, float)
         out = np.empty(len(cameras))
+        pose = self._pose + np.tensordot(cameras - self.best, self._follow, (1, 2))
+        turns, shifts = rotation_matrix(pose[..., :3]), np.ascontiguousarray(pose[..., 3:])
         points, values, at, share, weight = self._data
-        shape = self.best, self._follow, self._pose, self._fixed
-        _eliminate.compiled(cameras, *shape, points, values, at, share, weight, out)
+        _eliminate.compiled(cameras, turns, shifts, self._fixed, points, values, at, share, weight, out)
         return out
 
 
 @kernel()
 def _eliminate(
     cameras: Array,
-    best: Array,
-    follow: Array,
-    pose: Array,
+    turns: Array,
+    shifts: Array,
     fixed: Array,
     points: Array,
     values: Array,
@@ -255,15 +306,10 @@ def _eliminate(
         A, m, x_0, y_0 = cameras[w, 0], cameras[w, 1], cameras[w, 3], cameras[w, 4]
         k_1, k_2, q, d = cameras[w, 5], cameras[w, 6], fixed[0], fixed[1]
         step = q * A * cameras[w, 2]
-        R, p, J, H, g = np.empty((3, 3)), np.empty(6), np.empty((3, 6)), np.empty((6, 6)), np.empty(6)
-        r = np.empty(3)
+        J, H, g, r = np.empty((3, 6)), np.empty((6, 6)), np.empty(6), np.empty(3)
         total, behind = 0.0, A <= 0.0 or m <= 0.0 or step <= 0.0
         for b in range(boards):
-            for i in range(6):
-                p[i] = pose[b, i]
-                for j in range(7):
-                    p[i] += follow[b, i, j] * (cameras[w, j] - best[j])
-            _turn(p, R)
+            R, p = turns[w, b], shifts[w, b]
             H[:] = 0.0
             g[:] = 0.0
             misfit = 0.0
@@ -271,13 +317,13 @@ def _eliminate(
                 if weight[b, n, 0] == 0.0:
                     continue
                 px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[5]
+                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[2]
                 if z <= 0.0:
                     behind = True
                     break
                 sx, sy = -step * at[b, n, 0], -step * at[b, n, 1]
-                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[3] - sx) / z
-                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[4] - sy) / z
+                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[0] - sx) / z
+                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[1] - sy) / z
                 r2 = fx * fx + fy * fy
                 gain, bend, curl = 1.0 + r2 * (k_1 + k_2 * r2), k_1 + 2.0 * k_2 * r2, 2.0 * k_2
                 wx, wy = share[b, n], 1.0 - share[b, n]
@@ -310,47 +356,10 @@ def _eliminate(
                         g[j] += J[i, j] * r[i]
                         for c in range(j + 1):
                             H[j, c] += J[i, j] * J[i, c]
-            gained = _gain(H, g)
-            if behind or gained < 0.0:
+            if behind or not cholesky(H, 0.0, g):
                 behind = True
                 break
-            total += misfit - gained
+            total += misfit
+            for j in range(6):
+                total -= g[j] * g[j]
         out[w] = -math.inf if behind else -0.5 * total
-
-
-@kernel()
-def _turn(vector: Array, R: Array) -> None:
-    """Rotation matrix of the first three numbers of a pose."""
-    x, y, z = vector[0], vector[1], vector[2]
-    square = x * x + y * y + z * z
-    if square < 1e-8:
-        one, two = 1.0 - square / 6.0, 0.5 - square / 24.0
-    else:
-        angle = math.sqrt(square)
-        half = math.sin(0.5 * angle) / angle
-        one, two = math.sin(angle) / angle, 2.0 * half * half
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - two * (y * y + z * z), two * x * y - one * z, two * x * z + one * y
-    R[1, 0], R[1, 1], R[1, 2] = two * x * y + one * z, 1.0 - two * (x * x + z * z), two * y * z - one * x
-    R[2, 0], R[2, 1], R[2, 2] = two * x * z - one * y, two * y * z + one * x, 1.0 - two * (x * x + y * y)
-
-
-@kernel()
-def _gain(H: Array, g: Array) -> float:
-    """``g' H^-1 g`` by Cholesky's method in place; -1 where H is not positive definite."""
-    gained = 0.0
-    for j in range(6):
-        for i in range(j, 6):
-            total = H[i, j]
-            for k in range(j):
-                total -= H[i, k] * H[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return -1.0
-                H[j, j] = math.sqrt(total)
-            else:
-                H[i, j] = total / H[j, j]
-        for k in range(j):
-            g[j] -= H[j, k] * g[k]
-        g[j] /= H[j, j]
-        gained += g[j] * g[j]
-    return gained

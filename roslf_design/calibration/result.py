@@ -5,45 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 
+from ..accuracy.statement import Accuracy
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .calibrate import Calibration
 from .centres import MicrolensCentres
-from .datasheet import QUANTITIES, CameraDraws, DataSheet, depth_errors, derived, variance_shares
+from .datasheet import QUANTITIES, SHOWN, UNITS, CameraDraws, DataSheet, depth_errors, derived, variance_shares
 from .diffraction import DiffractionCheck
 from .frames import Array
 from .model import Board
 from .posterior import Posterior
 
 SCHEMA = "roslf.calibration/1"
-UNITS = {"A": "mm", "m": "", "d_2": "mm", "d_1": "mm", "d_f": "mm", "H": "", "d_3": "mm"}
-SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
-"""Quantities in the order in which they are told."""
 LAPLACE = "Fisher matrix (Laplace)"
 LAPLACE_DRAWS = 20_000
 _ONE_DEPTH = 0.02
 """Spread of the boards' depths, relative to their mean, below which they stand at one depth."""
 _GAUSS = {"68": 0.994458, "95": 1.959964}
-
-
-class StatedAccuracy(Protocol):
-    """What the draws are worth, stated by whoever asked for them."""
-
-    @property
-    def kept(self) -> bool | None:
-        """Whether what was asked for is kept."""
-
-    def to_dict(self, times: bool = False) -> dict[str, Any]:
-        """JSON-ready."""
-
-    def sentence(self, times: bool = True) -> str:
-        """For a terminal or a page."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +70,7 @@ class Outcome:
     warnings: tuple[str, ...]
     seed: int
     distortion: int
-    accuracy: StatedAccuracy
+    accuracy: Accuracy
 
     @property
     def posterior(self) -> Posterior | None:
@@ -127,48 +110,37 @@ class Outcome:
         """Everything as JSON's types."""
         result, fit = self.calibration, self.calibration.fit
         names = list(fit.covariance.names)
-        rows = {}
-        for name in SHOWN:
-            e = self.estimates[name]
-            rows[name] = {
-                "estimate": e.value,
-                "unit": UNITS[name],
-                "sigma": e.sigma,
-                "interval_68": [e.low_68, e.high_68],
-                "interval_95": [e.low_95, e.high_95],
-                "r_hat": e.r_hat,
-                "ess": e.ess,
-                "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
-            }
         steps = {
             way: dict(zip(("d_1", "d_f", "H", "d_3"), (float(x) for x in lengths[:4]), strict=True))
             for way, lengths in (("steps_one_and_two", result.stepwise), ("joint", result.refined))
         }
         camera, sigma = fit.camera, fit.covariance.sigma
+        told = ("message", "acceptance", "steps", "walkers", "r_hat", "bulk_ess", "tail_ess")
         p = self.posterior
-        sampling = None
-        if p is not None:
-            sampling = {
-                "message": p.message,
-                "acceptance": p.acceptance,
-                "steps": p.steps,
-                "walkers": p.walkers,
-                "r_hat": dict(p.r_hat),
-                "bulk_ess": dict(p.bulk_ess),
-                "tail_ess": dict(p.tail_ess),
-            }
         lattice, used = self.centres.lattice, self.centres.used
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
         radius = self.undistorted_radius
         return {
             "schema": SCHEMA,
             "design": self.design.name,
-            "board": {"columns": self.board.columns, "rows": self.board.rows, "cell_mm": self.board.cell},
+            "board": self.board.to_dict(),
             "intervals_from": self.intervals_from,
-            "quantities": rows,
+            "quantities": {
+                name: {
+                    "estimate": e.value,
+                    "unit": UNITS[name],
+                    "sigma": e.sigma,
+                    "interval_68": [e.low_68, e.high_68],
+                    "interval_95": [e.low_95, e.high_95],
+                    "r_hat": e.r_hat,
+                    "ess": e.ess,
+                    "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
+                }
+                for name, e in ((name, self.estimates[name]) for name in SHOWN)
+            },
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),
-            "posterior": sampling,
+            "posterior": None if p is None else {name: getattr(p, name) for name in told},
             "fit": {
                 name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names
             },
@@ -215,15 +187,14 @@ def outcome_of(
     centres: MicrolensCentres,
     calibration: Calibration,
     draws: CameraDraws,
-    accuracy: StatedAccuracy,
+    accuracy: Accuracy,
     *,
     seed: int,
     distortion: int,
-    warnings: tuple[str, ...] = (),
     diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
 ) -> Outcome:
-    """Put together what came out; `warnings` come before those that follow from it."""
+    """Put together what came out, with the warnings that follow."""
     fit = calibration.fit
     posterior = draws if isinstance(draws, Posterior) else None
     shares = variance_shares(fit, sheet)
@@ -233,7 +204,7 @@ def outcome_of(
     # As far as the boards reach, and a fifth more of their depth.
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances)
-    notes = [*warnings]
+    notes = [*unlike(design, centres)]
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.missing:
@@ -287,8 +258,22 @@ def undistorted_radius(design: Design) -> float:
     Inf where none ever does, 0 where some rim cuts even on the axis. Eq. 6 for the main lens and every stop, carried
     from the focal plane to the sensor.
     """
-    camera = Camera.of(design)
-    bound = field_limit(camera).radius
-    if not math.isfinite(bound):
-        return math.inf
-    return bound * design.d_1 / design.d_f * abs(float(microlens_image_pitch(camera))) / design.d / design.q
+    c = Camera.of(design)
+    bound = field_limit(c).radius
+    return bound * float(c.m) * _pitch(c) / design.d if math.isfinite(bound) else math.inf
+
+
+def unlike(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
+    """A warning where the white image's pitch is not the design's."""
+    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
+    if abs(shown / expected - 1) < 0.02:
+        return ()
+    return (
+        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
+        " and its microlens pitch those of this camera?",
+    )
+
+
+def _pitch(c: Camera) -> float:
+    """Of the microlens images [px]."""
+    return abs(float(microlens_image_pitch(c) / c.q))

@@ -6,10 +6,20 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .corners import homography
 from .frames import Array, CalibrationError
-from .model import GLOBALS, Intrinsics, Observations, Poses, observed, project_boards, rotation_matrix
+from .model import (
+    GLOBALS,
+    Intrinsics,
+    Observations,
+    Poses,
+    ProjectedCorners,
+    observed,
+    project_boards,
+    rotation_matrix,
+)
 
 _MOST = 200
 """Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
@@ -48,6 +58,16 @@ class Linear(NamedTuple):
         return np.asarray(np.einsum("brp,brq->pq", free, free))
 
 
+def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
+    """Corners where they are modelled minus `measured`, both (b, ..., n, k), in units of their errors 1/`weight`."""
+    boards, share = len(measured), np.broadcast_to(weight, measured.shape)
+    off = ((model.values - measured) * share).reshape(boards, -1)
+    if not model.by_pose.size:
+        return Linear(off, model.by_globals, model.by_pose)
+    shared, own = (part * share[..., None] for part in (model.by_globals, model.by_pose))
+    return Linear(off, shared.reshape(boards, -1, len(GLOBALS)), own.reshape(boards, -1, 6))
+
+
 class Settled(NamedTuple):
     """A least-squares fit of a camera and its boards' poses."""
 
@@ -61,16 +81,9 @@ class Settled(NamedTuple):
 def settle(
     model: Callable[[Array, Array, bool], Linear], camera: Intrinsics, poses: Poses, names: tuple[str, ...]
 ) -> Settled:
-    """Fit the shared parameters `names` and all poses by Levenberg-Marquardt.
+    """Fit the shared parameters `names` and all poses by Levenberg-Marquardt, from `camera` and `poses`.
 
-    Parameters
-    ----------
-    model : callable
-        Takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns.
-    camera, poses
-        Where to start.
-    names : tuple of str
-        Shared parameters to fit.
+    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns.
     """
     from scipy.optimize import least_squares
 
@@ -93,7 +106,10 @@ def settle(
     def residuals(x: Array) -> Array:
         return at(x, False).off.ravel()
 
-    run = least_squares(residuals, start, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST)
+    run = least_squares(
+        residuals, start, jacobian,
+        method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST,
+    )  # fmt: skip
     linear = at(run.x, True)
     linear = linear._replace(shared=linear.shared[..., columns])
     best = camera.with_values(names, run.x[:count])
@@ -126,7 +142,7 @@ class Covariance(NamedTuple):
         return self.matrix[np.ix_(at, at)]
 
 
-def covariance_of(information: Array, names: Sequence[str]) -> Covariance:
+def covariance_of(information: Array, names: tuple[str, ...]) -> Covariance:
     """Invert an information matrix after scaling it to unit diagonal.
 
     Raises
@@ -134,7 +150,6 @@ def covariance_of(information: Array, names: Sequence[str]) -> Covariance:
     CalibrationError
         A parameter has no information at all, or the matrix is singular: names what is lost.
     """
-    names = tuple(names)
     diagonal = np.diag(information)
     typical = np.array([_SCALES.get(name, 1.0) for name in names])
     blind = [n for n, d, t in zip(names, diagonal, typical, strict=True) if not d * t * t > 1e-12]
@@ -251,17 +266,8 @@ def step_one(
 ) -> StepOne:
     """Zhang's method on the central view gives A, the axis, distortion and the boards' poses.
 
-    Parameters
-    ----------
-    observations : Observations
-    lines : EpiLines
-        Of the observations; they put each corner in the central view with the help of all views.
-    pixel_pitch, microlens_pitch : float
-        q and d [mm].
-    distortion : int
-        Radial coefficients to find: 0, 1 or 2.
-    guess : float, optional
-        A [mm] to start from where the boards' tilts leave it open.
+    `lines`, of the observations, put each corner in the central view with the help of all views; `guess` is an A [mm]
+    to start from where the boards' tilts leave it open.
 
     Raises
     ------
@@ -283,9 +289,8 @@ def step_one(
         )
     focal, x_0, y_0 = start if start is not None else (guess / microlens_pitch, *middle)  # type: ignore[operator]
     camera = Intrinsics(focal * microlens_pitch, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
-    names = ("A", *shared_names(distortion)[3:])
     view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
-    fit = _fitted(view, camera, _poses_from(maps, focal, (x_0, y_0)), names)
+    fit = refine(view, camera, _poses_from(maps, focal, (x_0, y_0)), ("A", *shared_names(distortion)[3:]))
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
     return StepOne(fit.camera, fit.poses, fit.rms)
@@ -446,44 +451,27 @@ class Refined(NamedTuple):
     """Of the shared parameters, for independent errors of `sigma`."""
 
 
-def refine(observations: Observations, camera: Intrinsics, poses: Poses, *, distortion: int = 0) -> Refined:
-    """Fit A, m, 1/d_2, x_0, y_0, the distortion asked for, and every pose to all corners in all views at once.
-
-    Parameters
-    ----------
-    observations : Observations
-    camera, poses
-        Where to start: steps one and two.
-    distortion : int
-        Radial coefficients to fit.
+def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> Refined:
+    """Fit the shared parameters `names` and every pose to all corners in all views at once, from steps one and two.
 
     Raises
     ------
     CalibrationError
         Too few corners, or a parameter that they do not determine.
     """
-    return _fitted(observations, camera, poses, shared_names(distortion))
-
-
-def _fitted(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> Refined:
-    seen, boards = observations.seen, len(poses.rotation)
-    rows = np.repeat(seen.reshape(boards, -1), 2, axis=1)
-    measured = np.where(rows, observations.uv.reshape(boards, -1), 0.0)
-    unknown = len(names) + 6 * boards
-    if rows.sum() < unknown:
-        raise CalibrationError(f"{rows.sum()} coordinates cannot determine {unknown} parameters: show more boards")
+    seen = observations.seen
+    count, unknown = observations.count, len(names) + 6 * len(poses.rotation)
+    if count < unknown:
+        raise CalibrationError(f"{count} coordinates cannot determine {unknown} parameters: show more boards")
+    measured = np.where(seen[..., None], observations.uv, 0.0)
 
     def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
-        at = project_boards(shared, pose, observations.points, observations.views, derivatives=derivatives)
-        off = (at.values.reshape(boards, -1) - measured) * rows
-        if not derivatives:
-            return Linear(off, at.by_globals, at.by_pose)
-        by_globals = at.by_globals.reshape(boards, -1, len(GLOBALS)) * rows[..., None]
-        return Linear(off, by_globals, at.by_pose.reshape(boards, -1, 6) * rows[..., None])
+        corners = project_boards(shared, pose, observations.points, observations.views, derivatives=derivatives)
+        return whitened(corners, measured, seen[..., None])
 
     fit = settle(model, camera, poses, names)
     squares = float(np.square(fit.linear.off).sum())
-    sigma = float(np.sqrt(squares / max(rows.sum() - unknown, 1)))
-    residuals = np.where(rows, -fit.linear.off, np.nan).reshape(observations.uv.shape)
+    sigma = float(np.sqrt(squares / max(count - unknown, 1)))
+    residuals = np.where(seen[..., None], -fit.linear.off.reshape(measured.shape), np.nan)
     covariance = covariance_of(fit.linear.information() / max(sigma, 1e-12) ** 2, names)
     return Refined(fit.camera, fit.poses, residuals, float(np.sqrt(squares / seen.sum())), sigma, covariance)

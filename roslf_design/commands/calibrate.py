@@ -15,7 +15,6 @@ import numpy as np
 from cyclopts import Parameter
 
 from .. import __version__, calibration
-from ..accuracy.statement import Accuracy, check_accuracy
 from ..calibration import (
     Board,
     CalibrationError,
@@ -25,13 +24,12 @@ from ..calibration import (
     LightField,
     MicrolensCentres,
     Outcome,
-    Posterior,
 )
+from ..calibration.datasheet import relative_sigma
 from ..calibration.frames import Capture
-from ..calibration.planning import reason
-from ..calibration.posterior import DEFAULT_ESS, DEFAULT_STEPS
+from ..calibration.planning import reason, too_large
+from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
-from ..camera import Camera
 from ..design import Design, DesignError, dumps, load
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
@@ -40,18 +38,11 @@ from ..reporting import calibration as pages
 from ..reporting.html import render_html
 from ..reporting.study_figures import calibration_pictures
 from ..reporting.terminal import print_blocks, print_statements
-from ..theory.exit_pupil import microlens_image_pitch
 from ..units import parse_quantity
 from .progress import StatusLine
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-SIGMAS = 2.0
-"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
-FINEST = 0.02
-"""A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
-MOST_STEPS = 60_000
 
 
 def calibrate(
@@ -242,8 +233,7 @@ def calibrated(
             )
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
-        seed=seed, distortion=distortion, warnings=_mismatch(loaded, centres), diffraction=waves,
-        undistorted_radius=radius,
+        seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius,
     )  # fmt: skip
 
 
@@ -257,17 +247,6 @@ def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) ->
         except CalibrationError as error:
             raise CalibrationError(f"{path.name}: {error}") from None
         yield path.name, field
-
-
-def _mismatch(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
-    """A warning where the white image's pitch is not the design's."""
-    expected, shown = abs(float(microlens_image_pitch(Camera.of(design)))) / design.q, centres.lattice.pitch
-    if abs(shown / expected - 1) < 0.02:
-        return ()
-    return (
-        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
-        " and its microlens pitch those of this camera?",
-    )
 
 
 def _write(result: Outcome, folder: Path, command: str) -> list[Path]:
@@ -301,53 +280,6 @@ def print_result(result: Outcome, written: list[Path], console: Console) -> None
     )
     console.print(f"\nWritten to {written[0].parent}: ", end="", highlight=False)
     console.print(", ".join(path.name for path in written), highlight=False, soft_wrap=True)
-
-
-# --- what the draws are worth -----------------------------------------------------------------------------------------
-
-
-def sample_size_for(accuracy: float | None) -> float:
-    """Effective sample size, bulk and tail, that an accuracy of the means takes [standard deviations of the posterior].
-
-    Raises
-    ------
-    InputError
-        Out of range.
-    """
-    if accuracy is None:
-        return DEFAULT_ESS
-    check_accuracy(accuracy, FINEST, "in standard deviations; a finer posterior takes too many draws")
-    return max(50.0, (SIGMAS / accuracy) ** 2)
-
-
-def most_steps_for(size: float) -> int:
-    """Steps after which sampling gives up."""
-    return int(min(MOST_STEPS, max(DEFAULT_STEPS, DEFAULT_STEPS * size / DEFAULT_ESS)))
-
-
-def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accuracy:
-    """Method, expected and measured error of the intervals' ends and means, for having finitely many draws.
-
-    Errors are in standard deviations of the posterior itself: a mean of n independent draws has one of 1/sqrt(n).
-    Draws that are no posterior's are taken for Laplace's approximation.
-    """
-    of = "means and intervals, in standard deviations of the posterior"
-    count = len(draws.parameters)
-    if not isinstance(draws, Posterior):
-        model, error = "the posterior is taken as normal", SIGMAS / math.sqrt(count)
-        return Accuracy(of, f"{count} draws of Laplace's approximation", error, asked=asked, model=model)
-    p = draws
-    least = min(*p.bulk_ess.values(), *p.tail_ess.values())
-    thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
-    return Accuracy(
-        of,
-        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
-        SIGMAS * math.sqrt(1 / least + thinned),
-        SIGMAS * p.between,
-        "scatter between ensembles",
-        asked,
-        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
-    )
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
@@ -394,9 +326,10 @@ def print_plan(
             if why in str(error) or "into the bore" in str(error):
                 raise
             raise CalibrationError(f"{error}: {why}") from None
-    notes = too_large(loaded, captures)
+    large = too_large(loaded, captures)
+    notes = [f"{large}: choose a smaller --board"] if large else []
     if json:
-        data = {**pages.plan_to_dict(plan, loaded.name, seed, distortion), "warnings": list(notes)}
+        data = {**plan.to_dict(loaded.name, seed, distortion), "warnings": notes}
         print(json_text.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
         return
     from rich.console import Console
@@ -416,20 +349,6 @@ def print_plan(
         console.print(f"Note: {note}.", highlight=False, soft_wrap=True)
 
 
-def too_large(design: Design, captures: Captures) -> tuple[str, ...]:
-    """A warning where the sensor cannot see the whole board at its nearest: a plan counts every corner as seen."""
-    board = captures.board
-    nearest = captures.distance - captures.distance_range / 2 - design.d_3
-    field = sorted(size * nearest / calibration.camera_of(design).A for size in design.sensor_size)
-    sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
-        return ()
-    return (
-        f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
-        f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen: choose a smaller --board",
-    )
-
-
 # --- options ----------------------------------------------------------------------------------------------------------
 
 
@@ -447,13 +366,10 @@ def read_board(text: str) -> Board:
 
 def read_sheet(design: Design, f_sigma: str) -> DataSheet:
     """The data sheet of a design, f as well known as --f-sigma says."""
-    text = f_sigma.strip()
-    if not text.endswith("%"):
-        return calibration.sheet_of(design, _quantity("--f-sigma", f_sigma, "length") / design.f)
     try:
-        relative = float(text[:-1]) / 100
-    except ValueError:
-        raise _refusal("--f-sigma", f'"{f_sigma}" is not understood; give "1 mm" or "1%"') from None
+        relative = relative_sigma(f_sigma, design.f)
+    except ValueError as error:
+        raise _refusal("--f-sigma", str(error)) from None
     return calibration.sheet_of(design, relative)
 
 

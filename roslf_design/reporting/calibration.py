@@ -15,9 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
-from ..calibration.result import LAPLACE, SHOWN, UNITS, Outcome
+from ..calibration.datasheet import QUANTITIES, SHOWN, UNITS, relative_sigma
+from ..calibration.planning import too_large
+from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
-from ..units import Angle, Length, parse_quantity
+from ..units import Angle, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from .study_figures import CALIBRATION as FIGURES
@@ -26,10 +28,7 @@ if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
     from ..design import Design
 
-FILE, SCHEMA, PLAN_SCHEMA = "calibration.json", "roslf.calibration/", "roslf.calibration-plan/1"
-CELLS = (4, 5)
-ROOM = 0.8
-"""Share of the narrower field that a board of our own choosing may fill at its nearest."""
+FILE, SCHEMA = "calibration.json", "roslf.calibration/"
 SOURCES = {
     "images": "images",
     "f": "f",
@@ -262,10 +261,7 @@ def ways_table(result: Outcome) -> Table:
     if result.diffraction is not None and result.diffraction.before is not None:
         ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
     lengths = [derived(camera.vector(), sheet, np.asarray(sheet.f)) for camera, _ in ways.values()]
-    rows = [
-        (name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name])
-        for name in ("A", "m", "d_2", "d_1", "d_f", "H", "d_3")
-    ]
+    rows = [(name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name]) for name in QUANTITIES]
     rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
     caption = "Step one's error is that of the central view, the others' that of all views."
     return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
@@ -274,43 +270,28 @@ def ways_table(result: Outcome) -> Table:
 def calibration_plan(design: Design, asked: CalibrationPart) -> CapturePlan | str:
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
     captures = captures_for(design, asked)
-    sheet = sheet_of(design, _relative(asked.f_sigma, design))
     try:
-        return planned(camera_of(design), sheet, captures, seed=asked.seed)
+        relative = relative_sigma(asked.f_sigma, design.f)
+    except ValueError:
+        told = f'"{asked.f_sigma}" is not understood; give "1 %" or "0.5 mm"'
+        raise InputError((Problem("f_sigma", told),)) from None
+    try:
+        return planned(camera_of(design), sheet_of(design, relative), captures, seed=asked.seed)
     except CalibrationError as error:
         return " ".join(str(error).split())
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
     """What to capture with a design: what is asked for, else what suits it."""
-    middle = design.d_f if asked.distance is None else asked.distance
-    spread = (design.d_f - design.d_3) / 4 if asked.range is None else asked.range
     return Captures.for_design(
         design,
-        board=fitting_board(design, middle - spread / 2) if asked.board is None else Board.parse(asked.board),
+        board=None if asked.board is None else Board.parse(asked.board),
         boards=asked.boards,
         tilt=asked.tilt,
-        distance=middle,
-        distance_range=spread,
+        distance=asked.distance,
+        distance_range=(design.d_f - design.d_3) / 4 if asked.range is None else asked.range,
         noise=asked.noise,
     )
-
-
-def fitting_board(design: Design, nearest: float) -> Board:
-    """A board of 4 x 5 cells, their size 1, 2 or 5 times a power of ten, that the sensor sees whole at its nearest."""
-    columns, rows = CELLS
-    width, height = sorted(field_at(design, nearest))
-    largest = ROOM * min(width / columns, height / rows)
-    decade = 10.0 ** math.floor(math.log10(largest))
-    cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))
-    return Board(columns, rows, float(f"{cell:.3g}"))
-
-
-def field_at(design: Design, distance: float) -> tuple[float, float]:
-    """What the sensor sees of a plane, across and down [mm], by the middles of its pencils."""
-    scale = abs(distance - design.d_3) / camera_of(design).A
-    across, down = (size * scale for size in design.sensor_size)
-    return across, down
 
 
 def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> Section:
@@ -328,14 +309,9 @@ def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> 
         "random sets of poses."
     )
     answers = [plan_statement(plan)]
-    field = sorted(field_at(design, c.distance - c.distance_range / 2))
-    sides = sorted((c.board.columns * c.board.cell, c.board.rows * c.board.cell))
-    if any(side > seen for side, seen in zip(sides, field, strict=True)):
-        large = (
-            f"The board measures {sides[0]:.3g} x {sides[1]:.3g} mm, but the sensor sees only {field[0]:.3g} x "
-            f"{field[1]:.3g} mm at its nearest, and the plan counts every corner as seen."
-        )
-        answers.append(Statement("caution", large, "Choose a smaller board."))
+    large = too_large(design, c)
+    if large:
+        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     board = f"{c.board.columns}x{c.board.rows} {c.board.cell:g} mm"
     command = f'roslf calibrate CAPTURES --design design.toml --board "{board}" -o calibration'
     again = Code(command, "Once images are captured, with the design below as design.toml")
@@ -349,7 +325,7 @@ def plan_statement(plan: CapturePlan) -> Statement:
         f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
         f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
     )
-    return Statement("plain", text, plan_advice(plan))
+    return Statement("plain", text, plan.advice)
 
 
 def plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
@@ -364,60 +340,8 @@ def plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
         shares_table(before.shares),
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
-        Bullets((plan_advice(plan),)),
+        Bullets((plan.advice,)),
     )
-
-
-def plan_advice(plan: CapturePlan) -> str:
-    """The change that helps most, as a sentence; where none helps, that."""
-    if not plan.changes or plan.changes[0].gain(plan.expected) < 1.02:
-        return "No single change helps by more than 2 %."
-    return sentence(plan.advice)
-
-
-def plan_to_dict(plan: CapturePlan, design: str, seed: int, distortion: int) -> dict[str, object]:
-    """A plan as JSON's types."""
-    s, before = plan.captures, plan.expected
-    return {
-        "schema": PLAN_SCHEMA,
-        "design": design,
-        "captures": {
-            "board": {"columns": s.board.columns, "rows": s.board.rows, "cell_mm": s.board.cell},
-            "boards": s.boards,
-            "distance_mm": s.distance,
-            "range_mm": s.distance_range,
-            "tilt_deg": math.degrees(s.tilt),
-            "offset_mm": s.offset,
-            "noise_pitches": s.noise,
-            "views_across": s.views,
-            "reach_px": s.reach,
-        },
-        "expected_sigma": {name: before.sigma[name] for name in SHOWN},
-        "variance_shares": before.shares,
-        "condition_number": before.condition,
-        "correlation_A_inverse_d_2": before.correlation,
-        "changes": [
-            {
-                "change": c.what,
-                "expected_sigma": {name: c.expected.sigma[name] for name in SHOWN},
-                "gain_d_3": c.gain(before),
-            }
-            for c in plan.changes
-        ],
-        "advice": plan_advice(plan),
-        "distortion_coefficients": distortion,
-        "seed": seed,
-    }
-
-
-def _relative(text: str, design: Design) -> float:
-    """Relative standard deviation of f from text such as "1 %" or "0.5 mm"."""
-    try:
-        if text.strip().endswith("%"):
-            return float(text.strip()[:-1]) / 100
-        return parse_quantity(text, "length") / design.f
-    except ValueError:
-        raise InputError((Problem("f_sigma", f'"{text}" is not understood; give "1 %" or "0.5 mm"'),)) from None
 
 
 def _pair(data: Mapping[str, Any]) -> str:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.result import UNITS, Outcome
+from ..calibration.datasheet import UNITS
+from ..calibration.result import Outcome
 from ..optimization.pareto import Front
 from ..optimization.problem import Goal
 from ..optimization.run import Result

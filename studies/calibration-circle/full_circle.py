@@ -19,7 +19,8 @@ from captures import CELL, CELLS, KINDS, make
 from pictures import draw_images, draw_intervals, draw_shifts
 
 from roslf_design.calibration import CalibrationError, Observations
-from roslf_design.calibration.result import SHOWN, UNITS, Outcome
+from roslf_design.calibration.datasheet import SHOWN, UNITS
+from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load

@@ -1,9 +1,7 @@
 """Microlens diffraction: read from white images, computed for corners, taken off a rendered calibration."""
 
-import importlib.util
 import json
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -30,6 +28,8 @@ from roslf_design.cli import main
 from roslf_design.design import load, save
 from roslf_design.imaging.render import render
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.light import diffraction_width
+from tests.calibration.made import study
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
@@ -37,11 +37,9 @@ IMAGE = PupilImage(6.5, 3.6, 12.94)
 
 
 def pupil_of(design):
-    blur = design.wavelength * design.d_2 / design.d / design.q
-    array = design.microlens_array
-    camera = Camera.of(design)
-    pitch, diameter = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera))
-    return PupilImage(diameter / 2 / design.q, blur, pitch / design.q, array.layout, array.lens_shape == "circular")
+    c, array = Camera.of(design), design.microlens_array
+    lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
+    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape == "circular")
 
 
 @pytest.mark.parametrize(
@@ -147,11 +145,7 @@ def test_a_neighbour_s_light_moves_corners_by_less_than_its_share():
 def circle(root, tmp_path_factory):
     """Four boards by a corner of the paper's sensor, by rays and by waves; the design file beside."""
     place = tmp_path_factory.mktemp("circle")
-    script = root / "studies" / "calibration-circle" / "captures.py"
-    spec = importlib.util.spec_from_file_location("circle_captures", script)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
+    module = study(root / "studies" / "calibration-circle" / "captures.py")
     size = (900 * PAPER.q, 740 * PAPER.q)
     design = PAPER.replace(
         {"name": "small sensor", "sensor.size": size, "microlens_array.size": (size[0] + 0.2, size[1] + 0.2)}

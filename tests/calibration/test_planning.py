@@ -80,7 +80,7 @@ def test_plan_ranks_the_changes():
     gains = [change.gain(found.expected) for change in found.changes]
     assert gains == sorted(gains, reverse=True)
     assert found.changes[0].what == "know f twice as well"
-    assert found.advice.startswith("know f twice as well: d_3 to ±2.")
+    assert found.advice.startswith("Know f twice as well: d_3 to ±2.")
     sure = plan(CAMERA, replace(sheet, f_sigma=0.01), Captures(tilt=math.radians(8.0), views=3))
     assert "board" in sure.changes[0].what or "cells" in sure.changes[0].what
     assert any("tilt the boards by up to 12 degrees" in change.what for change in sure.changes)

@@ -1,8 +1,6 @@
 """The posterior against brute force, exact laws, coverage of known truths, and its own repeatability."""
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,20 +17,21 @@ from roslf_design.calibration import (
     variance_shares,
 )
 from roslf_design.calibration.model import project_boards
-from roslf_design.calibration.posterior import ProfileLikelihood
-from roslf_design.theory import back_substitution_covariance
-from tests.calibration.made import CAMERA, SHEET, captured
+from roslf_design.calibration.posterior import (
+    ProfileLikelihood,
+    most_steps_for,
+    posterior_accuracy,
+    sample_size_for,
+)
+from roslf_design.cli import main
+from roslf_design.theory import back_substitution_jacobian
+from tests.calibration.made import CAMERA, SHEET, captured, study
 
 
 @pytest.fixture(scope="module")
 def coverage(root):
     """Many synthetic calibrations with known truth: the study's."""
-    script = root / "studies" / "calibration-coverage" / "coverage_study.py"
-    spec = importlib.util.spec_from_file_location("coverage_study", script)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module.coverage
+    return study(root / "studies" / "calibration-coverage" / "coverage_study.py").coverage
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +96,8 @@ def test_posterior_is_the_normal_law_of_the_fisher_matrix_near_its_peak(fit, pos
     spread = np.zeros((3, 3))
     spread[0, 0] = 1.0
     spread[1:, 1:] = fit.covariance.part(names)
-    lengths = back_substitution_covariance(100.0, fit.camera.A, fit.camera.m, spread)
+    by = back_substitution_jacobian(100.0, fit.camera.A, fit.camera.m)
+    lengths = by @ spread @ by.T
     for k, name in enumerate(("d_1", "d_f", "H", "d_3")):
         assert posterior.quantities[name].std() == pytest.approx(math.sqrt(lengths[k, k]), rel=0.15)
     low, high = np.quantile(posterior.draws("d_3"), [0.025, 0.975])
@@ -179,3 +179,50 @@ def test_intervals_of_the_sampled_posterior_hold_too(coverage):
     fisher = coverage(140.0, 2.0, 120.0, SHEET, Captures(boards=3, views=3), trials=2, seed=2, level=0.95)
     for name, pulls in found.pulls.items():  # the same cameras, judged alike by both
         np.testing.assert_allclose(pulls, fisher.pulls[name], atol=0.5)
+
+
+# --- how long it is sampled -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def runs(fit):
+    size = sample_size_for(0.2)
+    return [sample_posterior(fit, SHEET, seed=seed, chunk=150, most_steps=150, ess=size) for seed in range(4)]
+
+
+def test_means_of_repeated_runs_scatter_as_told(runs):
+    """Four runs, six parameters: their scatter is known to a sixth or so, one run's measured error to a fourth."""
+    means = np.array([run.parameters.mean(0) for run in runs]) / runs[0].parameters.std(0)
+    scatter = float(np.sqrt(np.mean(means.var(axis=0, ddof=1))))
+    told = [posterior_accuracy(run, 0.2) for run in runs]
+    assert all(one.expected_error <= 0.2 for one in told)
+    assert 2 * scatter <= 1.5 * max(one.expected_error for one in told)
+    assert 0.3 < np.median([one.measured_error for one in told]) / (2 * scatter) < 3
+
+
+def test_more_accuracy_takes_more_steps(posterior, runs):
+    assert posterior.steps > runs[0].steps
+    assert posterior_accuracy(posterior, 0.1).expected_error <= 0.1 * 1.01  # of 40000 draws kept, a hundredth more
+    assert sample_size_for(None) == sample_size_for(0.1) == 400
+    assert most_steps_for(sample_size_for(0.02)) == 60_000
+
+
+def test_laplace_says_what_it_is(fit):
+    told = posterior_accuracy(laplace_draws(fit, SHEET, 10_000, np.random.default_rng(0)))
+    assert told.expected_error == pytest.approx(0.02)
+    assert "normal" in told.model
+    assert told.kept is None
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2", "0.1"])
+def test_no_accuracy_is_one_line_and_nothing_written(value, tmp_path, capsys):
+    line = ["calibrate", str(tmp_path), "--design", "paper", "--board", "4x5 6 mm", "-o", str(tmp_path / "out")]
+    beside = ["--no-posterior"] if value == "0.1" else []
+    assert main([*line, "--accuracy", value, *beside]) == 2
+    said = capsys.readouterr().err
+    assert "--accuracy" in said
+    assert all(option in said for option in beside)
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+    assert main(["calibrate", "--plan", "paper", "--accuracy", "0.1"]) == 2
+    assert "--plan" in capsys.readouterr().err

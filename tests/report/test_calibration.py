@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from roslf_design.calibration.planning import field_at
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
@@ -15,7 +16,6 @@ from roslf_design.reporting.calibration import (
     calibration_plan,
     calibration_section,
     captures_for,
-    field_at,
     read_calibration,
 )
 from roslf_design.reporting.html import render_html
