@@ -91,12 +91,6 @@ class Surface:
             total = total + a * square**power
         return np.asarray(total)
 
-    @property
-    def axis(self) -> Array:
-        """Unit vector along the surface's own axis, image side."""
-        alpha, beta = self.tilt
-        return np.array([math.sin(beta), -math.sin(alpha) * math.cos(beta), math.cos(alpha) * math.cos(beta)])
-
     def reversed(self, glass: Glass, thickness: float) -> Surface:
         """The surface mirrored in z, as light from the other side meets it, before `glass` and `thickness`."""
         (x, y, z), (alpha, beta) = self.shift, self.tilt

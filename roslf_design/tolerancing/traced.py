@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
-from ..traced.aim import Aimed, Aims, Planes, aimed, aims, landings, spot_radii
+from ..traced.aim import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
 from ..traced.camera import camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
 from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points
@@ -427,7 +427,7 @@ class TracedBuilds(IdealBuilds):
         plane, lens = self.mount.planes.array, self.mount.lens
         start = [plane[:, k] + self.x * plane[:, 3 + k] + self.y * plane[:, 6 + k] for k in range(3)]
         run = np.stack([*start[:2], start[2] - lens.rear_principal], axis=-1)
-        x, y = np.moveaxis(_crossing(np.stack(start, axis=-1), run / run[..., 2:], self.mount.planes.sensor), -1, 0)
+        x, y = np.moveaxis(crossings(np.stack(start, axis=-1), run / run[..., 2:], self.mount.planes.sensor), -1, 0)
         return x, y
 
     @cached_property
@@ -502,14 +502,6 @@ class TracedBuilds(IdealBuilds):
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
         lens, planes, world = self.mount.lens, self.mount.planes, self.mount.world
         return spot_radii(lens, planes.array, planes.rims, world, self.known.points, pupil, weight).T / self.camera.d
-
-
-def _crossing(point: Array, slope: Array, plane: Array) -> Array:
-    """Where lines (fields, trials, 3) cross planes (trials, 12), in their own coordinates, (fields, trials, 2)."""
-    off = point - plane[:, :3]
-    lean, ahead = np.sum(slope * plane[:, 9:], axis=-1), np.sum(off * plane[:, 9:], axis=-1)
-    hit = off - slope * (ahead / lean)[..., None]
-    return np.stack([np.sum(hit * plane[:, 3:6], axis=-1), np.sum(hit * plane[:, 6:9], axis=-1)], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import kernel
 from ..lenses.manufacture import LensBuilds
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, pass_surfaces
 from .camera import LensCamera, sensor_of_pupil, views
@@ -21,8 +21,6 @@ from .camera import LensCamera, sensor_of_pupil, views
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PIECE = 64
-"""Builds that a thread takes at once."""
 LOST = 1e300
 """Size of the miss of a ray that did not come through the lens."""
 TOLERANCE, CORRECTIONS = 1e-11, 12
@@ -177,9 +175,9 @@ def send(
 @kernel()
 def spots(
     table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
-    size: Any, low: int, high: int,
+    size: Any,
 ) -> None:  # fmt: skip
-    """Root-mean-square radii on a plane of the light from object points, about its centroid, builds `low` to `high`.
+    """Root-mean-square radii on a plane of the light from object points, about its centroid.
 
     Parameters
     ----------
@@ -197,7 +195,7 @@ def spots(
     buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
     lx, ly = np.empty(len(point)), np.empty(len(point))
     each, total = len(weight), len(point)
-    for t in range(low, high):
+    for t in range(len(size)):
         for first in range(0, total, BLOCK):
             m = min(BLOCK, total - first)
             send(t, table, count, media, rims, world, point, pupil, first, m, buffer, radii, cut)
@@ -221,17 +219,6 @@ def spots(
                 x, y = lx[begin + i] - mx, ly[begin + i] - my
                 square += weight[i] * (x * x + y * y) if lx[begin + i] < LOST else 0.0
             size[t, field] = sqrt(square / share)
-
-
-@kernel(parallel=True)
-def spots_on_all_threads(
-    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
-    size: Any,
-) -> None:  # fmt: skip
-    """`spots` with the builds shared out over threads; the same numbers."""
-    for piece in prange((len(size) + PIECE - 1) // PIECE):
-        low, high = piece * PIECE, min(len(size), (piece + 1) * PIECE)
-        spots(table, count, media, plane, rims, world, point, pupil, weight, size, low, high)
 
 
 class Planes(NamedTuple):
@@ -379,8 +366,6 @@ def spot_radii(
     point: ArrayLike,
     pupil: ArrayLike,
     weight: ArrayLike,
-    *,
-    threads: bool = False,
 ) -> Array:
     """Root-mean-square radii on a plane of the light from object points, about its centroid.
 
@@ -396,8 +381,6 @@ def spot_radii(
         Object points [mm].
     pupil, weight : array_like, (P, 2), (P,)
         Points of the FAP in units of its radius, and how much of the light each stands for.
-    threads : bool
-        Whether all of the process's threads share the work; the numbers are the same.
 
     Returns
     -------
@@ -408,9 +391,5 @@ def spot_radii(
     size = np.empty((len(world), len(x)))
     rays = (np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1)), w)
     arguments = (lens.table, lens.media.shape[1] - 1, lens.media, plane, rims, world, *rays, size)
-    if threads:
-        with THREADS:
-            spots_on_all_threads.compiled(*arguments)
-    else:
-        spots.compiled(*arguments, 0, len(world))
+    spots.compiled(*arguments)
     return size

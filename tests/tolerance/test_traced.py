@@ -15,7 +15,6 @@ from roslf_design.tolerancing.run import Where, run_trials
 from roslf_design.tolerancing.study import plan_from
 from roslf_design.tolerancing.traced import as_built, mounted
 from roslf_design.tolerancing.trials import one_trial
-from roslf_design.traced.aim import spot_radii
 from roslf_design.traced.camera import Plane, camera_of, microlenses
 from roslf_design.traced.images import FULL, real_field, real_images
 
@@ -198,20 +197,6 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
             rms = np.sqrt(np.sum(np.var(place, axis=1)))
             # 48 rays and 4000, both cut by rims here and there.
             assert found[field, trial] == pytest.approx(rms / one.d, rel=2e-3 if lit.all() else 0.05)
-
-
-def test_spots_are_the_same_on_all_threads():
-    design = DESIGNS["singlet"]
-    traced, _ = builds_of(Question(design, (), FIELDS, 350.0), builds(design, 130, 8), 130)
-    mount, known = traced.mount, traced.known
-    pupil, weight = sunflower(37).T, np.ones(37)
-    sizes = [
-        spot_radii(
-            mount.lens, mount.planes.array, mount.planes.rims, mount.world, known.points, pupil, weight, threads=on
-        )
-        for on in (False, True)
-    ]
-    assert np.array_equal(*sizes)
 
 
 def test_studies_give_the_same_bytes_for_any_number_of_workers(tmp_path):
