@@ -18,7 +18,8 @@ from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK
 from ..optimization.study import load_study
 from ..reporting.html import render_html
-from ..reporting.optimization import optimisation_pictures, optimization_report, statements, tables
+from ..reporting.optimization import optimization_report, statements, tables
+from ..reporting.study_figures import optimisation_pictures
 from ..reporting.terminal import print_blocks, print_statements
 from .options import folder_faults, seed_faults
 from .progress import StatusLine

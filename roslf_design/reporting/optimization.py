@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from ..optimization.conflicts import Conflict
 from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
 from ..optimization.run import Result
 from ..optimization.solve import Answer, optimum_accuracy
-from ..pictures.optimise import bore_and_stop, goal_front, robust_yields
-from ..pictures.picture import Picture
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from .study_figures import optimisation_pictures
@@ -45,39 +41,6 @@ def optimization_section(result: Result, command: str = "") -> Section:
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
-
-
-def optimisation_pictures(result: Result) -> dict[str, Picture]:
-    """Name to picture; empty where a study has nothing to draw."""
-    pictures, robust = {}, result.robust
-    if result.bore is not None:
-        pupil = result.bore.pupil
-        pictures["bore"] = bore_and_stop(pupil.field_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
-    if result.front is not None and len(result.front.points) > 1:
-        pictures["front"] = _plot_front(result.front, result.answer)
-    if robust is not None:
-        rows = [(in_words(label), before, after) for label, before, after in robust.constraint_yields]
-        together = ("all together", robust.nominal.yield_.value, robust.robust.yield_.value)
-        pictures["robust"] = robust_yields([*rows, together])
-    return pictures
-
-
-def _plot_front(front: Front, answer: Answer) -> Picture:
-    """The first goal over the second; the third, where there is one, by shade."""
-    order = [1, 0, *range(2, len(front.goals))]
-    values = np.array([point.values for point in front.points])[:, order]
-    goals = [front.goals[k] for k in order]
-    log = [
-        goal.quantity.positive and bool(column.max() > 3 * column.min() > 0)
-        for goal, column in zip(goals, values.T, strict=True)
-    ]
-    x, y = (answer.number(goal) for goal in goals[:2])
-    title = f"{in_words(goals[1].label)} against {in_words(goals[0].label)}, designs of which none is better in all"
-    return goal_front(values, [_axis(goal) for goal in goals], log=log, title=title, answer=(x, y))
-
-
-def _axis(goal: Goal) -> str:
-    return f"{in_words(_headed(goal))} ({'less' if goal.direction == 'min' else 'more'} is better)"
 
 
 def statements(result: Result) -> Iterator[Statement]:
