@@ -1,20 +1,41 @@
-"""What results become before they are written as JSON, which has no infinity and nothing undefined."""
+"""What results become before they are written as JSON, which has no infinity, nothing undefined, and no classes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any
 
+import numpy as np
 
-def null_unless_finite(value: Any) -> Any:
-    """The same tree of mappings and lists, with None for every number that is not finite.
 
-    For results that say elsewhere why a number is missing (a metric that no trial defines, a limit that is not set).
+def plain(value: Any, *, undefined: bool = True) -> Any:
+    """Results as JSON's types: dataclasses by their fields' names, arrays and tuples as lists, None for infinity.
+
+    Parameters
+    ----------
+    value : any
+        A tree of dataclasses, mappings, sequences, arrays, numbers and text.
+    undefined : bool
+        Whether what is no number becomes None too: for results that say elsewhere why a number is missing (a metric
+        that no trial defines).
+
+    Raises
+    ------
+    ArithmeticError
+        Something is not a number, and `undefined` is false.
     """
-    if isinstance(value, dict):
-        return {key: null_unless_finite(inner) for key, inner in value.items()}
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name), undefined=undefined) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: plain(inner, undefined=undefined) for key, inner in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist(), undefined=undefined)
     if isinstance(value, (list, tuple)):
-        return [null_unless_finite(inner) for inner in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
+        return [plain(inner, undefined=undefined) for inner in value]
+    if isinstance(value, float):
+        if math.isnan(value) and not undefined:
+            raise ArithmeticError("a result is not a number; please report the design that led to it")
+        return value if math.isfinite(value) else None
     return value

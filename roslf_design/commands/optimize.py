@@ -13,7 +13,7 @@ from .. import __version__
 from ..accuracy.statement import check_accuracy
 from ..design import dumps
 from ..design.write import write_atomically
-from ..errors import InputError, Problem
+from ..errors import InputError
 from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK
 from ..optimization.study import load_study
@@ -21,6 +21,7 @@ from ..reporting.html import render_html
 from ..reporting.optimization import optimization_report, statements, tables
 from ..reporting.study_figures import optimisation_pictures
 from ..reporting.terminal import print_blocks, print_statements
+from .options import folder_faults, seed_faults
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -56,13 +57,9 @@ def optimize(
         What the merit of the optimum may be off by, as 1e-4 (0.01 is 1 % of a goal): searches stop at a hundredth of
         it, and the best is polished. Default: every search is polished, to 1e-6 or better.
     """
-    # Here, so that `roslf --help` starts without them.
-
-    if seed is not None and seed < 0:
-        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0"),))
-    blocked = next((place for place in (output, *output.parents) if place.exists() and not place.is_dir()), None)
-    if blocked is not None:
-        raise InputError((Problem("-o", f"{blocked} is a file, not a folder; name another place"),))
+    faults = (*seed_faults(seed), *folder_faults(output))
+    if faults:
+        raise InputError(faults)
     if accuracy is not None:
         check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..design import load, preset_names
+from ..design import load
 from ..design.kinds import CALLED
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
@@ -24,6 +24,7 @@ from ..reporting.compare import comparison_report
 from ..reporting.html import render_html
 from ..reporting.pdf import render_pdf
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
+from .options import folder_faults, seed_faults
 from .progress import StatusLine
 
 if TYPE_CHECKING:
@@ -135,8 +136,8 @@ def maker(
         raise refusal("--compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:
         raise refusal("report", "one design at a time; add --compare to set several side by side")
-    if seed is not None and seed < 0:
-        raise refusal("--seed", f"{seed} is negative; give a whole number from 0")
+    if seed_faults(seed):
+        raise InputError(tuple(seed_faults(seed)))
     misplaced = "goes with the report of one design; leave it out, or name it in the story"
     if compare:
         if calibration is not None:
@@ -147,8 +148,7 @@ def maker(
         return partial(comparison_report, designs, accuracy=accuracy)
     (name,) = names
     known = None if calibration is None else read_calibration(calibration)
-    preset = name in preset_names() and not Path(name).exists()
-    kind, story = ("design", None) if preset else load_story_or_study(Path(name))
+    kind, story = load_story_or_study(Path(name))
     if kind == "design":
         design = load(name)
         check_evaluation_accuracy(design, accuracy)
@@ -181,9 +181,9 @@ def check_folder(folder: Path) -> None:
     InputError
         A file is in the way.
     """
-    blocked = next((place for place in (folder, *folder.parents) if place.exists() and not place.is_dir()), None)
-    if blocked is not None:
-        raise refusal("-o", f"{blocked} is a file, not a folder; name another place")
+    faults = folder_faults(folder)
+    if faults:
+        raise InputError(tuple(faults))
     if (folder / PAGE).is_dir():
         raise refusal("-o", f"{folder / PAGE} is a folder; name another place")
 
@@ -231,8 +231,7 @@ def design_in_3d(names: Sequence[str], compare: bool) -> Design:
         Several designs, or a study.
     """
     (name, *others) = names
-    preset = name in preset_names() and not Path(name).exists()
-    if not others and not compare and (preset or load_story_or_study(Path(name))[0] == "design"):
+    if not others and not compare and load_story_or_study(Path(name))[0] == "design":
         return load(name)
     raise refusal("--figure", "3d and model are of one design; name its file alone")
 

@@ -37,6 +37,13 @@ def load(path: str | os.PathLike[str]) -> Design:
     return build(data, from_file=True, origin=origin, folder=place.parent)
 
 
+def load_beside(name: str, folder: Path) -> Design:
+    """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
+    from .presets import preset_names
+
+    return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+
+
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> Design:
     """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from."""
     return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=Path(folder))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
+
+from ..json_data import plain
 
 SCHEMA = "roslf.evaluation/1"
 
@@ -286,7 +287,7 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None."""
-        return {"schema": SCHEMA, **_plain(self)}
+        return {"schema": SCHEMA, **plain(self, undefined=False)}
 
     def __str__(self) -> str:
         from .show import as_text
@@ -297,15 +298,3 @@ class Evaluation:
         from .show import as_html
 
         return as_html(self)
-
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        if math.isnan(value):
-            raise ArithmeticError("a result is not a number; please report the design that led to it")
-        return value if math.isfinite(value) else None
-    return value

@@ -151,7 +151,7 @@ def through_bore(
     Which stop stands for the bore depends on the optimum, and the optimum on the stop: they are found in turn until
     they agree. Where they go round in circles, the stop counts that suits its own optimum best.
     """
-    quick = replace(settings, starts=min(4, settings.starts), check=False, isres=False)
+    quick = settings.model_copy(update={"starts": min(4, settings.starts), "check": False, "isres": False})
     base = problem.design
     tried: list[Bore] = []
     pupil = reduce_bore(base, rims)

@@ -23,9 +23,10 @@ STARTS = 6
 class Violation:
     """How far a limit is missed at the least-violating point."""
 
-    label: str
+    limit: str
+    """E.g. ``fill_factor <=``."""
     value: float
-    limit: float
+    wanted: float
     unit: str
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..design import Design
 from ..errors import InputError, Problem
-from ..json_data import null_unless_finite
+from ..json_data import plain
 from .bore import Bore, judged_at, through_bore
 from .conflicts import Conflict
 from .pareto import Front, pareto_front
@@ -112,31 +112,20 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "constraints": [_part(answer, c) | {"min": c.low, "max": c.high} for c in answer.asked.constraints],
         "violation": answer.violation,
         "accuracy": None if accuracy is None else accuracy.to_dict(timings),
-        "active": None
-        if answer.conditions is None
-        else [
-            {
-                "limit": a.label,
-                "unit": a.unit,
-                "multiplier": a.multiplier,
-                "merit_gain_per_unit": a.merit_per_unit,
-                "goal_gain_per_unit": a.goal_per_unit,
-            }
-            for a in answer.conditions.active
-        ],
+        "active": None if answer.conditions is None else answer.conditions.active,
         "trust": _trust(answer),
-        "stages": [{"goal": s.goal, "value": s.value, "held": s.held} for s in answer.stages],
+        "stages": answer.stages,
         "infeasible": None if answer.conflict is None else _conflict(answer.conflict),
         "bore": None if result.bore is None else _bore(result.bore),
         "front": None if result.front is None else _front(result.front, answer),
         "robust": _robust(result),
         "catalogue": None if result.ranking is None else _ranking(result.ranking, timings),
-        "loose_variables_mm": {name: list(ends) for name, ends in answer.loose().items()},
-        "notes": list(answer.notes),
+        "loose_variables_mm": answer.loose(),
+        "notes": answer.notes,
     }
     if timings:
         data["seconds"] = {"solve": answer.seconds, "all": result.seconds}
-    finite: dict[str, Any] = null_unless_finite(data)
+    finite: dict[str, Any] = plain(data)
     return finite
 
 
@@ -170,15 +159,13 @@ def _trust(answer: Answer) -> dict[str, Any]:
 
 def _conflict(conflict: Conflict) -> dict[str, Any]:
     return {
-        "violations": [
-            {"limit": v.label, "value": v.value, "wanted": v.limit, "unit": v.unit} for v in conflict.violations
-        ],
-        "cannot_hold_together": list(conflict.smallest),
+        "violations": conflict.violations,
+        "cannot_hold_together": conflict.smallest,
         "smaller_sets_shown_feasible": conflict.complete,
         "relaxations": [
             {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in conflict.relaxations
         ],
-        "bounds_touched": list(conflict.bounds),
+        "bounds_touched": conflict.bounds,
     }
 
 
@@ -188,9 +175,9 @@ def _bore(bore: Bore) -> dict[str, Any]:
         "pupil_distance_mm": bore.pupil.distance,
         "worst_kept_difference": bore.pupil.worst_kept_difference,
         "worst_misplaced": bore.pupil.worst_misplaced,
-        "fields_mm": bore.pupil.field_mm.tolist(),
-        "kept_bore": bore.pupil.kept_bore.tolist(),
-        "kept_pupil": bore.pupil.kept_pupil.tolist(),
+        "fields_mm": bore.pupil.field_mm,
+        "kept_bore": bore.pupil.kept_bore,
+        "kept_pupil": bore.pupil.kept_pupil,
         "passes": bore.passes,
         "settled": bore.settled,
     }
@@ -222,7 +209,7 @@ def _robust(result: Result) -> dict[str, Any] | None:
     def told(builds: BuildStatistics) -> dict[str, Any]:
         return {
             "yield": builds.yield_.value,
-            "interval_95": list(builds.yield_.interval),
+            "interval_95": builds.yield_.interval,
             "goal": builds.goal_nominal,
             "goal_quantile": builds.goal_quantile,
         }

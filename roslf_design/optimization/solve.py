@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from ..accuracy.statement import Accuracy
+from ..tolerancing.study import StrictTable
 from .conflicts import Conflict, explain
 from .problem import Constraint, DesignProblem, Goal, sobol_units
 from .search import (
@@ -36,21 +39,25 @@ TOUCHING = 1e-6
 Tell = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How hard to look."""
+class SolverTable(StrictTable):
+    """How hard to look, as a study says it."""
 
-    starts: int = 16
+    starts: Annotated[int, Field(ge=1, le=4096)] = 16
     """Local searches, from Sobol points."""
-    seed: int = 0
-    evaluations: int = 300
+    evaluations: Annotated[int, Field(ge=10)] = 300
     """Of one local run."""
-    seconds: float = 60.0
+    seconds: Annotated[float, Field(gt=0)] = 60.0
     """For the whole problem."""
     check: bool = True
     """Whether CRS2_LM looks again."""
     isres: bool = False
     """Whether ISRES does too."""
+
+
+class Settings(SolverTable):
+    """The same with what a command may say instead."""
+
+    seed: int = 0
     accuracy: float | None = None
     """What the merit may be off by (0.01: 1 % of a goal); None polishes every search to rounding."""
 
@@ -66,6 +73,9 @@ class Settings:
         A hundredth: along a curved valley (Rosenbrock's) the last of many small steps leaves up to fifty of them.
         """
         return FTOL if self.accuracy is None else max(FTOL, self.accuracy / 100)
+
+
+USUAL = Settings()
 
 
 @dataclass(frozen=True)
@@ -100,15 +110,15 @@ class Stage:
 class Active:
     """A limit that the optimum touches."""
 
-    label: str
+    limit: str
     """E.g. ``fill_factor <= 1`` or ``d_3 <= 8 mm``."""
     unit: str
     """Of the limit."""
     multiplier: float
     """Change of the scaled merit per unit of the scaled row; 0 where the limit only happens to be touched."""
-    merit_per_unit: float
+    merit_gain_per_unit: float
     """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit."""
-    goal_per_unit: float | None
+    goal_gain_per_unit: float | None
     """The same for a single goal, in the goal's unit: how much better it gets."""
 
 
@@ -183,7 +193,7 @@ class Answer:
         return self.problem.number(part, self.unit)
 
 
-def solve(problem: DesignProblem, settings: Settings = Settings(), tell: Tell = lambda _: None) -> Answer:
+def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambda _: None) -> Answer:
     """The best design, or what stands in the way; `tell` is told what is being done."""
     began = time.monotonic()
     deadline = began + settings.seconds
@@ -196,7 +206,7 @@ def solve(problem: DesignProblem, settings: Settings = Settings(), tell: Tell = 
     for number, goal in enumerate(problem.goals, 1):
         current = replace(current, goals=(goal,))
         last = number == len(problem.goals)
-        part = settings if last else replace(settings, check=False, isres=False)
+        part = settings if last else settings.model_copy(update={"check": False, "isres": False})
         answer = _solve(current, part, deadline, tell, starts)
         spent += answer.evaluations
         if not answer.feasible:

@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ..camera import Camera, Number
-from ..design import PATHS, Design, load, preset_names
+from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
+from ..design.files import load_beside
 from ..design.kinds import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
@@ -24,7 +25,7 @@ from ..toml_files import problems_of, read_toml
 from ..units import Distance, Length, format_quantity, parse_quantity
 from .parts import Kind, given_by
 from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
-from .solve import Settings
+from .solve import Settings, SolverTable
 
 
 class AskedTable(StrictTable):
@@ -167,17 +168,6 @@ class BoreTable(StrictTable):
             return tuple(Stop(diameter=stop.diameter, distance=stop.distance) for stop in self.stops)
         ends = self.tube.distance, self.tube.distance + self.tube.length
         return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
-
-
-class SolverTable(StrictTable):
-    """How hard to look."""
-
-    starts: Annotated[int, Field(ge=1, le=4096)] = 16
-    evaluations: Annotated[int, Field(ge=10)] = 300
-    seconds: Annotated[float, Field(gt=0)] = 60.0
-    check: bool = True
-    """Whether CRS2_LM looks again."""
-    isres: bool = False
 
 
 class ParetoTable(StrictTable):
@@ -346,15 +336,21 @@ def load_study(path: str | os.PathLike[str], seed: int | None = None, accuracy: 
     data = read_toml(place, str(path))
     expect_kind(data, "optimize", str(path))
     study = read_study(data, place.parent, str(path), seed)
-    return replace(study, settings=replace(study.settings, accuracy=accuracy))
+    return replace(study, settings=study.settings.model_copy(update={"accuracy": accuracy}))
 
 
 def read_study(
-    data: Mapping[str, Any], folder: Path = Path(), origin: str = "", seed: int | None = None
+    data: Mapping[str, Any],
+    folder: Path = Path(),
+    origin: str = "",
+    seed: int | None = None,
+    design: Design | None = None,
 ) -> OptimizeStudy:
-    """The same from nested values, with `folder` for the files they name."""
+    """The same from nested values, with `folder` for the files they name; a design takes the place of their own."""
     faults: list[Problem] = []
-    design = _base(data, folder, faults)
+    if design is not None:
+        data = {**data, "design": design.name}
+    design = _base(data, folder, faults, design)
     table = None
     try:
         table = StudyTable.model_validate(data, context={"from_file": True})
@@ -369,12 +365,12 @@ def read_study(
     return OptimizeStudy(table.posed(design), settings, table, folder)
 
 
-def _base(data: Mapping[str, Any], folder: Path, faults: list[Problem]) -> Design | None:
+def _base(data: Mapping[str, Any], folder: Path, faults: list[Problem], design: Design | None) -> Design | None:
     name = data.get("design")
     if not isinstance(name, str):
         return None  # the study's own check says so
     try:
-        design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+        design = load_beside(name, folder) if design is None else design
     except InputError as error:
         faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
         return None

@@ -1,5 +1,1 @@
-"""Design reports: content as plain data, figures as functions on Axes, one self-contained HTML page."""
-
-from .blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-
-__all__ = ["Bullets", "Code", "Figure", "Paragraph", "Report", "Section", "Statement", "Statements", "Table"]
+"""Reports: content as plain data (`blocks`), which one HTML page, a PDF and the terminal each set in their own way."""

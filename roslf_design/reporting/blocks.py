@@ -8,22 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ..tables import Table
-
-__all__ = [
-    "MARKS",
-    "Block",
-    "Bullets",
-    "Code",
-    "Figure",
-    "Paragraph",
-    "Report",
-    "Section",
-    "Statement",
-    "Statements",
-    "Table",
-    "Tone",
-]
+from ..tables import Table as Table
 
 Tone = Literal["good", "bad", "caution", "plain"]
 """How a statement is meant; always shown by a sign and a word as well as by colour."""

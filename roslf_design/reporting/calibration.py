@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
@@ -19,6 +19,7 @@ from ..calibration.datasheet import QUANTITIES, SHOWN, UNITS, relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
+from ..tolerancing.study import StrictTable
 from ..units import Angle, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
@@ -66,10 +67,8 @@ CAPTIONS = {
 """Of the drawings that a calibration leaves in its folder."""
 
 
-class CalibrationPart(BaseModel):
+class CalibrationPart(StrictTable):
     """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     board: str | None = None
     """Cells across, cells down, size of one."""

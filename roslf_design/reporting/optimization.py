@@ -148,10 +148,11 @@ def _about_bore(result: Result) -> Statement:
 def _price(result: Result) -> Statement:
     robust, answer = result.robust, result.answer
     assert robust is not None
-    costs = []
-    for goal in answer.asked.goals:
-        after = float(goal.values(answer.problem.cameras(robust.unit[None])).ravel()[0])
-        costs.append(f"{goal.label} {number(answer.number(goal), 4)} → {number(after, 4)}{_unit(goal)}")
+    costs = [
+        f"{goal.label} {number(answer.number(goal), 4)} → "
+        f"{number(answer.problem.number(goal, robust.unit), 4)}{_unit(goal)}"
+        for goal in answer.asked.goals
+    ]
     text = (
         f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
         f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
@@ -184,12 +185,12 @@ def _tables(result: Result) -> Iterator[Table]:
 def _variables(result: Result) -> Table:
     answer, robust = result.answer, result.robust
     values = answer.variables()
-    moved = {} if robust is None else answer.problem.values(robust.unit[None])
+    moved = {} if robust is None else answer.problem.named(robust.unit)
     rows = tuple(
         (
             variable.name,
             *(f"{value:.5g}" for value in (variable.low, values[variable.name], variable.high)),
-            *(() if robust is None else (f"{float(moved[variable.place][0]):.5g}",)),
+            *(() if robust is None else (f"{moved[variable.name]:.5g}",)),
         )
         for variable in answer.problem.variables
     )
@@ -216,17 +217,17 @@ def _active(answer: Answer) -> Table:
     single = len(answer.problem.goals) == 1
     rows = []
     for active in answer.conditions.active:
-        fine = active.unit == "mm" and active.merit_per_unit > 1
+        fine = active.unit == "mm" and active.merit_gain_per_unit > 1
         per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
         size = 1e-3 if fine else 1.0
         if active.multiplier < 1e-9:
             buys = "nothing: touched, not pressed"
-        elif single and active.goal_per_unit is not None:
+        elif single and active.goal_gain_per_unit is not None:
             goal = answer.problem.goals[0]
-            buys = f"{size * active.goal_per_unit:.4g}{_unit(goal)} {per}"
+            buys = f"{size * active.goal_gain_per_unit:.4g}{_unit(goal)} {per}"
         else:
-            buys = f"{100 * size * active.merit_per_unit:.4g} % {per}"
-        rows.append((active.label, f"{active.multiplier:.4g}", buys))
+            buys = f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
+        rows.append((active.limit, f"{active.multiplier:.4g}", buys))
     of = answer.problem.goals[0].label if single else "the goals together"
     return Table(
         tuple(rows), "ldl", ("limit", "multiplier", f"relaxing it buys, of {of}"), "Limits that the optimum rests on"
@@ -234,7 +235,7 @@ def _active(answer: Answer) -> Table:
 
 
 def _ways(conflict: Conflict) -> Table:
-    missed = {violation.label: violation for violation in conflict.violations}
+    missed = {violation.limit: violation for violation in conflict.violations}
     rows = []
     for r in conflict.relaxations:
         own = missed.get(r.label)
@@ -249,15 +250,19 @@ def _parts(ranking: Ranking) -> Table:
     rows = []
     for place, ranked in enumerate(ranking.best, 1):
         own = ranking.combinations.problem_at(ranked.number)
-        values, cameras = own.values(ranked.search.unit[None]), own.cameras(ranked.search.unit[None])
-        goals = [f"{float(g.values(cameras).ravel()[0]):.4g}" for g in own.goals]
+        values = own.named(ranked.search.unit)
+        goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append((str(place), *names, *goals, *(f"{float(values[v.place][0]):.5g}" for v in own.variables)))
+        rows.append((str(place), *names, *goals, *(f"{values[v.name]:.5g}" for v in own.variables)))
     kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
-    goals = [f"{g.label} [{g.quantity.unit}]" if g.quantity.unit else g.label for g in problem.goals]
+    goals = [_headed(goal) for goal in problem.goals]
     heads = ("", *kinds, *goals, *(f"{v.name} [mm]" for v in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
+
+
+def _headed(goal: Goal) -> str:
+    return f"{goal.label} [{goal.quantity.unit}]" if goal.quantity.unit else goal.label
 
 
 def _unit(part: Goal | Constraint) -> str:

@@ -33,12 +33,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
-from ..design import Design, load, preset_names
+from ..design import Design, preset_names
+from ..design.files import load_beside
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
 from ..optimization.run import designs
+from ..tolerancing.study import StrictTable
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
@@ -54,13 +56,7 @@ STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""
 
 
-class _Keys(BaseModel):
-    """Frozen; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Opening(_Keys):
+class Opening(StrictTable):
     """`[story]`."""
 
     title: str
@@ -69,7 +65,7 @@ class Opening(_Keys):
     """Design file, relative to the story, or the name of a preset."""
 
 
-class Part(_Keys):
+class Part(StrictTable):
     """One of `[[parts]]`: exactly one study."""
 
     optimize: str | None = None
@@ -103,7 +99,7 @@ class Part(_Keys):
         return self.optimize or self.tolerance
 
 
-class StoryTable(_Keys):
+class StoryTable(StrictTable):
     """A whole file."""
 
     story: Opening
@@ -144,13 +140,15 @@ def load_story(path: str | os.PathLike[str]) -> Story:
 
 
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
-    """What kind of file a path names, and the story where it is one.
+    """What kind of file a path (or a preset's name) names, and the story where it is one.
 
     Raises
     ------
     InputError
         It cannot be read, is none of the kinds, or is a story with faults.
     """
+    if str(path) in preset_names() and not path.exists():
+        return "design", None
     data = read_toml(path, str(path))
     kind = kind_of(data, str(path))
     return kind, read_story(data, path.parent, str(path)) if kind == "story" else None
@@ -167,7 +165,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     calibrations: dict[int, Calibrated] = {}
     design, name = None, table.story.design
     try:
-        design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+        design = load_beside(name, folder)
     except InputError as error:
         faults += [Problem("story.design", str(fault)) for fault in error.problems]
     for index, part in enumerate(table.parts):

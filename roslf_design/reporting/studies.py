@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..design import dumps
 from ..errors import InputError
 from ..evaluation import default_fields
 from ..optimization.run import run
@@ -64,8 +62,7 @@ def tolerance_plan(
     InputError
         Every fault of the study.
     """
-    with handed_over(data, design) as given:
-        study, own, grades = read_study(given, folder, origin)
+    study, own, grades = read_study(data, folder, origin, design)
     return make_plan(study, own, grades, origin), study, grades
 
 
@@ -98,24 +95,11 @@ def run_optimisation(
 
     As `tolerance_plan`; `tell` is told what is being done, `seed` counts instead of the study's.
     """
-    with handed_over(data, design) as given:
-        study = read_optimisation(given, folder, origin, seed)
+    study = read_optimisation(data, folder, origin, seed, design)
     try:
         return run(study, tell)
     except InputError as error:
         raise error if error.origin else InputError(error.problems, origin) from None
-
-
-@contextmanager
-def handed_over(data: Mapping[str, Any], design: Design | None) -> Iterator[Mapping[str, Any]]:
-    """The study with another design in place of its own; studies name designs by file, so it lies in one meanwhile."""
-    if design is None:
-        yield data
-        return
-    with tempfile.TemporaryDirectory() as scratch:
-        file = Path(scratch) / "design.toml"
-        file.write_text(dumps(design), encoding="utf-8")
-        yield {**data, "design": str(file)}
 
 
 def quick_tolerances(

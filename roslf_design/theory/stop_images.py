@@ -98,20 +98,22 @@ class Projected(NamedTuple):
         )
 
 
-def lens_point(c: Camera, rim: Rim, microlens: Vector) -> LensPoint:
+def lens_point(c: Camera, rim: Rim, microlens: Vector, order: int = 3) -> LensPoint:
     """Where the rays of a stop's plane that end in a microlens cross the main lens.
 
     With the microlens at c and its conjugate ``c' = c / (1 - c_z/f)``, the line from a through c' crosses z = 0 at
-    ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``.
+    ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``. `order` as for `project`.
     """
     cx, cy, cz = microlens
     bend = 1.0 - cz / c.f
-    x, y, w = [], [], []
+    x: list[Number] = [0.0] * 3
+    y: list[Number] = [0.0] * 3
+    w: list[Number] = [0.0] * 3
     pose = c.pose(rim.part)
-    for k, (ax, ay, az) in enumerate((pose.origin, pose.x, pose.y)):
-        x.append(minus(times(cz, ax), times(az, cx)))
-        y.append(minus(times(cz, ay), times(az, cy)))
-        w.append(minus(cz if k == 0 else 0.0, times(az, bend)))
+    for k, (ax, ay, az) in enumerate((pose.origin, pose.x, pose.y)[:order]):
+        x[k] = minus(times(cz, ax), times(az, cx))
+        y[k] = minus(times(cz, ay), times(az, cy))
+        w[k] = minus(cz if k == 0 else 0.0, times(az, bend))
     return LensPoint((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
 
 
@@ -156,7 +158,7 @@ def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
 
 def chief_point(c: Camera, microlens: Vector) -> tuple[Number, Number]:
     """Where the ray through the FAP's centre and a microlens meets the sensor [mm, the sensor's own frame]."""
-    return project(lens_point(c, c.fap, microlens), microlens, 1.0, c.pose("sensor"), order=1).centre
+    return project(lens_point(c, c.fap, microlens, order=1), microlens, 1.0, c.pose("sensor"), order=1).centre
 
 
 def room(c: Camera, microlens: Vector) -> Number:

@@ -6,8 +6,10 @@ What is undefined is counted beside: it fails every limit and is never averaged 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +17,10 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from . import sketch
-from .draws import Perturbation, sobol_points
+from .draws import Draws, Perturbation, sobol_points
 from .study import Limit, TolerancePlan
 from .tally import Tally
-from .trials import BLOCK, differences, measure, measure_uniforms
+from .trials import BLOCK, differences, measure, measure_finally
 
 Array = NDArray[np.float64]
 
@@ -84,9 +86,21 @@ def curve_trials(plan: TolerancePlan) -> int:
 
 def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
     """Yield with all tolerances times `scale`; the same draws at every scale."""
-    deviations = plan.draws.deviations(plan.draws.uniforms(0, trials))
-    blocks = (measure(plan, deviations[:, at : at + BLOCK], scale) for at in range(0, trials, BLOCK))
-    return Yield(sum(int(plan.passes(block.variants[-1]).all(axis=0).sum()) for block in blocks), trials)
+    return Yield(sum(_passing(plan, scale, trials)), trials)
+
+
+def _passing(plan: TolerancePlan, scale: float, trials: int) -> Iterator[int]:
+    """How many builds hold all limits, block by block."""
+    deviations = _first_draws(plan.draws, trials)
+    for at in range(0, trials, BLOCK):
+        block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
+        yield int(plan.passes(block).all(axis=0).sum())
+
+
+@lru_cache(maxsize=2)
+def _first_draws(draws: Draws, trials: int) -> Array:
+    """Deviations of the first trials, which a curve's every point shares."""
+    return draws.deviations(draws.uniforms(0, trials))
 
 
 def yield_curve(plan: TolerancePlan, scales: Sequence[float] = SCALES) -> tuple[tuple[float, Yield], ...]:
@@ -95,8 +109,18 @@ def yield_curve(plan: TolerancePlan, scales: Sequence[float] = SCALES) -> tuple[
     return tuple((scale, yield_at(plan, scale, trials)) for scale in scales)
 
 
-def scale_for_yield(plan: TolerancePlan, target: float) -> tuple[float, Yield] | None:
+def scale_for_yield(
+    plan: TolerancePlan, target: float, curve: Sequence[tuple[float, Yield]] = ()
+) -> tuple[float, Yield] | None:
     """Largest common factor on all tolerances, up to 64, whose yield is still the target.
+
+    Parameters
+    ----------
+    plan : TolerancePlan
+    target : float
+    curve : sequence of (factor, yield)
+        As `yield_curve` gives it, in rising factors: below its last point on the target, and above its first one under
+        it, nothing is measured again.
 
     Returns
     -------
@@ -106,20 +130,35 @@ def scale_for_yield(plan: TolerancePlan, target: float) -> tuple[float, Yield] |
     """
     trials = curve_trials(plan)
     loose, tight = 64.0, 1e-3
-    best = yield_at(plan, tight, trials)
-    if best.value < target:
+    held = [scale for scale, _ in takewhile(lambda point: point[1].value >= target, curve)]
+    sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
+
+    def reaches(scale: float) -> bool:
+        return scale < lost and (tight < scale <= sure or _reaches(plan, scale, trials, target))
+
+    if not reaches(tight):
         return None
-    whole = yield_at(plan, loose, trials)
-    if whole.value >= target:
-        return loose, whole
+    if reaches(loose):
+        return loose, yield_at(plan, loose, trials)
     while loose / tight >= 1.001:
         middle = float(np.sqrt(loose * tight))
-        tried = yield_at(plan, middle, trials)
-        if tried.value >= target:
-            tight, best = middle, tried
+        if reaches(middle):
+            tight = middle
         else:
             loose = middle
-    return tight, best
+    return tight, yield_at(plan, tight, trials)
+
+
+def _reaches(plan: TolerancePlan, scale: float, trials: int, target: float) -> bool:
+    """Whether the yield is the target; builds are measured until that is settled."""
+    passed = done = 0
+    for count in _passing(plan, scale, trials):
+        passed, done = passed + count, min(done + BLOCK, trials)
+        if (passed + trials - done) / trials < target:
+            return False
+        if passed / trials >= target:
+            return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -362,7 +401,7 @@ def _held(
     deviations = np.zeros((len(index), len(cases)))
     for case, (p, _, sign) in enumerate(cases):
         deviations[index[p.place], case] = sign * widths[case]
-    columns = measure(plan, deviations).variants[-1]
+    columns = measure_finally(plan, deviations)
     which = np.array([limit.column for _, limit, _ in cases])
     here, value = plan.nominal[which], columns[which, np.arange(len(cases))]
     low = np.array([limit.low for _, limit, _ in cases])
@@ -407,7 +446,7 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
     mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    f_a, f_b, *f_ab = (measure_uniforms(plan, uniforms).variants[-1] for uniforms in (a, b, *mixed))
+    f_a, f_b, *f_ab = (measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed))
     undefined = np.isnan(np.stack([f_a, f_b, *f_ab])).sum(axis=(0, 2))
     indices = saltelli_jansen(f_a, f_b, np.stack(f_ab), plan.draws.seed)
     for part in indices:

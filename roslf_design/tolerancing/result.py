@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..errors import InputError
-from ..json_data import null_unless_finite
+from ..json_data import plain
 from . import sketch
 from .analyses import (
     CONFIDENCE,
@@ -203,10 +203,7 @@ class StudyResult:
                 for row in self.rss
             ],
             "sobol": None if self.sobol is None else _sobol(self.sobol, columns),
-            "inverse_sensitivity": [
-                {"place": a.place, "tolerance": a.tolerance, "given": a.given, "limited_by": a.limited_by}
-                for a in self.allowed
-            ],
+            "inverse_sensitivity": self.allowed,
             "yield_curve": [{"scale": scale, **_yield(result)} for scale, result in self.yield_curve],
             "inverse_by_yield": None
             if self.scale_for_target is None
@@ -217,11 +214,11 @@ class StudyResult:
                 "tolerances": {p.place: p.tolerance * self.scale_for_target[0] for p in draws.perturbations},
             },
             "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
-            "correlations": {"columns": columns, "places": places, "values": self.correlations.tolist()},
+            "correlations": {"columns": columns, "places": places, "values": self.correlations},
             "worst": [{"trial": w.number, "score": w.score, "file": w.file} for w in self.worst],
-            "warnings": list(self.warnings),
+            "warnings": self.warnings,
         }
-        finite: dict[str, Any] = null_unless_finite(data)
+        finite: dict[str, Any] = plain(data)
         return finite
 
 
@@ -286,6 +283,7 @@ def analyse(
     misses = plan.nominal_misses()
     count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
+    curve = yield_curve(plan)
     return StudyResult(
         plan=plan,
         study=study,
@@ -295,9 +293,9 @@ def analyse(
         rss=rss,
         sobol=sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None,
         allowed=() if misses else inverse_sensitivity(plan, share),
-        yield_curve=yield_curve(plan),
-        scale_for_target=scale_for_yield(plan, study.yield_target),
-        grades=_grades(plan, study, grades),
+        yield_curve=curve,
+        scale_for_target=scale_for_yield(plan, study.yield_target, curve),
+        grades=_grades(plan, study, grades, curve),
         correlations=correlations(tally),
         worst=worst,
         warnings=(*(lens.notes() if lens else ()), *_warnings(plan, variants, rss, misses)),
@@ -316,10 +314,18 @@ def trace_check(plan: TolerancePlan) -> TraceCheck | None:
     return check_traced(design, builds, values)
 
 
-def _grades(plan: TolerancePlan, study: Study, grades: Grades) -> tuple[GradeYield, ...]:
-    trials, design = curve_trials(plan), plan.question.design
-    others = ((name, study.model_copy(update={"grade": name})) for name in (grades.names if study.grade else ()))
-    return tuple(GradeYield(name, yield_at(make_plan(other, design, grades), 1.0, trials)) for name, other in others)
+def _grades(
+    plan: TolerancePlan, study: Study, grades: Grades, curve: Sequence[tuple[float, Yield]]
+) -> tuple[GradeYield, ...]:
+    """The study at each grade; at its own the curve has it."""
+
+    def yield_of(name: str) -> Yield:
+        if name == study.grade:
+            return dict(curve)[1.0]
+        other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
+        return yield_at(other, 1.0, curve_trials(plan))
+
+    return tuple(GradeYield(name, yield_of(name)) for name in (grades.names if study.grade else ()))
 
 
 def _warnings(

@@ -29,8 +29,9 @@ from pydantic import (
     model_validator,
 )
 
-from ..design import Design, load, preset_names
+from ..design import Design
 from ..design.conjugates import CONJUGATES
+from ..design.files import load_beside
 from ..design.kinds import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
@@ -222,7 +223,9 @@ class Study(StrictTable):
         return places
 
 
-def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> tuple[Study, Design, Grades]:
+def read_study(
+    data: Mapping[str, Any], folder: Path = Path(), origin: str = "", design: Design | None = None
+) -> tuple[Study, Design, Grades]:
     """A study from the nested values of its file, with its design and its grades.
 
     Parameters
@@ -233,6 +236,8 @@ def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
         Where the files that it names are looked for.
     origin : str
         What errors are told of.
+    design : Design, optional
+        Takes the place of the file's own.
 
     Raises
     ------
@@ -240,11 +245,13 @@ def read_study(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
         Every fault of the study, and of the design or grades it names.
     """
     problems: list[Problem] = []
-    design = grades = study = None
+    grades = study = None
+    if design is not None:
+        data = {**data, "design": design.name}
     name = data.get("design")
-    if isinstance(name, str):  # else the study's own check says so
+    if design is None and isinstance(name, str):  # else the study's own check says so
         try:
-            design = load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+            design = load_beside(name, folder)
         except InputError as error:
             problems += [Problem("design", f"{name}: {fault}") for fault in error.problems]
     table = folder / str(data["grades"]) if data.get("grades") else SHIPPED

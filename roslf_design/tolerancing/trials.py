@@ -70,6 +70,20 @@ def measure(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Measu
     return MeasuredTrials(deviations, np.stack(columns), moved)
 
 
+def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Array:
+    """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials), block by block."""
+
+    def columns(some: Array) -> Array:
+        values = plan.draws.values(some, scale)
+        if plan.adjusters:
+            compensator = compensator_of(plan)
+            return compensator.newton(values, compensator.linear(some * scale))[1]
+        return evaluate_builds(plan.question, values, some.shape[1], calibrated=plan.calibrated)
+
+    starts = range(0, deviations.shape[1], BLOCK)
+    return np.concatenate([columns(deviations[:, at : at + BLOCK]) for at in starts], axis=1)
+
+
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
     """Trials given by their independent uniform numbers, shape (factors, trials), block by block."""
     draws, starts = plan.draws, range(0, uniforms.shape[1], BLOCK)

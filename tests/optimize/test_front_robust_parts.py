@@ -7,24 +7,18 @@ import roslf_design as roslf
 from roslf_design.errors import InputError
 from roslf_design.optimization.pareto import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
-from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, Variable
 from roslf_design.optimization.ranking import Combinations, rank
 from roslf_design.optimization.robust import builds, maximise_robustness, scatter_of
 from roslf_design.optimization.search import search
 from roslf_design.optimization.study import RobustTable
-from roslf_design.theory.quantities import quantity_named as Q
+from tests.optimize.posing import PAPER, goal, limit, posed
 
-PAPER = roslf.load("paper")
 NEVER = float("inf")
-
-
-def posed(bounds, limits, *goals):
-    return DesignProblem("posed", PAPER, tuple(Variable(name, *ends) for name, ends in bounds.items()), limits, goals)
 
 
 def test_front_against_its_closed_form():
     """With d_f alone free, sigma_z at a place and the field there follow from it: the front is that curve."""
-    goals = (Goal(Q("sigma_z_mm"), "min", 150.0), Goal(Q("field_half_width_mm"), "max", 150.0))
+    goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max", 150.0))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 9, [], NEVER)
     assert len(front.points) >= 8
     assert front.failed == 0
@@ -37,9 +31,9 @@ def test_front_against_its_closed_form():
 
 def test_three_goals_give_points_none_of_which_is_better():
     goals = (
-        Goal(Q("sigma_z_mm"), "min", 150.0),
-        Goal(Q("field_half_width_mm"), "max", 150.0),
-        Goal(Q("views_independent"), "max"),
+        goal("sigma_z_mm", "min", 150.0),
+        goal("field_half_width_mm", "max", 150.0),
+        goal("views_independent", "max"),
     )
     problem = posed({"d_f": (200.0, 800.0), "d": (0.03, 0.2), "D_F": (1.0, 3.0)}, (), *goals)
     front = pareto_front(problem, goals, 7, [], NEVER)
@@ -52,15 +46,15 @@ def test_three_goals_give_points_none_of_which_is_better():
 
 def test_ends_of_a_front_waste_nothing():
     """The field does not depend on D_F: the design at its end must have the widest pupil all the same."""
-    goals = (Goal(Q("sigma_z_mm"), "min", 150.0), Goal(Q("field_half_width_mm"), "max"))
+    goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max"))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 4, [], NEVER)
     assert [point.unit[1] for point in front.points] == pytest.approx([1.0] * len(front.points), abs=1e-6)
 
 
 TIGHT = posed(
     {"d_2": (0.5, 9.0), "D_F": (1.0, 6.0), "d_3": (60.0, 190.0)},
-    (Constraint(Q("fill_factor"), 0.98, 1.0), Constraint(Q("non_distortion_room_mm"), 0.0)),
-    Goal(Q("sigma_z_mm"), "min", 150.0),
+    (limit("fill_factor", 0.98, 1.0), limit("non_distortion_room_mm", 0.0)),
+    goal("sigma_z_mm", "min", 150.0),
 )
 MISSES = [
     {"place": "D_F", "tolerance": "10 um"},
@@ -132,12 +126,12 @@ def few():
 
 def test_ranking_against_every_combination_optimised(few):
     limits = (
-        Constraint(Q("fill_factor"), 0.98, 1.0),
-        Constraint(Q("non_distortion_room_mm"), 0.0),
-        Constraint(Q("microlens_defocus_px"), None, 0.5),
-        Constraint(Q("total_length_mm"), None, 500.0),
+        limit("fill_factor", 0.98, 1.0),
+        limit("non_distortion_room_mm", 0.0),
+        limit("microlens_defocus_px", None, 0.5),
+        limit("total_length_mm", None, 500.0),
     )
-    goals = (Goal(Q("sigma_z_mm"), "min", 200.0), Goal(Q("lateral_samples"), "max", None, 0.5))
+    goals = (goal("sigma_z_mm", "min", 200.0), goal("lateral_samples", "max", None, 0.5))
     problem = posed({"d_2": (0.2, 20.0), "d_f": (210.0, 2000.0), "D_F": (1.0, 8.0)}, limits, *goals)
     combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
     found = rank(combinations, 5, 60.0)
@@ -155,7 +149,7 @@ def test_ranking_against_every_combination_optimised(few):
 
 
 def test_parts_that_fit_none_and_a_time_that_is_up(few):
-    problem = posed({"d_2": (0.2, 20.0)}, (Constraint(Q("lateral_samples"), 1e5),), Goal(Q("sigma_z_mm"), "min"))
+    problem = posed({"d_2": (0.2, 20.0)}, (limit("lateral_samples", 1e5),), goal("sigma_z_mm", "min"))
     found = rank(Combinations.of(problem, few, ("sensors",)), 5, 10.0)
     assert (found.best, found.ruled_out, found.optimised, found.open) == ((), 3, 0, 0)
     late = rank(Combinations.of(problem, few, ("sensors",)), 5, -1.0)

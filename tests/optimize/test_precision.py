@@ -42,7 +42,7 @@ def test_optimum_of_a_study_is_within_what_was_asked_for():
     best = solve(study.problem, study.settings).merit
     evaluations = []
     for accuracy in (0.3, 1e-2, 1e-5):
-        settings = replace(study.settings, accuracy=accuracy)
+        settings = study.settings.model_copy(update={"accuracy": accuracy})
         answer = solve(study.problem, settings)
         told = optimum_accuracy(answer, settings)
         assert abs(answer.merit - best) <= told.expected_error == accuracy
@@ -54,7 +54,7 @@ def test_optimum_of_a_study_is_within_what_was_asked_for():
 
 def test_nothing_is_told_of_no_design():
     study = load_study(STUDY)
-    answer = solve(study.problem, replace(study.settings, starts=1, check=False))
+    answer = solve(study.problem, study.settings.model_copy(update={"starts": 1, "check": False}))
     assert optimum_accuracy(replace(answer, feasible=False), study.settings) is None
 
 

@@ -11,10 +11,10 @@ from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, V
 from roslf_design.optimization.ranking import Boxes, Combinations, prunable
 from roslf_design.optimization.search import gradient_error, value_and_jacobian
 from roslf_design.theory.quantities import QUANTITIES, quantity_named
+from tests.optimize.posing import PAPER, goal, limit, posed
 
-PAPER = roslf.load("paper")
 TUBE = PAPER.replace({"stops": ({"diameter": 5.0, "distance": 150.0},)})
-DEPTH = (Goal(quantity_named("sigma_z_mm"), "min", 150.0),)
+DEPTH = (goal("sigma_z_mm", "min", 150.0),)
 
 
 @pytest.mark.parametrize("variable", [Variable("d", 0.01, 0.5), Variable("d_3", 0.0, 200.0), Variable("f", 90, 110)])
@@ -30,7 +30,7 @@ def test_scaled_values_and_back(variable):
 
 def test_derived_lengths_set_the_places_they_mean():
     bounds = {"tube_length": (10.0, 60.0), "tube_diameter": (2.0, 6.0), "working_distance": (100.0, 300.0)}
-    problem = DesignProblem("tube", TUBE, tuple(Variable(name, *ends) for name, ends in bounds.items()), (), DEPTH)
+    problem = posed(bounds, (), *DEPTH, design=TUBE)
     unit = np.array([0.5, 0.25, 0.5])
     design, values = problem.design_at(unit), problem.named(unit)
     assert design.stops[0].distance == pytest.approx(design.d_3 + values["tube_length"])
@@ -41,7 +41,7 @@ def test_derived_lengths_set_the_places_they_mean():
 
 
 def test_microlenses_in_focus():
-    problem = DesignProblem("focus", TUBE, (Variable("d_2", 1.0, 4.0),), (), DEPTH, in_focus=True)
+    problem = posed({"d_2": (1.0, 4.0)}, (), *DEPTH, design=TUBE, in_focus=True)
     design = problem.design_at(np.array([0.3]))
     vergence = roslf.evaluate(design, []).exit_pupil.vergence_at_mla_per_mm
     assert 1 / design.f_ml == pytest.approx(1 / design.d_2 + vergence, rel=1e-12)
@@ -71,8 +71,8 @@ def test_what_no_quantity_depends_on_does_not_vary(name):
 
 
 def test_scales_travel_with_the_problem():
-    goals = (Goal(quantity_named("non_distortion_room_mm"), "max"),)
-    problem = DesignProblem("s", PAPER, (Variable("d_3", 0.0, 200.0),), (), goals)
+    goals = (goal("non_distortion_room_mm", "max"),)
+    problem = posed({"d_3": (0.0, 200.0)}, (), *goals)
     other = Combinations(problem.with_scales(), (), ()).problem
     assert other.goal_scale(0) == problem.goal_scale(0)
 
@@ -88,7 +88,7 @@ def test_goals_and_limits_see_what_evaluate_sees_also_where_parts_are_decentred(
     shifts = {"aperture.decentre": (0.02 * design.D_F, 0.0), "main_lens.decentre": (0.0, 0.01 * design.D)}
     design = design.replace({"stops": rims, **shifts})
     seen = roslf.evaluate(design, [])
-    problem = DesignProblem("seen", design, (Variable("d_2", design.d_2, design.d_2),), (), DEPTH)
+    problem = posed({"d_2": (design.d_2, design.d_2)}, (), *DEPTH, design=design)
     wanted = {
         "fill_factor": seen.f_number.fill_factor,
         "mismatch_px": seen.f_number.mismatch_px,
@@ -98,20 +98,18 @@ def test_goals_and_limits_see_what_evaluate_sees_also_where_parts_are_decentred(
         "view_baseline_mm": seen.sampling.view_baseline_mm,
     }
     for name, value in wanted.items():
-        found = problem.number(Constraint(quantity_named(name)), np.zeros(1))
+        found = problem.number(limit(name), np.zeros(1))
         # `evaluate` tells no field below 0, where even the axis is cut.
         assert (max(found, 0.0) if name == "undistorted_field_mm" else found) == pytest.approx(value, rel=1e-12), name
 
 
 def test_at_a_distance_counts_from_the_tip():
     ahead = TUBE.d_f - 150.0
-    problem = DesignProblem("tip", TUBE, (Variable("d_2", 1.0, 2.0),), (), DEPTH)
+    problem = posed({"d_2": (1.0, 2.0)}, (), *DEPTH, design=TUBE)
     for name in ("sigma_z_mm", "field_half_width_mm"):
-        here, there = (problem.number(Constraint(quantity_named(name), at=at), np.zeros(1)) for at in (None, ahead))
+        here, there = (problem.number(limit(name, at=at), np.zeros(1)) for at in (None, ahead))
         assert there == pytest.approx(here, rel=1e-14)
-    assert problem.number(Constraint(quantity_named("blur_pitches"), at=ahead), np.zeros(1)) == pytest.approx(
-        0, abs=1e-12
-    )
+    assert problem.number(limit("blur_pitches", at=ahead), np.zeros(1)) == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("unit", [(0.5, 0.5, 0.5, 0.5), (0.0, 0.0, 0.2, 1.0), (1.0, 0.9, 0.9, 0.0)])
@@ -119,10 +117,10 @@ def test_derivatives_against_mpmath(unit):
     """Of the merit and of the fill factor's lower limit, written out anew at 60 digits."""
     bounds = {"D_F": (1.0, 6.0), "d_3": (0.0, 190.0), "d_f": (200.0, 600.0), "d_2": (0.5, 9.0)}
     limits = (
-        Constraint(quantity_named("fill_factor"), 0.5, 1.0),
-        Constraint(quantity_named("blur_pitches"), None, 5.0, 150.0),
+        limit("fill_factor", 0.5, 1.0),
+        limit("blur_pitches", None, 5.0, 150.0),
     )
-    problem = DesignProblem("p", PAPER, tuple(Variable(name, *ends) for name, ends in bounds.items()), limits, DEPTH)
+    problem = posed(bounds, limits, *DEPTH)
     values, jacobian = value_and_jacobian(problem.vector, np.array(unit))
 
     def lengths(u):

@@ -6,28 +6,14 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import SIGNS, Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimization.problem import SIGNS
 from roslf_design.optimization.search import search
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory.light import half_diagonal
-from roslf_design.theory.quantities import quantity_named
+from tests.optimize.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
 
 RELATIVE = 1e-6
-PAPER = roslf.load("paper")
-
-
-def limit(name, low=None, high=None, at=None):
-    return Constraint(quantity_named(name), low, high, at)
-
-
-def goal(name, direction, at=None, weight=1.0):
-    return Goal(quantity_named(name), direction, at, weight)
-
-
-def posed(bounds, limits, *goals, design=PAPER, **more):
-    variables = tuple(Variable(name, *ends) for name, ends in bounds.items())
-    return DesignProblem("posed", design, variables, tuple(limits), goals, **more)
 
 
 def optima(problem):
@@ -136,16 +122,16 @@ def test_multipliers_say_what_a_relaxed_limit_buys():
     answer = solve(one, Settings(starts=6, check=False))
     before, checked = answer.number(DEPTH), 0
     for index, held in enumerate(one.constraints):
-        rows = [a for a in answer.conditions.active if a.label.startswith(held.label) and a.multiplier > 1e-3]
+        rows = [a for a in answer.conditions.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
         if not rows:
             continue
-        lower = ">=" in rows[0].label
+        lower = ">=" in rows[0].limit
         step = 1e-4 * abs(held.low if lower else held.high)
         moved = replace(held, low=held.low - step) if lower else replace(held, high=held.high + step)
         relaxed = replace(one, constraints=(*one.constraints[:index], moved, *one.constraints[index + 1 :]))
         gain = before - relaxed.number(DEPTH, search(relaxed, answer.unit).unit)
         # First order: off by the curvature over a step of 1e-4.
-        assert gain / step == pytest.approx(rows[0].goal_per_unit, rel=2e-3)
+        assert gain / step == pytest.approx(rows[0].goal_gain_per_unit, rel=2e-3)
         checked += 1
     assert checked >= 2
 

@@ -27,5 +27,5 @@ def few_builds():
         patch.setattr(
             result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))
         )
-        patch.setattr(result, "scale_for_yield", lambda plan, target: None)
+        patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
         yield
