@@ -9,8 +9,9 @@ from scipy.spatial import cKDTree
 import roslf_design as roslf
 from roslf_design.calibration import CalibrationError, CentreLattice, Reason, find_centres
 from roslf_design.calibration.lattice import fit_lattice
+from roslf_design.camera import Camera
 from roslf_design.imaging.render import render
-from roslf_design.theory import microlens_image_pitch
+from roslf_design.theory.exit_pupil import microlens_image_pitch
 from tests.oracles.calibration import nodes_over, white_image
 
 PITCH, ROTATION = 14.07, math.radians(0.31)
@@ -179,6 +180,6 @@ def test_the_engine_s_white_image_has_the_closed_form_s_pitch(wanted):
     paper = roslf.load("paper")
     design = paper.replace({"sensor.size": (500 * paper.sensor.pixel, 400 * paper.sensor.pixel)})
     found = find_centres(render(design, overrides=wanted).pixels)
-    true = float(microlens_image_pitch(design.d, design.d_2, design.f, design.d_f, design.d_3)) / design.q
+    true = float(microlens_image_pitch(Camera.of(design))) / design.q
     np.testing.assert_allclose(found.lattice.pitches, true, atol=5e-5)  # 0.001 px over the image
     np.testing.assert_allclose(np.array([249.5, 199.5]), found.lattice.nodes(0, 0), atol=1e-3)  # the lens on axis

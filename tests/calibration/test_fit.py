@@ -28,9 +28,11 @@ from roslf_design.calibration.calibrate import corner_statistics, fit_statistics
 from roslf_design.calibration.diffraction import view_disagreement
 from roslf_design.calibration.model import GLOBALS, project_boards, rotation_matrix
 from roslf_design.calibration.steps import Linear, covariance_of, refine
+from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
 from roslf_design.design.parts import Stop
-from roslf_design.theory import back_substitute, from_homogeneous, project, view_projection
+from roslf_design.theory.back_substitution import back_substitute
+from roslf_design.theory.light_field import view_projection
 from tests.calibration.made import CAMERA, SHEET, captured, poses_of
 from tests.oracles.calibration import traced_view
 
@@ -74,9 +76,19 @@ def test_model_without_distortion_is_the_theory_s_projection(A, m, d_2, seed):
     pose, points = some_poses(np.random.default_rng(seed)), Board(4, 5, 6.0).points
     uv = project_boards(camera.vector(), pose, points, VIEWS).values
     scene = scene_of(pose, points)
-    matrix = view_projection(VIEWS, A, m, 0.07, 0.005, d_2, (0, 0), (31.0, -7.0))
+    # Any focal length will do: A and m say where the pupil is then.
+    lengths = {
+        "f": 100.0,
+        "d_f": 100.0 * (1 + m) / m,
+        "d_3": 100.0 + (100.0 - A) / m,
+        "d": 0.07,
+        "d_2": d_2,
+        "q": 0.005,
+    }
+    matrix = view_projection(Whole.of(load("paper"), lengths), VIEWS)
     whole = np.concatenate([scene, np.ones((*scene.shape[:-1], 1))], axis=-1)
-    expected = from_homogeneous(project(matrix[None, :, None], whole[:, None]))
+    shown = (matrix[None, :, None] @ whole[:, None, ..., None])[..., 0]
+    expected = shown[..., :2] / shown[..., 2:] + np.array([31.0, -7.0])
     np.testing.assert_allclose(uv, expected, rtol=1e-11, atol=1e-9)
 
 
