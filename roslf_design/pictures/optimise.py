@@ -11,7 +11,7 @@ import numpy as np
 from .lettering import PLAIN, SMALL, short, text_width
 from .marks import Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key
 from .panel import Panel, Scale, named_ticks
-from .picture import Picture, colour_bar, legend_height, one_panel
+from .picture import Picture, as_tall, colour_bar, legend_height, one_panel
 from .theme import THEMES
 
 if TYPE_CHECKING:
@@ -259,7 +259,5 @@ def robust_yields(rows: Sequence[tuple[str, float, float]], width: float = 672) 
         (left, 8.0, width - left - 70, tall), Scale(0, 100), Scale(tall, 0), tuple(marks), "builds that hold it [%]",
         grid="x", x_ticks=named_ticks(range(0, 101, 20)), y_ticks=(),
     )  # fmt: skip
-    foot = panel.bottom + 42
     title = "Builds that hold each constraint, of the nominal and of the robust design"
-    size = (width, foot + legend_height(keys, width - 24))
-    return Picture("robust", title, size, (panel,), tuple(keys), (14.0, foot - 2, width - 24))
+    return as_tall("robust", title, panel, keys, size=(width, 0.0))

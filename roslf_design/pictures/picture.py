@@ -175,6 +175,15 @@ def one_panel(
     return Picture(name, title, size, (replace(panel, box=box),), tuple(keys), key_box, remarks)
 
 
+def as_tall(
+    name: str, title: str, panel: Panel, keys: Sequence[Key] = (), *, size: Point, foot: float = 42.0
+) -> Picture:
+    """A picture of one panel whose box stays, as high as that and the legend below ask for but no lower than `size`."""
+    top, width = panel.bottom + foot, size[0] - 24
+    tall = (size[0], max(size[1], top + legend_height(keys, width)))
+    return Picture(name, title, tall, (panel,), tuple(keys), (14.0, top - 2, width))
+
+
 def room(
     size: Point, keys: Sequence[Key] = (), left: float = 58.0, top: float = 14.0, right: float = 16.0,
     below: float = 42.0,

@@ -12,7 +12,7 @@ import numpy as np
 from .lettering import PLAIN, SMALL, short, text_width
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, line_key, whiskers
 from .panel import Panel, Scale, named_ticks
-from .picture import Picture, legend_height, one_panel
+from .picture import Picture, as_tall, one_panel
 
 ROW = 24.0
 """Height of a bar's row, its text beside it [px]."""
@@ -20,8 +20,8 @@ TALL_ROW = 36.0
 """The same with the text above the bar [px]."""
 SIDE = 14.0
 """Margin on either side of bars with their text above [px]."""
-RIGHT, BELOW = 16.0, 42.0
-"""Margins [px]."""
+RIGHT = 16.0
+"""Margin [px]."""
 LARGEST = 3.0
 """Times the way to the limit beyond which bars are cut off."""
 
@@ -100,7 +100,7 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     box = (left, top, max(size[0] - left - RIGHT - 60, 80.0), ROW * len(rows))
     panel = _rows_panel(box, Scale(0, 100), marks, "builds that hold every limit [%]")
     title = "Yield by grade: " + ", ".join(f"{100 * share.value:.1f} % {name}" for name, share, _ in rows)
-    return Picture("yield", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+    return as_tall("yield", title, panel, size=size)
 
 
 def yield_curve(
@@ -169,7 +169,7 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
     label = "part of the way to a limit that it uses alone [%]"
     panel = _rows_panel((SIDE, 24, width, tall), Scale(0, 100 * high), marks, label)
     title = f"Worst offenders: {'; '.join(told)}"
-    return Picture("offenders", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+    return as_tall("offenders", title, panel, size=size)
 
 
 def _used(row: Offender) -> tuple[str, ...]:
@@ -209,7 +209,7 @@ def spread_bars(spreads: Sequence[LimitSpread], size: Point = (560, 300)) -> Pic
     label = "way from nominal to limit: 90 % of builds [%]"
     panel = _rows_panel(box, Scale(-100 * reach, 100 * reach), marks, label)
     title = f"Scatter of {len(rows)} limited numbers over the builds, as shares of the way from nominal to their limits"
-    return Picture("spread", title, (size[0], max(size[1], panel.bottom + BELOW)), (panel,))
+    return as_tall("spread", title, panel, size=size)
 
 
 def _ends(row: LimitSpread) -> tuple[float, float]:
@@ -288,9 +288,7 @@ def _ranked(
     rows = [Text(scale.low, ROW * (k + 0.5), row, "ink", SMALL, "end", dx=-7, dy=4) for k, row in enumerate(names)]
     zero = Line([0.0, 0.0], [0.0, tall], "ink", 0.9)
     panel = _rows_panel(box, scale, (*marks, zero, *rows), label)
-    foot = panel.bottom + BELOW
-    size = (width, foot + legend_height(keys, width - 24))
-    return Picture(name, f"Ranked: {label}", size, (panel,), tuple(keys), (14.0, foot - 2, width - 24))
+    return as_tall(name, f"Ranked: {label}", panel, keys, size=(width, 0.0))
 
 
 def distributions(
