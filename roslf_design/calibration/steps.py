@@ -60,7 +60,7 @@ class Linear(NamedTuple):
 
 def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
     """Corners where they are modelled minus `measured`, both (b, ..., n, k), in units of their errors 1/`weight`."""
-    boards, share = len(measured), np.broadcast_to(weight, measured.shape)
+    boards, share = len(measured), np.zeros(measured.shape) + weight
     off = ((model.values - measured) * share).reshape(boards, -1)
     if not model.by_pose.size:
         return Linear(off, model.by_globals, model.by_pose)
