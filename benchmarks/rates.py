@@ -19,7 +19,7 @@ import pyperf
 from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import load_scene
 from roslf_design.shapes.lattice import Lattice, lens_centres
 from roslf_design.theory.quantities import QUANTITIES
@@ -92,7 +92,7 @@ def white(layout: str) -> Ready:
 def board() -> Ready:
     """A region of the checkerboard, a fixed number of rays a pixel."""
     paper, scene = load("paper"), load_scene(STUDIES / "paper-images/board.toml")
-    fixed = Sampling(RAYS, RAYS, 0.0)
+    fixed = RaySampling(RAYS, RAYS, 0.0)
     work = partial(render, paper, scene, region=REGION, sampling=fixed)
     return work, work().rays
 

@@ -76,7 +76,7 @@ OPTIMISE: tuple[Table, ...] = (
 )
 STORY: tuple[Table, ...] = (
     ("`[story]`", story.Opening),
-    ("`[[parts]]`, one study each", story.Part),
+    ("`[[parts]]`, one study each", story.StoryPart),
     ("`calibration`", story.CalibrationPart),
 )
 

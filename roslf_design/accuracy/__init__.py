@@ -6,13 +6,13 @@ What measures the table, walks the hard cases and draws the diagrams is the stud
 from __future__ import annotations
 
 from .statement import Accuracy, check_accuracy
-from .table import QUANTITIES, Choice, Table, choose, current_table, ranked, shipped_table
+from .table import QUANTITIES, AccuracyTable, Choice, choose, current_table, ranked, shipped_table
 
 __all__ = [
     "QUANTITIES",
     "Accuracy",
+    "AccuracyTable",
     "Choice",
-    "Table",
     "check_accuracy",
     "choose",
     "current_table",

@@ -20,7 +20,7 @@ from ..effects.plan import EFFECTS
 from ..errors import InputError, Problem
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, render
-from ..imaging.trace import Sampling
+from ..imaging.trace import RaySampling
 from ..scenes import Scene
 from .statement import Accuracy, check_accuracy
 
@@ -64,7 +64,7 @@ class Settled:
 
     budget: Budget
     plan: Plan
-    sampling: Sampling
+    sampling: RaySampling
     expected_error: float
     method: str
 
@@ -114,11 +114,11 @@ def settle(
     if job.method in ROUNDING:
         expected = missing + ROUNDING[job.method]
         _reachable(accuracy, expected, job.method)
-        return Settled(budget, chosen, Sampling(seed=seed), expected, job.method)
+        return Settled(budget, chosen, RaySampling(seed=seed), expected, job.method)
     floor = missing + (CONVOLVED if job.convolved else 0.0) + (FAINT if job.scene.points else 0.0)
     if not job.ladder:
         _reachable(accuracy, floor, job.method)
-        return Settled(budget, chosen, Sampling(seed=seed), floor, job.method)
+        return Settled(budget, chosen, RaySampling(seed=seed), floor, job.method)
     _reachable(accuracy, 2 * floor, f"{job.method} with diffraction" if job.convolved else job.method)
     best, least = None, math.inf
     for rung in job.ladder:
@@ -175,7 +175,7 @@ def left_out(chosen: Plan) -> float:
     return sum(abs(line.estimate) for line in chosen if not line.on and "by hand" not in line.reason)
 
 
-def _effort(sampling: Sampling) -> str:
+def _effort(sampling: RaySampling) -> str:
     if sampling.side:
         return f"{sampling.side} x {sampling.side} samples a pixel"
     if sampling.least == sampling.most:
@@ -202,21 +202,21 @@ class _Job:
     def _method(self) -> str:
         """Told by the smallest of pictures."""
         column, row, columns, rows = self.region
-        few = Sampling(least=16, most=16, side=2, seed=self.seed)
+        few = RaySampling(least=16, most=16, side=2, seed=self.seed)
         tiny = (column, row, min(2, columns), min(2, rows))
         return render(self.design, self.scene, effects=self.plan, budget=self.budget, region=tiny, sampling=few).method
 
     @property
-    def ladder(self) -> tuple[tuple[Sampling, ...], ...]:
+    def ladder(self) -> tuple[tuple[RaySampling, ...], ...]:
         """Ways to sample, cheapest first; those of one rung are tried together."""
         if self.method != "rays":
             return ()
         if self.real:
-            return tuple((Sampling(side=side, seed=self.seed),) for side in SIDES)
+            return tuple((RaySampling(side=side, seed=self.seed),) for side in SIDES)
         found = []
         for rays in RAYS:
-            fixed = Sampling(rays, rays, 0.0, self.seed)
-            spread = Sampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
+            fixed = RaySampling(rays, rays, 0.0, self.seed)
+            spread = RaySampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
             found.append((spread, fixed) if rays >= 256 else (fixed,))
         return tuple(found)
 
@@ -225,7 +225,7 @@ class _Job:
         """What no number of samples gets past."""
         return INCOHERENT if self.convolved and self.scene.white is None else ""
 
-    def rays(self, sampling: Sampling) -> float:
+    def rays(self, sampling: RaySampling) -> float:
         """How many measuring takes."""
         per = sampling.side**2 or sampling.most
         across, count = (WIDE + MARGINS, FEW) if self.convolved else (PATCH, PATCHES)
@@ -245,7 +245,7 @@ class _Job:
             (column + int(x * (columns - size[0])), row + int(y * (rows - size[1])), *size) for x, y in shares.tolist()
         ]
 
-    def error(self, sampling: Sampling, patches: Sequence[Patch], *, sharp: bool = False) -> tuple[float, float]:
+    def error(self, sampling: RaySampling, patches: Sequence[Patch], *, sharp: bool = False) -> tuple[float, float]:
         """What most pixels differ by from finer samples of another seed, and their cost, in rays a pixel.
 
         `sharp` leaves diffraction out, which would only smooth what sampling leaves, at the cost of wide margins.

@@ -74,7 +74,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class AccuracyTable:
     """All rows, and where they were measured."""
 
     rows: tuple[Row, ...]
@@ -101,7 +101,7 @@ class Table:
         return f'{head}, "rows": [\n  {lines}\n]}}\n'
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> AccuracyTable:
     """A table file.
 
     Raises
@@ -113,7 +113,7 @@ def read_table(path: Path) -> Table:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["schema"] != SCHEMA:
             raise ValueError(data["schema"])
-        return Table(tuple(Row(**row) for row in data["rows"]), str(data["machine"]))
+        return AccuracyTable(tuple(Row(**row) for row in data["rows"]), str(data["machine"]))
     except (ValueError, KeyError, TypeError) as error:
         message = f"is no accuracy table ({error}); make a new one with: roslf accuracy calibrate"
         raise InputError((Problem("", message),), str(path)) from None
@@ -126,14 +126,14 @@ def cache_file() -> Path:
 
 
 @cache
-def current_table() -> Table:
+def current_table() -> AccuracyTable:
     """The user's own table where there is one, else the shipped one; read once."""
     own = cache_file()
     return read_table(own) if own.is_file() else shipped_table()
 
 
 @cache
-def shipped_table() -> Table:
+def shipped_table() -> AccuracyTable:
     """Measured on another machine: errors hold here as well, times only in proportion."""
     return read_table(Path(str(files("roslf_design.accuracy") / SHIPPED)))
 
@@ -157,7 +157,7 @@ class Choice:
     """False where no method reaches the accuracy: this is then the most accurate one."""
 
 
-def choose(quantity: str, accuracy: float, table: Table | None = None) -> Choice:
+def choose(quantity: str, accuracy: float, table: AccuracyTable | None = None) -> Choice:
     """Cheapest method for a quantity of one microlens; `ranked` has all.
 
     Parameters
@@ -193,7 +193,7 @@ def check_quantity(quantity: str) -> None:
 def ranked(
     quantity: str,
     accuracy: float,
-    table: Table | None = None,
+    table: AccuracyTable | None = None,
     *,
     work: Callable[[Row], float] = lambda row: row.work,
     able: Callable[[Row], bool] = lambda row: True,

@@ -68,7 +68,7 @@ def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[n
     return Linear(off, shared.reshape(boards, -1, len(GLOBALS)), own.reshape(boards, -1, 6))
 
 
-class Settled(NamedTuple):
+class SettledFit(NamedTuple):
     """A least-squares fit of a camera and its boards' poses."""
 
     camera: Intrinsics
@@ -80,7 +80,7 @@ class Settled(NamedTuple):
 
 def settle(
     model: Callable[[Array, Array, bool], Linear], camera: Intrinsics, poses: Poses, names: tuple[str, ...]
-) -> Settled:
+) -> SettledFit:
     """Fit the shared parameters `names` and all poses by Levenberg-Marquardt, from `camera` and `poses`.
 
     `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns.
@@ -113,7 +113,7 @@ def settle(
     linear = at(run.x, True)
     linear = linear._replace(shared=linear.shared[..., columns])
     best = camera.with_values(names, run.x[:count])
-    return Settled(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
+    return SettledFit(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
 
 
 class Covariance(NamedTuple):

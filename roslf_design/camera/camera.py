@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,6 +20,7 @@ from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.design import Design
 from ..design.errors import DesignError, Problem
 from ..design.parameters import PATHS
+from ..design.real_lens import focal_length_at
 from .frames import Frame, Number, Vector, along, frame
 
 if TYPE_CHECKING:
@@ -128,6 +129,10 @@ class Camera:
             if place not in numbers:
                 raise DesignError((Problem(place, "is not a number of this design"),))
             numbers[place] = value if isinstance(value, (float, np.ndarray)) else _number(value)
+        if self.lens is not None and PATHS["wavelength"] in given and FOCAL not in given:
+            colours = np.vectorize(partial(focal_length_at, self.lens), otypes=[np.float64])(given[PATHS["wavelength"]])
+            given = {**given, FOCAL: colours}
+            numbers[FOCAL] = _number(colours)
         key = follower(given)
         if key is not None:
             numbers[key] = followed(numbers, key)

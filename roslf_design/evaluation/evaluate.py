@@ -18,7 +18,7 @@ from .real_lens import trace_lens
 from .result import (
     Depth,
     Diffraction,
-    Effect,
+    EffectLine,
     Evaluation,
     ExitPupil,
     FNumber,
@@ -143,7 +143,7 @@ def evaluate(
         ),
         diffraction=Diffraction(fresnel_number=of("fresnel_number"), airy_radius_px=of("airy_radius_px")),
         effects=tuple(
-            Effect(line.name, line.estimate, line.unit, line.budget, line.on, line.reason) for line in plan(design)
+            EffectLine(line.name, line.estimate, line.unit, line.budget, line.on, line.reason) for line in plan(design)
         ),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
         warnings=warnings_of(design, images),

@@ -167,7 +167,7 @@ class Diffraction:
 
 
 @dataclass(frozen=True)
-class Effect:
+class EffectLine:
     """One entry of the effects plan."""
 
     name: str
@@ -277,7 +277,7 @@ class Evaluation:
     sampling: Sampling
     depth: Depth
     diffraction: Diffraction
-    effects: tuple[Effect, ...]
+    effects: tuple[EffectLine, ...]
     verdicts: tuple[Verdict, ...]
     warnings: tuple[str, ...]
     method: str

@@ -254,6 +254,11 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
         "depth precision in focus": f"{short(depth.sigma_z_mm)} mm",
         "Airy radius of a microlens": f"{short(light.airy_radius_px, 3)} px",
     }
+    for name, share in evaluation.fields[-1].ray_budget.taken() if evaluation.fields else ():
+        if name in ("own cell", "neighbours"):
+            rows[f"light at the corner in its {'own cell' if name == 'own cell' else 'neighbours'}"] = f"{share:.1%}"
+        elif share > 0:
+            rows[f"light at the corner lost at the {name}"] = f"{share:.1%}"
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
 
 

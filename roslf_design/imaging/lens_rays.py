@@ -32,7 +32,7 @@ from ..theory.light import microlens_defocus_blur
 from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
 from ..traced.surrogate import fitted
 from .camera import Floats, Image, Region, pixel_centres, straightened
-from .trace import Sampling, Surfaces, encode, radiance, refocused
+from .trace import RaySampling, Surfaces, encode, radiance, refocused
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
@@ -158,7 +158,7 @@ class RealLensTracer:
             float(camera.tip),
         )
 
-    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
+    def image(self, region: Region, sampling: RaySampling, fine: int = 1) -> tuple[Image, int]:
         """Relative intensities of a region, float32 (rows * fine, columns * fine), and how many rays were traced."""
         side = sampling.side or (LENS_SAMPLES if self.finite else PINHOLE_SAMPLES)
         per = math.ceil(side / fine)

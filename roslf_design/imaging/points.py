@@ -35,7 +35,7 @@ RAYS = 1 << 18
 """Rays for one point without diffraction: landings are counted, to about 1/500 of a pixel's share."""
 
 
-class Opening(NamedTuple):
+class PointOpening(NamedTuple):
     """What rims leave of the FAP for one point: the common part of discs on the FAP's plane."""
 
     centres: Floats
@@ -94,7 +94,7 @@ class PointSource:
         return -np.array([self.x, self.y]) * (self.throw / self.reach)
 
     @cached_property
-    def opening(self) -> Opening:
+    def opening(self) -> PointOpening:
         """What the FAP, the lens and further rims leave open for this point."""
         centres, radii = [], []
         for rim in (self.camera.fap, *self.camera.rims):
@@ -102,7 +102,7 @@ class PointSource:
             at_x, at_y = self.camera.decentre(rim.part)
             centres.append([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow])
             radii.append(rim.radius * grow)
-        return Opening(np.array(centres), np.array(radii))
+        return PointOpening(np.array(centres), np.array(radii))
 
 
 def point_image(source: PointSource, region: Region, wavelengths: tuple[float, ...], tolerance: float) -> Image:

@@ -19,7 +19,7 @@ from ..scenes import WHITE_FIELD, Scene
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
-from .trace import Sampling, Tracer
+from .trace import RaySampling, Tracer
 from .transfer import CORE, Geometry, MicrolensTransfer, bands
 from .white import MOST_GROUPS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
@@ -70,7 +70,7 @@ def render(
     seed: int = 0,
     region: tuple[int, int, int, int] | None = None,
     threads: int | None = None,
-    sampling: Sampling | None = None,
+    sampling: RaySampling | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> RawImage:
     """Raw light-field image of a scene.
@@ -111,7 +111,7 @@ def render(
     if seed < 0:
         raise InputError((Problem("seed", f"{seed} is negative; give a whole number from 0 on"),))
     if sampling is None:
-        sampling = Sampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
+        sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region)
     job = _Job(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
     pixels = np.empty((piece.rows, piece.columns), np.float32)
@@ -134,7 +134,7 @@ class _Job:
     """One rendering: chooses the way that is exact for the scene, and counts rays."""
 
     def __init__(
-        self, design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: Sampling, threads: int
+        self, design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: RaySampling, threads: int
     ) -> None:
         self.design, self.scene, self.plan = design, scene, effects
         self.budget, self.sampling, self.threads = budget, sampling, threads

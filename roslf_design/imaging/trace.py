@@ -36,7 +36,7 @@ from ..rays.backward import (
     lay_out,
     posed_ray,
 )
-from ..scenes import Checkerboard, Picture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -63,7 +63,7 @@ light left out; FAP diffraction; circular microlenses."""
 
 
 @dataclass(frozen=True)
-class Sampling:
+class RaySampling:
     """How many rays a pixel gets."""
 
     least: int = 32
@@ -125,7 +125,7 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
     if isinstance(texture, Sinusoid):
         wave = 2 * math.pi / texture.period
         return SINUSOID, (wave * math.cos(texture.angle), wave * math.sin(texture.angle), texture.contrast)
-    if isinstance(texture, Picture):
+    if isinstance(texture, PictureTexture):
         values = texture.load()
         first = sum(map(len, pictures))
         pictures.append(values.ravel())
@@ -277,7 +277,7 @@ class Tracer:
             float(Camera.of(design).tip),
         )
 
-    def image(self, region: Region, sampling: Sampling, fine: int = 1) -> tuple[Image, int]:
+    def image(self, region: Region, sampling: RaySampling, fine: int = 1) -> tuple[Image, int]:
         """Trace a region.
 
         Parameters

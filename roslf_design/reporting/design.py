@@ -12,10 +12,12 @@ from ..design import dumps
 from ..evaluation import evaluate
 from ..evaluation.precision import evaluation_accuracy, near_cases
 from ..evaluation.show import (
+    BUDGET_TITLE,
     EFFECT_HEADINGS,
     FIELD_HEADINGS,
     LENS_HEADINGS,
     absent_effects,
+    budget_table,
     effect_rows,
     field_row,
     lens_field_row,
@@ -373,7 +375,9 @@ def _stops(design: Design) -> Iterator[Table]:
 def _tables(result: Evaluation) -> tuple[Table, ...]:
     tables = [Table(tuple(rows), "ldl", title=title, widths=FACTS) for title, rows in table_groups(result)]
     fields = tuple(field_row(field) for field in result.fields)
-    return (*tables, Table(fields, "llrrrr", FIELD_HEADINGS, "Microlens images over the field"))
+    headings, shares = budget_table(result)
+    budget = Table(tuple(shares), "l" + "r" * (len(headings) - 1), headings, BUDGET_TITLE)
+    return (*tables, Table(fields, "llrrrr", FIELD_HEADINGS, "Microlens images over the field"), budget)
 
 
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:

@@ -65,7 +65,7 @@ class Opening(StrictTable):
     """Design file, relative to the story, or the name of a preset."""
 
 
-class Part(StrictTable):
+class StoryPart(StrictTable):
     """One of `[[parts]]`: exactly one study."""
 
     optimize: str | None = None
@@ -84,7 +84,7 @@ class Part(StrictTable):
         return name
 
     @model_validator(mode="after")
-    def _one(self) -> Part:
+    def _one(self) -> StoryPart:
         given = [key for key in STUDIES if getattr(self, key) is not None]
         if len(given) != 1:
             has = " and ".join(given) or "nothing"
@@ -103,7 +103,7 @@ class StoryTable(StrictTable):
     """A whole file."""
 
     story: Opening
-    parts: Annotated[tuple[Part, ...], Field(min_length=1)]
+    parts: Annotated[tuple[StoryPart, ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Sinusoid(Part):
     """(max - min)/(max + min)."""
 
 
-class Picture(Part):
+class PictureTexture(Part):
     """An image file, bilinearly interpolated, repeated beyond its edges; its middle lies on the surface's origin.
 
     Grey as the mean of its colour channels; the file's full scale is 1. Rows run along v, downwards in the file.
@@ -99,13 +99,13 @@ def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     return array
 
 
-Texture = Annotated[Uniform | Checkerboard | Sinusoid | Picture, Field(discriminator="kind")]
+Texture = Annotated[Uniform | Checkerboard | Sinusoid | PictureTexture, Field(discriminator="kind")]
 
 TEXTURES: dict[str, type[Part]] = {
     "uniform": Uniform,
     "checkerboard": Checkerboard,
     "sinusoid": Sinusoid,
-    "image": Picture,
+    "image": PictureTexture,
 }
 """Kinds of texture by the name that a file gives them."""
 
@@ -201,7 +201,7 @@ def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
     texture, period, jumps = thing.texture, math.inf, False
     if isinstance(texture, Checkerboard | Sinusoid):
         period, jumps = texture.period, isinstance(texture, Checkerboard) and texture.high != texture.low
-    elif isinstance(texture, Picture):
+    elif isinstance(texture, PictureTexture):
         period = 2 * texture.width / texture.load().shape[1]  # two of its pixels
     if isinstance(thing, Plane):
         return (period, jumps) if thing.size is None else (min(period, 2 * min(thing.size)), True)

@@ -17,7 +17,7 @@ from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
 from ..toml_files import nearest, parse_toml, problems_of, read_toml
 from ..units import Length
-from .objects import OBJECTS, TEXTURES, Object, Picture, Plane, Points, Sphere, Tube, White, depths, detail
+from .objects import OBJECTS, TEXTURES, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
 
 P = TypeVar("P", bound=Part)
 
@@ -130,7 +130,7 @@ def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
 def _unreadable(scene: Scene) -> Iterator[Problem]:
     for index, thing in enumerate(scene.objects):
         texture = getattr(thing, "texture", None)
-        if isinstance(texture, Picture):
+        if isinstance(texture, PictureTexture):
             try:
                 texture.load()
             except (OSError, ValueError) as error:

@@ -358,7 +358,9 @@ def chunk_size(trials: int) -> int:
     return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
 
 
-def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None) -> tuple[TolerancePlan, Study, Grades]:
+def load_plan(
+    path: str | Path, *, trials: int | None = None, seed: int | None = None
+) -> tuple[TolerancePlan, Study, Grades]:
     """Read a study file and resolve it; `trials` and `seed` override the file's.
 
     Raises
@@ -366,6 +368,7 @@ def load_plan(path: Path, *, trials: int | None = None, seed: int | None = None)
     InputError
         Names the file and every fault in it.
     """
+    path = Path(path)
     data = read_toml(path, str(path))
     expect_kind(data, "tolerance", str(path))
     study, design, grades = read_study(data, Path(path).parent, str(path))

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 NEWTON_STEPS = 25
 
 
-class Plane(NamedTuple):
+class TracedPlane(NamedTuple):
     """How a plane of the camera stands: upright where its tilt is zero.
 
     Points on it count as if it stood upright.
@@ -75,11 +75,11 @@ class Plane(NamedTuple):
         return np.stack([np.tensordot(across, hit, axes=1) + self.x, np.tensordot(along, hit, axes=1) + self.y])
 
 
-UPRIGHT = Plane()
+UPRIGHT = TracedPlane()
 
 
 @dataclass(frozen=True)
-class Rim:
+class TracedRim:
     """A circular stop in object space: the flexible angular plane (FAP) or a further rim of the bore."""
 
     diameter: float
@@ -98,9 +98,9 @@ class Rim:
         return np.array([self.x, self.y])
 
     @property
-    def plane(self) -> Plane:
+    def plane(self) -> TracedPlane:
         """How it stands."""
-        return Plane(self.x, self.y, self.tilt)
+        return TracedPlane(self.x, self.y, self.tilt)
 
 
 @dataclass(frozen=True)
@@ -129,12 +129,12 @@ class LensCamera:
 
     lens: Prescription
     wavelength: float
-    rims: tuple[Rim, ...]
+    rims: tuple[TracedRim, ...]
     focal_plane: float
     mla: float
     sensor: float
-    array: Plane = UPRIGHT
-    detector: Plane = UPRIGHT
+    array: TracedPlane = UPRIGHT
+    detector: TracedPlane = UPRIGHT
 
     def __post_init__(self) -> None:
         problems = []
@@ -167,7 +167,7 @@ class LensCamera:
         return self.lens.length + max(0.0, float(last.sag(last.semi_diameter)))
 
     @property
-    def fap(self) -> Rim:
+    def fap(self) -> TracedRim:
         """The flexible angular plane: the entrance pupil."""
         return self.rims[0]
 
@@ -229,12 +229,12 @@ def camera_of(design: Design) -> LensCamera:
     if design.main_lens.tilt != (0.0, 0.0):
         lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
 
-    def stands(part: Stop | MicrolensArray | Sensor) -> Plane:
+    def stands(part: Stop | MicrolensArray | Sensor) -> TracedPlane:
         x, y = np.subtract(part.decentre, design.main_lens.decentre)
-        return Plane(float(x), float(y), part.tilt)
+        return TracedPlane(float(x), float(y), part.tilt)
 
     mla = rear + design.d_1
-    rims = tuple(Rim(stop.diameter, front - stop.distance, *stands(stop)) for stop in design.all_stops)
+    rims = tuple(TracedRim(stop.diameter, front - stop.distance, *stands(stop)) for stop in design.all_stops)
     planes = [stands(part) if part.tilt != (0.0, 0.0) else UPRIGHT for part in (design.microlens_array, design.sensor)]
     return LensCamera(lens, design.wavelength, rims, front - design.d_f, mla, mla + design.d_2, *planes)
 

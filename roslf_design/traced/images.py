@@ -52,7 +52,7 @@ def circle(count: int, first: float = 0.0) -> Array:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
-class MicrolensImages(NamedTuple):
+class TracedImages(NamedTuple):
     """Microlens images as the lens makes them; leading axes of the microlenses, points relative to their own axis."""
 
     chief: Array
@@ -92,7 +92,7 @@ class MicrolensImages(NamedTuple):
 
 def real_images(
     camera: LensCamera, microlens: ArrayLike, wavelength: float | None = None, *, points: int = 96
-) -> MicrolensImages:
+) -> TracedImages:
     """Outlines, areas and moments of microlens images through the real lens.
 
     Parameters
@@ -117,10 +117,10 @@ def real_images(
     chunks = [flat[start : start + CHUNK] for start in range(0, max(1, len(flat)), CHUNK)]
     parts = [_images(camera, chunk, wavelength, points) for chunk in chunks]
     whole = (np.concatenate(column).reshape(c.shape[:-1] + column[0].shape[1:]) for column in zip(*parts, strict=True))
-    return MicrolensImages(*whole)
+    return TracedImages(*whole)
 
 
-def _images(camera: LensCamera, c: Array, wavelength: float | None, points: int) -> MicrolensImages:
+def _images(camera: LensCamera, c: Array, wavelength: float | None, points: int) -> TracedImages:
     fap = camera.fap
     middle = sensor_of_pupil(camera, c, fap.centre, wavelength)
     rim = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points), wavelength)
@@ -145,7 +145,7 @@ def _images(camera: LensCamera, c: Array, wavelength: float | None, points: int)
     for index in np.flatnonzero(folded):
         area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index], wavelength)
         status[index] = FOLDED
-    return MicrolensImages(chief, outline, boundary, whole, area, centroid, moments, kept, status)
+    return TracedImages(chief, outline, boundary, whole, area, centroid, moments, kept, status)
 
 
 def _grid(camera: LensCamera, c: Array, count: int) -> tuple[Array, float]:
@@ -437,7 +437,7 @@ class RealField(NamedTuple):
 
     microlens: Array
     """In the lens's frame, (N, 2)."""
-    images: MicrolensImages
+    images: TracedImages
     thin_centre: Array
     """Image of the FAP's centre by the thin twin, relative to the microlens axis, (N, 2)."""
     thin_diameter: float

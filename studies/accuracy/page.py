@@ -7,7 +7,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from roslf_design.accuracy.table import QUANTITIES, Choice
-from roslf_design.accuracy.table import Table as Measured
+from roslf_design.accuracy.table import AccuracyTable as Measured
 from roslf_design.pictures.axes import (
     BLUE,
     GREEN,

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.accuracy.table import QUANTITIES, Choice, Row, Table, current_table, ranked
+from roslf_design.accuracy.table import QUANTITIES, AccuracyTable, Choice, Row, current_table, ranked
 from roslf_design.design import Design
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.lenses.tracer import trace_rays
 from roslf_design.scenes import Scene
 from roslf_design.shapes.coverage import coverage
@@ -91,7 +91,7 @@ def timed(method: Method, job: Job, level: int, repeats: int = 5) -> tuple[float
 def calibrate(
     design: Design, quantities: Iterable[str] = tuple(QUANTITIES), *, extra: int = EXTRA_JOBS, seed: int = 0,
     progress: Tell = _silent,
-) -> Table:  # fmt: skip
+) -> AccuracyTable:  # fmt: skip
     """Measure every method at every level: errors on jobs of all kinds, times on the first.
 
     Parameters
@@ -119,7 +119,7 @@ def calibrate(
     machine = (
         f"Python {platform.python_version()}, numpy {np.__version__}, {platform.machine()}, {os.cpu_count()} cores"
     )
-    return Table(tuple(rows), machine)
+    return AccuracyTable(tuple(rows), machine)
 
 
 def _rows(method: Method, jobs: list[Job], seed: int, fewest: int) -> list[Row]:
@@ -175,7 +175,7 @@ class Answer:
         return asdict(self.choice) | run
 
 
-def candidates(job: Job, accuracy: float, table: Table | None = None) -> tuple[Choice, ...]:
+def candidates(job: Job, accuracy: float, table: AccuracyTable | None = None) -> tuple[Choice, ...]:
     """Methods that keep the promise on a job, cheapest first; where none does, the most accurate one alone."""
     known = {method.name: method for method in methods(job.quantity)}
     return ranked(
@@ -189,7 +189,9 @@ def candidates(job: Job, accuracy: float, table: Table | None = None) -> tuple[C
     )
 
 
-def compute(job: Job, accuracy: float, table: Table | None = None, *, seed: int = 0, check: bool = True) -> Answer:
+def compute(
+    job: Job, accuracy: float, table: AccuracyTable | None = None, *, seed: int = 0, check: bool = True
+) -> Answer:
     """Run the cheapest method that keeps the promise, and the next better one where a check says otherwise.
 
     Parameters
@@ -222,7 +224,7 @@ def compute(job: Job, accuracy: float, table: Table | None = None, *, seed: int 
     return Answer(value, choice, measured, time.perf_counter() - start, runs)
 
 
-def _measure(method: Method, job: Job, choice: Choice, value: Floats, seed: int, table: Table) -> float | None:
+def _measure(method: Method, job: Job, choice: Choice, value: Floats, seed: int, table: AccuracyTable) -> float | None:
     """Error told by the level below and another seed, scaled down by what the table says of the two levels."""
     place = method.levels.index(choice.level)
     if method.kind not in CHECKED or place == 0:
@@ -263,7 +265,7 @@ class Tried:
 
 
 def try_choice(
-    design: Design, count: int = 100, *, seed: int = 0, table: Table | None = None, times: bool = True,
+    design: Design, count: int = 100, *, seed: int = 0, table: AccuracyTable | None = None, times: bool = True,
     progress: Tell = _silent,
 ) -> tuple[Tried, ...]:  # fmt: skip
     """Run random jobs, each to an accuracy of its own.
@@ -439,7 +441,7 @@ def scene_diagram(
 
     def image(rays: int, seed: int) -> tuple[Floats, float, str]:
         start = time.perf_counter()
-        sampling = Sampling(least=rays, most=rays, tolerance=0.0, seed=seed)
+        sampling = RaySampling(least=rays, most=rays, tolerance=0.0, seed=seed)
         raw = render(design, scene, region=region, sampling=sampling, overrides=WITHOUT, seed=seed)
         return raw.pixels.astype(float), time.perf_counter() - start, raw.method
 

@@ -19,7 +19,7 @@ from roslf_design.effects import Plan, plan
 from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling, Tracer
+from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.imaging.transfer import HALO, MicrolensTransfer, bands
 from roslf_design.scenes import Scene, make_scene
 
@@ -108,7 +108,7 @@ def capture(design: Design, scene: Scene, seed: int, rays: int = 64) -> Iterator
     width, height = design.pixels
     wide = Region(-HALO, -HALO, width + 2 * HALO, height + 2 * HALO)
     tracer = Tracer.of(design, lines["rays"], scene)
-    traced, _ = tracer.image(wide, Sampling(least=rays, most=rays, seed=seed), _FINE)
+    traced, _ = tracer.image(wide, RaySampling(least=rays, most=rays, seed=seed), _FINE)
 
     def geometry(region: Region, fine: int) -> NDArray[np.float32]:
         assert fine == _FINE

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from roslf_design.camera import Camera
 from roslf_design.design import Design, load
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.pictures.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
 from roslf_design.theory.disparity import epi_slope
@@ -157,7 +157,7 @@ def epi(design: Design, scene: Scene, views: NDArray[np.int64], overrides: list[
     side = round((2 * count + 3) * pitch)
     left = width // 2 - side // 2
     region = (left, height // 2 - 3, side, 6)
-    image = render(design, scene, region=region, overrides=overrides, sampling=Sampling(256, 256, 0.0)).pixels
+    image = render(design, scene, region=region, overrides=overrides, sampling=RaySampling(256, 256, 0.0)).pixels
     profile = image.mean(0)
     at = width / 2 - left + np.arange(-count, count + 1) * pitch - 0.5
     return np.array([np.interp(at + view, np.arange(side), profile) for view in views])

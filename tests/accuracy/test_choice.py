@@ -6,7 +6,16 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.accuracy.statement import check_accuracy
-from roslf_design.accuracy.table import QUANTITIES, Row, Table, cache_file, choose, ranked, read_table, shipped_table
+from roslf_design.accuracy.table import (
+    QUANTITIES,
+    AccuracyTable,
+    Row,
+    cache_file,
+    choose,
+    ranked,
+    read_table,
+    shipped_table,
+)
 from roslf_design.errors import InputError
 from studies.accuracy.jobs import Job, panel_jobs, random_jobs
 from studies.accuracy.promises import calibrate, candidates, compute, methods, try_choice
@@ -35,14 +44,14 @@ def test_cheapest_by_the_table_comes_first():
 def test_a_slower_machine_for_one_method_changes_the_choice():
     job = panel_jobs(PAPER, "kept fraction")["round"]
     first = candidates(job, 1e-2, TABLE)[0].method
-    slow = Table(
+    slow = AccuracyTable(
         tuple(Row(**(vars(row) | {"seconds": 10.0})) if row.method == first else row for row in TABLE.rows), "slow"
     )
     assert candidates(job, 1e-2, slow)[0].method != first
 
 
 def test_what_cannot_be_reached_is_said():
-    only = Table(tuple(row for row in TABLE.of("textured image") if row.method == "Monte Carlo"), "")
+    only = AccuracyTable(tuple(row for row in TABLE.of("textured image") if row.method == "Monte Carlo"), "")
     answer = compute(panel_jobs(PAPER, "textured image")["round"], 1e-12, only)
     assert not answer.choice.attainable
     assert answer.choice.expected_error > 1e-12
@@ -51,7 +60,7 @@ def test_what_cannot_be_reached_is_said():
 def test_a_table_that_promises_too_much_is_caught_by_the_check():
     """Two resolutions, two seeds: a method that is worse than its row is run again with more."""
     rows = [row for row in TABLE.of("textured image") if row.method == "grid"]
-    lying = Table(tuple(Row(**(vars(row) | {"error": row.error / 30})) for row in rows), "")
+    lying = AccuracyTable(tuple(Row(**(vars(row) | {"error": row.error / 30})) for row in rows), "")
     job = panel_jobs(PAPER, "textured image")["cat's eye"]
     trusting = compute(job, 1e-3, lying, check=False)
     checked = compute(job, 1e-3, lying)
@@ -61,7 +70,7 @@ def test_a_table_that_promises_too_much_is_caught_by_the_check():
 
 
 def test_measured_error_tells_the_actual_one_within_an_order():
-    only = Table(tuple(row for row in TABLE.of("textured image") if row.method == "scrambled Sobol"), "")
+    only = AccuracyTable(tuple(row for row in TABLE.of("textured image") if row.method == "scrambled Sobol"), "")
     job = panel_jobs(PAPER, "textured image")["round"]
     answer = compute(job, 1e-2, only)
     actual = job.error(answer.value, reference(job))
@@ -77,7 +86,7 @@ def test_choose_without_a_job():
     with pytest.raises(InputError, match="brightness"):
         choose("brightness", 1e-3)
     with pytest.raises(InputError, match="calibrate"):
-        ranked("kept fraction", 1e-3, Table((), ""))
+        ranked("kept fraction", 1e-3, AccuracyTable((), ""))
 
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, 2.0, float("nan"), 1e-16])
@@ -89,7 +98,7 @@ def test_no_accuracy(accuracy):
 def test_same_seed_same_value():
     job = Job("depth", PAPER)
     for name in ("Monte Carlo", "scrambled Sobol"):
-        only = Table(tuple(row for row in TABLE.of("depth") if row.method == name), "")
+        only = AccuracyTable(tuple(row for row in TABLE.of("depth") if row.method == name), "")
         one, two, other = (compute(job, 3e-2, only, seed=seed) for seed in (5, 5, 6))
         assert one.value == two.value != other.value
     assert json.dumps(one.to_dict(), allow_nan=False)

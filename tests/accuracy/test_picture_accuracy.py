@@ -11,7 +11,7 @@ from roslf_design.cli import main
 from roslf_design.effects import plan
 from roslf_design.imaging.camera import Region, pixel_centres, planned_camera
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer
 from roslf_design.imaging.white import harmonic_series
 from roslf_design.scenes import WHITE_FIELD, loads_scene
@@ -31,7 +31,7 @@ def test_pixels_are_within_what_was_promised(accuracy, overrides):
     way = settle(PAPER, BOARD, accuracy, overrides, region=REGION)
     image = render(PAPER, BOARD, effects=way.plan, budget=way.budget, sampling=way.sampling, region=REGION)
     most = 4096 if overrides else 512
-    many = Sampling(most, most, 0.0, 9)
+    many = RaySampling(most, most, 0.0, 9)
     truth = render(PAPER, BOARD, effects=way.plan, budget=way.budget, sampling=many, region=REGION)
     off = np.abs(image.pixels.astype(float) - truth.pixels)
     assert np.quantile(off, 0.99) <= way.expected_error <= accuracy
@@ -71,7 +71,7 @@ def test_a_real_lens_takes_more_samples_for_more_accuracy():
     way = settle(singlet, WHITE_FIELD, 0.02, SHARP, region=REGION)
     assert way.sampling.side >= 4
     image = render(singlet, WHITE_FIELD, effects=way.plan, sampling=way.sampling, region=REGION)
-    fine = render(singlet, WHITE_FIELD, effects=way.plan, sampling=Sampling(side=32), region=REGION)
+    fine = render(singlet, WHITE_FIELD, effects=way.plan, sampling=RaySampling(side=32), region=REGION)
     assert np.quantile(np.abs(image.pixels.astype(float) - fine.pixels), 0.99) <= way.expected_error <= 0.02
 
 

@@ -85,3 +85,12 @@ def test_light_meets_the_farthest_stop_first():
 def test_what_makes_no_camera_is_named(values, said):
     with pytest.raises(DesignError, match=said):
         Camera.of(PAPER, values)
+
+
+def test_a_real_lens_has_its_own_focal_length_for_every_colour():
+    design = roslf.load("paper-singlet")
+    colours = np.array([486e-6, 550e-6, 656e-6])
+    camera = Camera.of(design, {"wavelength": colours})
+    for f, colour in zip(camera.f, colours, strict=True):
+        assert f == pytest.approx(design.replace(wavelength=float(colour)).f, rel=1e-14)
+    np.testing.assert_allclose(1 / camera.d_f + 1 / camera.d_1, 1 / camera.f, rtol=1e-14)

@@ -10,7 +10,7 @@ from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
-from roslf_design.scenes import Picture, Plane, Scene
+from roslf_design.scenes import PictureTexture, Plane, Scene
 
 tifffile = pytest.importorskip("tifffile")
 
@@ -59,7 +59,7 @@ def test_sixteen_bits(image, tmp_path, name):
 
 def test_folders_of_pictures_are_not_told(tmp_path):
     Image.fromarray(np.full((4, 4), 128, np.uint8)).save(tmp_path / "grey.png")
-    scene = Scene(objects=(Plane(texture=Picture(file=str(tmp_path / "grey.png"), width=5.0)),))
+    scene = Scene(objects=(Plane(texture=PictureTexture(file=str(tmp_path / "grey.png"), width=5.0)),))
     beside = write_image(render(PAPER, scene, region=(0, 0, 4, 4)), tmp_path / "raw.tif")
     assert str(tmp_path) not in beside.read_text()
     assert "grey.png" in beside.read_text()

@@ -11,7 +11,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling, Tracer, encode, radiance
+from roslf_design.imaging.trace import RaySampling, Tracer, encode, radiance
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 
@@ -85,7 +85,7 @@ def test_rays_find_the_same_areas(design):
     width, height = design.pixels
     region = Region(width - 50, height - 40, 50, 40)
     exact = WhiteGeometry.of(planned_camera(design, lines), lines).image(region)
-    rays, _ = Tracer.of(design, lines, WHITE_FIELD).image(region, Sampling(1024, 1024, 0.0, 3))
+    rays, _ = Tracer.of(design, lines, WHITE_FIELD).image(region, RaySampling(1024, 1024, 0.0, 3))
     assert np.abs(rays - exact).max() < 0.02  # an edge through a pixel is known to about 1024^-3/4
     assert abs(rays.mean() - exact.mean()) < 2e-4
 
@@ -94,7 +94,7 @@ def test_overlap_left_out_gives_no_pixel_more_than_one_image():
     lines = plan(BORE, overrides=[*RAYS_ONLY, "-overlap"])
     region = Region(1000, 900, 60, 60)
     exact = WhiteGeometry.of(planned_camera(BORE, lines), lines).image(region)
-    rays, _ = Tracer.of(BORE, lines, WHITE_FIELD).image(region, Sampling(256, 256, 0.0, 3))
+    rays, _ = Tracer.of(BORE, lines, WHITE_FIELD).image(region, RaySampling(256, 256, 0.0, 3))
     assert exact.max() == 1.0
     assert abs(rays.mean() - exact.mean()) < 5e-3
 
@@ -103,8 +103,8 @@ def test_pixels_do_not_depend_on_the_region_tiles_or_threads():
     scene = Scene(objects=(Plane(distance=340.0, texture=Sinusoid(period=3.0)),))
     lines = plan(PAPER, scene)
     tracer = Tracer.of(PAPER, lines, scene)
-    whole, _ = tracer.image(WIDE, Sampling())
-    part, _ = tracer.image(Region(WIDE.column + 7, WIDE.row + 9, 20, 30), Sampling())
+    whole, _ = tracer.image(WIDE, RaySampling())
+    part, _ = tracer.image(Region(WIDE.column + 7, WIDE.row + 9, 20, 30), RaySampling())
     np.testing.assert_array_equal(part, whole[9:39, 7:27])
     images = [render(PAPER, scene, region=WIDE, threads=n, seed=5).pixels for n in (1, 2)]
     np.testing.assert_array_equal(*images)
@@ -122,7 +122,7 @@ def test_noise_repeats_with_its_seed():
 def test_a_uniform_plane_looks_like_a_white_field():
     region = (3000, 2000, 40, 40)
     plane = Scene(objects=(Plane(distance=300.0, texture=Uniform(level=0.5)),))
-    traced = render(PAPER, plane, region=region, sampling=Sampling(1024, 1024, 0.0, 1))
+    traced = render(PAPER, plane, region=region, sampling=RaySampling(1024, 1024, 0.0, 1))
     white = render(PAPER, Scene(objects=({"kind": "white", "level": 0.5},)), region=region)
     assert (traced.method, white.method) == ("rays", "harmonics")
     assert np.abs(traced.pixels - white.pixels).max() < 6e-3

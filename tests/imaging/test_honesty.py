@@ -11,7 +11,7 @@ import pytest
 from roslf_design.design import load
 from roslf_design.effects import Budget, plan
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import Checkerboard, Plane, Scene, SceneLight, Sinusoid
 
 PAPER = load("paper")
@@ -22,7 +22,7 @@ OUT_OF_FOCUS = PAPER.replace(f_ml=1.0)
 SHARP = PAPER.replace(wavelength=7e-6)
 PITCH_ON_OBJECT = 0.1575
 
-MANY, FEW = Sampling(256, 256, 0.0, 7), Sampling(64, 64, 0.0, 7)
+MANY, FEW = RaySampling(256, 256, 0.0, 7), RaySampling(64, 64, 0.0, 7)
 """Rays enough that their noise does not count: against exact areas, and where it is the same with and without."""
 
 

@@ -15,7 +15,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.lens_rays import real_camera
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import WHITE_FIELD, Checkerboard, Plane, Points, Scene, Sinusoid, Sphere
 from roslf_design.traced.camera import camera_of, microlenses, views
 from roslf_design.traced.images import real_field
@@ -40,7 +40,7 @@ def test_light_of_one_microlens_is_the_area_of_its_image(lens, off):
     m = int(np.argmin(np.hypot(*(camera.microlenses - [off, 0.0]).T)))
     alone = dataclasses.replace(camera, microlenses=camera.microlenses[m : m + 1], boxes=camera.boxes[m : m + 1])
     width, height = design.pixels
-    image, _ = alone.image(Region(-60, -60, width + 120, height + 120), Sampling())
+    image, _ = alone.image(Region(-60, -60, width + 120, height + 120), RaySampling())
     place = camera.microlenses[m] - design.microlens_array.decentre
     area = float(real_field(design, [tuple(place)]).images.area[0]) / design.q**2
     # Samples on the rim count by a linear share of a curved edge: some 5e-4 of the area at 4 x 4 samples a pixel.
@@ -111,7 +111,7 @@ def test_towards_the_axis_of_a_corrected_lens_the_ideal_tracer_agrees(kind):
     scene = Scene(objects=(thing,), background=0.1)
     on = ["none", "+overlap", "+object_defocus", "+vignetting", "+finite_microlens_aperture"]
     real = render(design, scene, overrides=[*on, "+lens_aberrations"]).pixels
-    thin = render(design.thin_twin, scene, overrides=on, sampling=Sampling(1024, 1024)).pixels
+    thin = render(design.thin_twin, scene, overrides=on, sampling=RaySampling(1024, 1024)).pixels
     assert abs(real.mean() - thin.mean()) < 3e-3
     # 36 samples a pixel through the whole microlens leave noise; the images agree beyond it.
     assert np.sqrt(np.mean((real - thin) ** 2)) < 0.05

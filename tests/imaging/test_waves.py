@@ -9,7 +9,7 @@ from roslf_design.effects import plan
 from roslf_design.imaging.camera import Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import Sampling
+from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer, bands, encircled
 from roslf_design.imaging.white import WhiteGeometry, harmonic_series
 from roslf_design.scenes import Plane, Scene, Sinusoid
@@ -161,7 +161,7 @@ def test_error_of_the_incoherent_model_for_a_texture():
                             truth[:, 13 * place : 13 * place + 13] += bright * folded[:, 13 * piece : 13 * piece + 13]
     scene = Scene(objects=(Plane(texture=Sinusoid(period=period * pitch)),))
     region = (middle.column + 13 * (cells // 2), middle.row + 13 * (cells // 2), 13 * period, 13)
-    sampling = Sampling(512, 512, 0.0)
+    sampling = RaySampling(512, 512, 0.0)
     image = render(telecentric, scene, region=region, overrides=["-cos4"], sampling=sampling).pixels
     truth *= image.mean() / truth.mean()  # 2 % of the light lies in tails beyond the patch
     assert np.sqrt(np.mean((image - truth) ** 2)) < 0.02

@@ -11,7 +11,7 @@ from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.manufacture import as_made
 from roslf_design.lenses.prescription import LensError, first_order
 from roslf_design.lenses.tracer import describe
-from roslf_design.traced.camera import LensCamera, Rim, chief_slope, sensor_of_pupil, views
+from roslf_design.traced.camera import LensCamera, TracedRim, chief_slope, sensor_of_pupil, views
 from roslf_design.traced.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images
 
 GREEN = 550e-6
@@ -29,7 +29,7 @@ def mounted(lens, pupil, distance=120.0, *, focal_plane=None, stops=()):
     f = constants.focal_length
     d_f = 3.5 * f if focal_plane is None else focal_plane
     mla = constants.rear_principal + f * d_f / (d_f - f)
-    fap = Rim(pupil, constants.front_principal - distance)
+    fap = TracedRim(pupil, constants.front_principal - distance)
     return LensCamera(lens, GREEN, (fap, *stops), constants.front_principal - d_f, mla, mla + 2.0)
 
 
@@ -174,7 +174,7 @@ def test_a_decentred_lens_shifts_the_images_as_the_bench_does():
     moved = replace(camera, lens=as_made(camera.lens, {"elements.1.decentre.0": 0.5}, GREEN))
     there = real_images(moved, [3.0, 0.0])
     # the same as lens at rest, with the array, the sensor and the FAP moved the other way
-    fap = Rim(camera.fap.diameter, camera.fap.z, -0.5)
+    fap = TracedRim(camera.fap.diameter, camera.fap.z, -0.5)
     still = LensCamera(camera.lens, GREEN, (fap,), camera.focal_plane, camera.mla, camera.sensor)
     here = real_images(still, [2.5, 0.0])
     np.testing.assert_allclose(there.centroid, here.centroid, rtol=0, atol=1e-11)
@@ -182,7 +182,7 @@ def test_a_decentred_lens_shifts_the_images_as_the_bench_does():
 
 
 def test_states_say_which_stop_took_a_ray():
-    camera = bench("lb1630-a", stops=(Rim(6.0, -60.0, 0.0, 1.0),))
+    camera = bench("lb1630-a", stops=(TracedRim(6.0, -60.0, 0.0, 1.0),))
     side = np.linspace(-0.4, 0.4, 161)
     p = np.stack(np.meshgrid(side, side), axis=-1) + 5.0
     at = views(camera, [5.0, 5.0], p)
@@ -223,8 +223,8 @@ def test_moments_of_discs_ellipses_and_half_discs():
         ({"distance": 1.0}, "inside the lens"),
         ({"distance": 400.0}, "must lie in front of the flexible angular plane"),
         ({"pupil": 0.0}, "must be greater than zero"),
-        ({"stops": (Rim(5.0, 3.0),)}, "inside the lens"),
-        ({"stops": (Rim(5.0, -900.0),)}, "must lie in front"),
+        ({"stops": (TracedRim(5.0, 3.0),)}, "inside the lens"),
+        ({"stops": (TracedRim(5.0, -900.0),)}, "must lie in front"),
     ],
 )
 def test_cameras_that_cannot_be_built(change, told):

@@ -6,7 +6,7 @@ from roslf_design.design import load
 from roslf_design.imaging.trace import encode, radiance
 from roslf_design.scenes import (
     Checkerboard,
-    Picture,
+    PictureTexture,
     Plane,
     Points,
     Scene,
@@ -141,7 +141,7 @@ def test_pictures_are_found_beside_the_scene(tmp_path):
         '[[objects]]\nkind = "plane"\ntexture = {kind = "image", file = "ramp.png", width = "8 mm"}\n'
     )
     scene = load_scene(tmp_path / "s.toml")
-    assert isinstance(scene.objects[0].texture, Picture)
+    assert isinstance(scene.objects[0].texture, PictureTexture)
     assert scene.brief(PAPER).smallest_period == 4.0
     surfaces = encode(scene, 350.0)
     # pixel centres of a picture 4 x 3 pixels of 2 mm, its middle on the origin
@@ -152,7 +152,7 @@ def test_pictures_are_found_beside_the_scene(tmp_path):
 def test_unreadable_pictures_are_named(tmp_path):
     (tmp_path / "text.png").write_text("no picture")
     for name in ("text.png", "absent.png"):
-        scene = Scene(objects=(Plane(texture=Picture(file=str(tmp_path / name), width=5.0)),))
+        scene = Scene(objects=(Plane(texture=PictureTexture(file=str(tmp_path / name), width=5.0)),))
         with pytest.raises(SceneError, match=r"objects\.0\.texture\.file: cannot read"):
             scene.brief(PAPER)
 
