@@ -39,8 +39,6 @@ def load(path: str | os.PathLike[str]) -> Design:
 
 def load_beside(name: str, folder: Path) -> Design:
     """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
-    from .presets import preset_names
-
     return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..json_data import plain
+from .show import as_html, as_text
 
 SCHEMA = "roslf.evaluation/1"
 
@@ -290,11 +291,7 @@ class Evaluation:
         return {"schema": SCHEMA, **plain(self, undefined=False)}
 
     def __str__(self) -> str:
-        from .show import as_text
-
         return as_text(self)
 
     def _repr_html_(self) -> str:
-        from .show import as_html
-
         return as_html(self)
