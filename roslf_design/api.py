@@ -120,7 +120,7 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
     >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
     >>> result.final.result.value  # doctest: +SKIP
     """
-    plan, description, grades = load_plan(Path(study), trials=trials, seed=seed)
+    plan, description, grades = load_plan(study, trials=trials, seed=seed)
     return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
 
 
@@ -147,7 +147,7 @@ def optimize(study: str | Path) -> Result:
     >>> import roslf_design as roslf
     >>> result = roslf.optimize("studies/optimize-rigid-scope/study.toml")  # doctest: +SKIP
     """
-    return run_study(load_study(Path(study)))
+    return run_study(load_study(study))
 
 
 def calibrate(

@@ -10,7 +10,7 @@ from roslf_design.optimization.problem import SIGNS
 from roslf_design.optimization.search import search
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory.light import half_diagonal
-from tests.optimize.posing import PAPER, goal, limit, posed
+from tests.optimization.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
 
 RELATIVE = 1e-6

@@ -11,7 +11,7 @@ from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, V
 from roslf_design.optimization.ranking import Boxes, Combinations, prunable
 from roslf_design.optimization.search import gradient_error, value_and_jacobian
 from roslf_design.theory.quantities import QUANTITIES, quantity_named
-from tests.optimize.posing import PAPER, goal, limit, posed
+from tests.optimization.posing import PAPER, goal, limit, posed
 
 TUBE = PAPER.replace({"stops": ({"diameter": 5.0, "distance": 150.0},)})
 DEPTH = (goal("sigma_z_mm", "min", 150.0),)

@@ -11,7 +11,7 @@ from roslf_design.optimization.ranking import Combinations, rank
 from roslf_design.optimization.robust import builds, maximise_robustness, scatter_of
 from roslf_design.optimization.search import search
 from roslf_design.optimization.study import RobustTable
-from tests.optimize.posing import PAPER, goal, limit, posed
+from tests.optimization.posing import PAPER, goal, limit, posed
 
 NEVER = float("inf")
 
