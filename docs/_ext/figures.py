@@ -11,9 +11,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.imaging.render import render
 from roslf_design.pictures.axes import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
-from roslf_design.pictures.depth import depth_precision
+from roslf_design.pictures.curves import depth_precision, matching_plane
 from roslf_design.pictures.effects import effects_budget
-from roslf_design.pictures.matching import matching_plane
 from roslf_design.pictures.microlens import microlens_images
 from roslf_design.pictures.picture import PAGE, Picture
 from roslf_design.pictures.rays import ray_diagrams

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design, DesignError
-from ..pictures.lettering import short
+from ..pictures.theme import short
 from ..theory.disparity import depth_sigma
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched

@@ -16,9 +16,8 @@ from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
 from ..optimization.run import Result
-from ..pictures.lettering import short
-from ..pictures.optimise import SearchEnd, VariableMove, ends_of
-from ..pictures.tolerance import LimitSpread, Offender, Yields, YieldShare
+from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Yields, YieldShare, ends_of
+from ..pictures.theme import short
 from ..reporting.blocks import Statement
 from ..reporting.optimization import statements
 from ..reporting.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan

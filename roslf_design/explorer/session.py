@@ -17,7 +17,7 @@ from ..design.write import write_atomically
 from ..errors import InputError
 from ..evaluation import Evaluation, evaluate
 from ..pictures.picture import Picture
-from ..pictures.scene3d import BrowserMesh, changed, scene
+from ..pictures.solid import BrowserMesh, changed, scene
 from ..pictures.theme import ThemeName
 from .fields import BY_SYMBOL, reach, value_at
 from .fixes import Fix, proposals

@@ -10,16 +10,14 @@ from typing import Any, NamedTuple
 
 from ..design import Design
 from ..evaluation import Evaluation, evaluate
-from ..pictures.depth import depth_precision
+from ..pictures.curves import depth_precision, matching_plane
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
-from ..pictures.lettering import short
-from ..pictures.matching import matching_plane
 from ..pictures.microlens import microlens_image, nearest_microlens
-from ..pictures.optimise import change_bars, front, search_history
 from ..pictures.picture import Picture
 from ..pictures.rays import meridional
-from ..pictures.tolerance import offender_bars, spread_bars, yield_bars, yield_curve
+from ..pictures.studies import change_bars, front, offender_bars, search_history, spread_bars, yield_bars, yield_curve
+from ..pictures.theme import short
 from ..words import to_html
 from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix

@@ -16,14 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..words import SYMBOL, typographic
-from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text
-from .panel import Panel, Scale
-from .svg import HEAD, STROKES, with_subscripts
+from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Point, Text
+from .svg import HEAD, STROKES, runs, with_subscripts
 from .theme import THEMES, Theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from .picture import Panel
 
 WIDTH = 8.0
 """Width of a figure that fills the page [inch]."""
@@ -162,8 +163,8 @@ def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:
                 _mathtext(mark.text), (mark.x, mark.y), xytext=(POINTS * mark.dx, -POINTS * mark.dy),
                 textcoords="offset points", color=theme.colour(mark.colour), fontsize=POINTS * mark.size,
                 ha={"start": "left", "middle": "center", "end": "right"}[mark.anchor],
-                va="center" if mark.turned else "baseline", rotation=90 if mark.turned else 0,
-                fontweight="bold" if mark.bold else "normal", bbox=plate, annotation_clip=mark.clip, zorder=order,
+                va="baseline", fontweight="bold" if mark.bold else "normal", bbox=plate,
+                annotation_clip=mark.clip, zorder=order,
             )  # fmt: skip
             if mark.halo:
                 written.set_path_effects([withStroke(linewidth=2.6, foreground=theme.ground)])
@@ -181,10 +182,8 @@ def _path(mark: Area | Disc) -> Any:
 
     if isinstance(mark, Disc):
         return Path.circle((mark.x, mark.y), mark.radius)
-    corners = np.stack(np.broadcast_arrays(np.asarray(mark.x, float), np.asarray(mark.y, float)), -1)
-    runs = np.split(corners, np.flatnonzero(np.isnan(corners).any(axis=1)))
-    rings = [run[~np.isnan(run).any(axis=1)] for run in runs]
-    paths = [Path(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings if len(ring)]
+    rings = runs(np.stack(np.broadcast_arrays(np.asarray(mark.x, float), np.asarray(mark.y, float)), -1))
+    paths = [Path(np.concatenate([ring, ring[:1]]), closed=True) for ring in rings]
     return Path.make_compound_path(*paths) if paths else None
 
 
@@ -268,6 +267,6 @@ def to_png(figure: Figure, dpi: int = 150) -> bytes:
 
 
 __all__ = [
-    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILLION", "WIDTH", "Floats", "Scale", "draw",
+    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILLION", "WIDTH", "draw",
     "drawing", "figure_of", "handles", "standalone", "to_png", "to_svg",
 ]  # fmt: skip

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .lettering import PLAIN, SMALL
 from .marks import (
     Area,
     Disc,
@@ -16,18 +15,17 @@ from .marks import (
     Key,
     Line,
     Mark,
-    Point,
     Text,
     box_key,
     dot_key,
     line_key,
     parted,
+    stairs,
     where_above,
     xy,
 )
-from .panel import Panel, Scale, named_ticks
-from .picture import PAGE, Picture, below, legend_height, one_panel
-from .theme import MANY
+from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, named_ticks, one_panel
+from .theme import MANY, PLAIN, SMALL
 
 if TYPE_CHECKING:
     from ..calibration.result import Outcome
@@ -107,9 +105,9 @@ def epi_lines(result: Outcome) -> Picture:
         (0, 0, 1, 1), across, Scale.around([*left, 0.0], 0.1), rest, "inverse depth 1/Z from the FAP [1/m]",
         "left over [10⁻³]", grid="y",
     )  # fmt: skip
-    return below(
+    return beside(
         "epi-lines", "Epipolar slopes over inverse depth, with the line of Eq. 12 and what it leaves over",
-        [one_panel("slopes", "", size, above, keys, below=22), one_panel("left", "", (540.0, 160.0), under)],
+        [one_panel("slopes", "", size, above, keys, foot=22), one_panel("left", "", (540.0, 160.0), under)], down=True,
     )  # fmt: skip
 
 
@@ -154,7 +152,7 @@ def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
 
 
 def _histogram(values: Floats, heights: Floats, edges: Floats, top: float) -> tuple[Mark, ...]:
-    x, y = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])
+    x, y = stairs(edges, heights)
     low, middle, high = (float(q) for q in np.quantile(values, (0.16, 0.5, 0.84)))
     lines = [Line([at, at], [0.0, top], "ink", 1.0, dash) for at, dash in ((low, "4 3"), (middle, ""), (high, "4 3"))]
     return (Area(x, y, "blue", 0.35), Line(x, y, "blue", 1.2), *lines)
@@ -178,7 +176,7 @@ def _regions(x: Floats, y: Floats, across: Scale, up: Scale) -> tuple[Mark, ...]
     return tuple(marks)
 
 
-def depth_errors(result: Outcome, size: Point = (540, 340)) -> Picture:
+def depth_errors(result: Outcome) -> Picture:
     """Draw the standard deviation of measured depths over the boards' range, from the lens and from the pupil."""
     d = result.depths
     distance = np.asarray(d["distance"])
@@ -196,4 +194,4 @@ def depth_errors(result: Outcome, size: Point = (540, 340)) -> Picture:
     across, up = Scale(float(distance[0]), float(distance[-1])), Scale(0.0, 1.15 * float(half.max()))
     labels = "distance from the lens [mm]", "systematic depth error [mm]"
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), *labels, grid="y")
-    return one_panel("depth", "Systematic error of measured depths", size, panel, keys, left=70)
+    return one_panel("depth", "Systematic error of measured depths", (540, 340), panel, keys, left=70)

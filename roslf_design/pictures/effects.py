@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .lettering import PLAIN, SMALL, short, text_width, wrapped
-from .marks import Line, Mark, Point, Text, bars
-from .panel import Panel, Scale, named_ticks
-from .picture import Picture
+from ..words import spaced
+from .marks import Mark, Point, Text, bars
+from .picture import Panel, Picture, Scale, named_ticks, names_width, threshold
+from .theme import PLAIN, SMALL, short, wrapped
 
 if TYPE_CHECKING:
     from ..evaluation.result import EffectLine
@@ -31,67 +31,55 @@ def effects_budget(effects: Sequence[EffectLine], size: Point = (560, 360)) -> P
 
     `size` [px] is the least: with many effects the picture grows higher rather than illegible.
     """
-    shown = sorted(
-        (effect for effect in effects if effect.estimate != 0 and effect.budget > 0),
-        key=lambda effect: -abs(effect.estimate) / effect.budget,
-    )
-    shares = [abs(effect.estimate) / effect.budget for effect in shown]
-    names = [_named(effect) for effect in shown]
-    left = 14 + max((text_width(name, SMALL) for name in names), default=40.0)
-    low = max(FLOOR, min(0.03, min(shares, default=1.0) / 3))
-    high = max(3.0, max(shares, default=1.0))
-    width = max(size[0] - left - RIGHT, 80.0)
-    idle = wrapped(_without_size(effects), size[0] - 28)
-    each = (size[1] - TOP - BELOW - LINE * len(idle)) / max(len(shown), 1)
-    why = each >= BAR + REASON
-    row = BAR + REASON if why else max(LOWEST, min(BAR, (size[1] - TOP - BELOW) / max(len(shown), 1)))
-    bar = BAR if why else row
+    sized = {
+        effect: abs(effect.estimate) / effect.budget for effect in effects if effect.estimate and effect.budget > 0
+    }
+    shown = sorted(sized, key=lambda effect: -sized[effect])
+    shares = [sized[effect] for effect in shown]
+    named = {effect: spaced(effect.name).replace("cos4", "cos⁴") for effect in effects}
+    names = [named[effect] for effect in shown]
     notes = [
         f"{short(abs(effect.estimate), 3)} {UNITS.get(effect.unit, effect.unit)}{'' if effect.on else ', left out'}"
         for effect in shown
     ]
+    left = 14 + names_width(names)
+    width = max(size[0] - left - RIGHT, 80.0)
+    unsized = [named[effect] for effect in effects if effect not in sized]
+    idle = wrapped(f"Of no size here: {', '.join(unsized)}." if unsized else "", size[0] - 28)
+    each = (size[1] - TOP - BELOW - LINE * len(idle)) / max(len(shown), 1)
+    why = each >= BAR + REASON
+    row = BAR + REASON if why else max(LOWEST, min(BAR, (size[1] - TOP - BELOW) / max(len(shown), 1)))
+    bar = BAR if why else row
+    low = max(FLOOR, min(0.03, min(shares, default=1.0) / 3))
+    high = max(3.0, max(shares, default=1.0))
     # Room for the notes behind the bars.
-    space = max((text_width(note, SMALL) for note in notes), default=0.0) + 16
+    space = names_width(notes) + 16 if notes else 16.0
     across = Scale(low, high * (high / low) ** (space / max(width - space, 40.0)), log=True)
     tall = row * max(len(shown), 1)
-    # The ordinate counts pixels downwards.
-    panel = Panel(
-        (left, TOP, width, tall), across, Scale(tall, 0.0), (), "estimate over budget [1]", grid="x", y_ticks=(),
-        x_ticks=named_ticks(across.ticks(max(2, int(width / 60)))),
-    )  # fmt: skip
     marks: list[Mark] = []
-    for k, (effect, share) in enumerate(zip(shown, shares, strict=True)):
+    words: list[Mark] = []
+    for k, (effect, share, name, note) in enumerate(zip(shown, shares, names, notes, strict=True)):
+        at, end = k * row + bar / 2, max(share, low)
         # What is always on keeps its colour below the budget: it is not left out.
         colour = "blue" if effect.on else "pale"
-        at = k * row + bar / 2
-        marks.append(bars(low, max(share, low), at, 0.68 * bar, fill=colour, testid=f"effect-{effect.name}"))
-    marks.append(Line([1.0, 1.0], [-4.0, tall], "orange", 2, clip=False))
-    marks.append(Text(1.0, 0.0, "budget", "orange", SMALL, "middle", dy=-8, bold=True))
-    for k, (effect, share, name, note) in enumerate(zip(shown, shares, names, notes, strict=True)):
-        y = k * row + bar / 2 + 4
+        marks.append(bars(low, end, at, 0.68 * bar, fill=colour, testid=f"effect-{effect.name}"))
         if why:
             # Which side of the budget it is on is seen.
-            words = effect.reason.removesuffix("; above the budget").removesuffix("; below the budget")
-            (reason,) = wrapped(words, size[0] - 28, SMALL, 1)
-            marks.append(Text(low, k * row + bar + 9, reason, "grey", SMALL, dx=14 - left, plate=True))
-        marks.append(Text(low, y, name, "ink", SMALL, "end", dx=-7))
-        marks.append(Text(max(share, low), y, note, "ink" if effect.on else "grey", SMALL, dx=8, plate=True))
+            reason = effect.reason.removesuffix("; above the budget").removesuffix("; below the budget")
+            (reason,) = wrapped(reason, size[0] - 28, SMALL, 1)
+            words.append(Text(low, k * row + bar + 9, reason, "grey", SMALL, dx=14 - left, plate=True))
+        words.append(Text(low, at + 4, name, "ink", SMALL, "end", dx=-7))
+        words.append(Text(end, at + 4, note, "ink" if effect.on else "grey", SMALL, dx=8, plate=True))
     if not shown:
-        marks.append(Text(low, row / 2, "no effect has a size", "ink", PLAIN, "middle", dx=width / 2))
+        words.append(Text(low, row / 2, "no effect has a size", "ink", PLAIN, "middle", dx=width / 2))
+    # The ordinate counts pixels downwards.
+    panel = Panel(
+        (left, TOP, width, tall), across, Scale(tall, 0.0), (*marks, *threshold(1.0, tall, "budget"), *words),
+        "estimate over budget [1]", grid="x", y_ticks=(), x_ticks=named_ticks(across.ticks(max(2, int(width / 60)))),
+    )  # fmt: skip
     foot = TOP + tall + BELOW
     remarks: tuple[Mark, ...] = ()
     if why and foot + LINE * len(idle) <= size[1]:
-        remarks = tuple(Text(14, foot + LINE * (k + 0.7), words, "grey") for k, words in enumerate(idle))
-    over = sum(share > 1 for share in shares)
-    title = f"Effects against their budgets: {over} of {len(shown)} above"
-    return Picture("effects", title, (size[0], max(size[1], foot)), (panel.with_marks(*marks),), remarks=remarks)
-
-
-def _named(effect: EffectLine) -> str:
-    words = {"fap": "FAP", "mla": "MLA", "cos4": "cos⁴"}
-    return " ".join(words.get(word, word) for word in effect.name.split("_"))
-
-
-def _without_size(effects: Sequence[EffectLine]) -> str:
-    names = [_named(effect) for effect in effects if effect.estimate == 0 or effect.budget <= 0]
-    return f"Of no size here: {', '.join(names)}." if names else ""
+        remarks = tuple(Text(14, foot + LINE * (k + 0.7), line, "grey") for k, line in enumerate(idle))
+    title = f"Effects against their budgets: {sum(share > 1 for share in shares)} of {len(shown)} above"
+    return Picture("effects", title, (size[0], max(size[1], foot)), (panel,), remarks=remarks)

@@ -1,23 +1,44 @@
-"""Maps over the microlens array: how much of each microlens image is kept, and how far it sits off its microlens."""
+"""Over the field: maps of the microlens images of the whole array, and what a real main lens does along x."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
 from ..evaluation import default_fields
-from ..evaluation.fields import axes_in_space, field_discs
+from ..evaluation.fields import field_discs
+from ..lenses.tracer import KEPT
 from ..shapes.discs import intersect
+from ..theory.exit_pupil import pupil_angle
+from ..theory.light import half_diagonal
 from ..theory.vignetting import field_limit
-from .lettering import short
-from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, line_key, xy
-from .panel import Panel, Scale
-from .picture import PAGE, Picture, beside, colour_bar, legend_height
-from .theme import FIELDS
+from ..traced.camera import camera_of, microlenses, views
+from ..traced.images import FOLDED, measured_bound, real_field
+from .marks import (
+    Area,
+    Disc,
+    Dots,
+    Floats,
+    Image,
+    Key,
+    Line,
+    Mark,
+    Point,
+    Text,
+    box_key,
+    line_key,
+    parted,
+    where_above,
+    xy,
+)
+from .picture import PAGE, Panel, Picture, Scale, as_tall, beside, colour_bar, legend_height, one_panel
+from .theme import FIELDS, short
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -26,6 +47,8 @@ POINTS = 120
 """Places along the array's longer side."""
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
+TWINS = (line_key("thin twin", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
+"""What the outlines of a microlens image behind a real lens are."""
 
 
 class ArrayMap(NamedTuple):
@@ -72,13 +95,10 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     """
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
-    dots = tuple(
-        Dots((float(x),), (0.0,), colour, size=3.6) for x, colour in zip((-7, 0, 7), FIELDS, strict=True)
-    )  # fmt: skip
-    keys = [
-        box_key("whole", "whole", 1.0, "grey"), box_key("cut", "lost", 1.0, "grey"),
-        box_key("dark", "dark", 1.0, "grey"), *_frame_keys(thin), Key("centre, edge, corner", dots),
-    ]  # fmt: skip
+    dots = tuple(Dots((x,), (0.0,), colour, size=3.6) for x, colour in zip((-7.0, 0.0, 7.0), FIELDS, strict=True))
+    boxes = (("whole", "whole"), ("cut", "lost"), ("dark", "dark"))
+    keys = [box_key(name, colour, 1.0, "grey") for name, colour in boxes]
+    keys += [*_frame_keys(thin), Key("centre, edge, corner", dots)]
     tall = legend_height(keys, size[0] - 24)
     panel = _panel(thin, (size[0], size[1] - tall), (LEFT, TOP, RIGHT, BELOW))
     marks = [Image(fields.kept, fields.box, "kept"), *_frames(thin)]
@@ -93,51 +113,35 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))
 
 
-def field_maps(design: Design, fields: ArrayMap | None = None, width: float = PAGE) -> Picture:
-    """Draw kept fraction and centroid's offset over the MLA; `fields` where they are known already."""
-    fields = field_map(design) if fields is None else fields
-    kept, offset = kept_map(design, fields, (width / 2, 300)), offset_map(design, fields, (width / 2, 300))
+def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture:
+    """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives; `width` in px."""
     lowest = float(fields.kept.min())
-    title = f"Kept fraction and offset of the microlens images of {design.name}: {lowest:.3g} kept at the least"
-    return beside("maps", title, [kept, offset], _frame_keys(design))
-
-
-def kept_map(design: Design, fields: ArrayMap, size: Point) -> Picture:
-    """The kept fraction over the MLA, with the sensor and the circle of Eq. 6."""
-    lowest = float(fields.kept.min())
-    title = "kept fraction" + (": 1 everywhere" if lowest == 1.0 else f": down to {lowest:.3g}")
-    shades = Image(fields.kept, fields.box, "kept")
-    return _map("kept", design, title, [shades], ("kept", 0.0, 1.0, "kept fraction [1]"), size)
-
-
-def offset_map(design: Design, fields: ArrayMap, size: Point) -> Picture:
-    """How far each microlens image's centroid lies off its axis, and which way."""
     length = np.hypot(fields.offset_px[..., 0], fields.offset_px[..., 1])
     top = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
-    marks: list[Mark] = [Image(length, fields.box, "cividis", 0.0, top or 1.0)]
+    arrows: list[Mark] = []
     if top > 0:
         step = max(1, round(len(fields.x) / 9))
-        rows, columns = (np.arange(step // 2, len(axis), step) for axis in (fields.y, fields.x))
         reach = 0.9 * step * float(fields.x[1] - fields.x[0]) / top
-        for row in rows:
-            for column in columns:
-                dx, dy = 0.5 * reach * fields.offset_px[row, column]
-                x, y = fields.x[column], fields.y[row]
-                if math.isfinite(dx):
-                    marks.append(Line([x - dx, x + dx], [y - dy, y + dy], "#000000", 2.6, opacity=0.6))
-                    marks.append(Line([x - dx, x + dx], [y - dy, y + dy], "#ffffff", 1.3, ends=">"))
-    title = f"image centroid: up to {top:.3g} px off axis"
-    bar = "cividis", 0.0, top or 1.0, "offset from the microlens axis [px]"
-    return _map("offset", design, title, marks, bar, size)
-
-
-def _map(
-    name: str, design: Design, title: str, marks: list[Mark], bar: tuple[str, float, float, str], size: Point
-) -> Picture:
-    panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW)).with_marks(*marks, *_frames(design))
-    panel = replace(panel, title=title)
-    ramp, low, high, label = bar
-    return Picture(name, title, size, (panel, colour_bar(panel, low, high, ramp, label)))
+        part = np.s_[step // 2 :: step, step // 2 :: step]
+        x, y = (axis[part] for axis in np.meshgrid(fields.x, fields.y))
+        dx, dy = np.moveaxis(0.5 * reach * fields.offset_px[part], -1, 0)
+        for a, b, u, v in np.stack([x, y, dx, dy], -1).reshape(-1, 4):
+            if math.isfinite(u):
+                arrows.append(Line([a - u, a + u], [b - v, b + v], "#000000", 2.6, opacity=0.6))
+                arrows.append(Line([a - u, a + u], [b - v, b + v], "#ffffff", 1.3, ends=">"))
+    size, pictures = (width / 2, 300.0), []
+    for name, title, values, high, ramp, label, marks in (
+        ("kept", f"kept fraction: {'1 everywhere' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
+         "kept", "kept fraction [1]", []),
+        ("offset", f"image centroid: up to {top:.3g} px off axis", length, top or 1.0, "cividis",
+         "offset from the microlens axis [px]", arrows),
+    ):  # fmt: skip
+        shades = Image(values, fields.box, ramp, 0.0, high)
+        panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW)).with_marks(shades, *marks, *_frames(design))
+        panel = replace(panel, title=title)
+        pictures.append(Picture(name, title, size, (panel, colour_bar(panel, 0.0, high, ramp, label))))
+    title = f"Kept fraction and offset of the microlens images of {design.name}: {lowest:.3g} kept at the least"
+    return beside("maps", title, pictures, _frame_keys(design))
 
 
 def shares(design: Design, fields: ArrayMap) -> str:
@@ -156,23 +160,23 @@ def _percent(share: float) -> str:
     return "all" if share == 1 else f"{min(max(100 * share, 0.1), 99.9):.1f} %"
 
 
-def circle_of_eq_6(design: Design) -> tuple[Point, float]:
+def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
-    return on_mla(design, design.main_lens.decentre), field_limit(Camera.of(design)).radius * design.d_1 / design.d_f
+    x, y = on_mla(design, design.main_lens.decentre).tolist()
+    return x, y, field_limit(Camera.of(design)).radius * design.d_1 / design.d_f
 
 
-def on_mla(design: Design, point: Point) -> Point:
-    """A point against the optical axis in the MLA's own axes [mm]."""
-    (home, along, up) = axes_in_space(design, [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    offset = np.subtract(point, home)
-    return float(offset @ (along - home)), float(offset @ (up - home))
+def on_mla(design: Design, points: ArrayLike) -> Floats:
+    """Points against the optical axis in the MLA's own axes [mm]; shape (..., 2)."""
+    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
+    return np.asarray(np.subtract(points, design.microlens_array.decentre) @ np.array([[c, -s], [s, c]]))
 
 
 def _panel(design: Design, size: Point, margins: tuple[float, float, float, float]) -> Panel:
     """The array and, where it is not much larger, the circle of Eq. 6; both axes on one scale."""
     left, top, right, below = margins
     half_x, half_y = (side / 2 for side in design.microlens_array.size)
-    (x, y), radius = circle_of_eq_6(design)
+    x, y, radius = circle_of_eq_6(design)
     if 0 < radius <= 1.2 * math.hypot(half_x, half_y):
         half_x, half_y = max(half_x, radius + abs(x)), max(half_y, radius + abs(y))
     half_x, half_y = 1.05 * half_x, 1.05 * half_y
@@ -192,12 +196,10 @@ def _frames(design: Design) -> list[Mark]:
     width, height = design.microlens_array.size
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
     marks: list[Mark] = [Area(*xy(corners * (width, height)), "none", 1.0, "grey", 1.0)]
-    turn = design.microlens_array.rotation
-    c, s = math.cos(turn), math.sin(turn)
-    sensor = corners * design.sensor_size @ np.array([[c, -s], [s, c]]) + on_mla(design, design.sensor.decentre)
+    sensor = on_mla(design, corners * design.sensor_size + design.sensor.decentre)
     marks.append(Area(*xy(sensor), "none", 1.0, "ground", 4.0))
     marks.append(Area(*xy(sensor), "none", 1.0, "blue", 2.0, testid="mla-sensor"))
-    (x, y), radius = circle_of_eq_6(design)
+    x, y, radius = circle_of_eq_6(design)
     if 0 < radius < math.inf:
         marks.append(Disc(x, y, radius, edge="ground", width=4.0))
         marks.append(Disc(x, y, radius, edge="vermillion", width=2.0, testid="eq6-circle"))
@@ -207,16 +209,149 @@ def _frames(design: Design) -> list[Mark]:
 def _cross(selected: Point, panel: Panel) -> list[Mark]:
     """A ring and cross hairs with a hole, haloed."""
     (x, y), (dx, dy) = selected, panel.per_px
-    arms = np.array([(-14, 0), (-5, 0), (np.nan, 0), (5, 0), (14, 0), (np.nan, 0), (0, -14), (0, -5), (np.nan, 0),
-                     (0, 5), (0, 14)])  # fmt: skip
+    arms = parted([[-14, -5], [5, 14], [0, 0], [0, 0]]), parted([[0, 0], [0, 0], [-14, -5], [5, 14]])
     marks: list[Mark] = []
     for colour, width, testid in (("ground", 5.0, ""), ("ink", 2.0, "mla-selected")):
         marks.append(Disc(x, y, 6 * dx, edge=colour, width=width))
-        marks.append(Line(x + arms[:, 0] * dx, y + arms[:, 1] * dy, colour, width, testid=testid))
+        marks.append(Line(x + arms[0] * dx, y + arms[1] * dy, colour, width, testid=testid))
     return marks
 
 
 def _frame_keys(design: Design) -> list[Key]:
-    _, radius = circle_of_eq_6(design)
+    _, _, radius = circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
     return [line_key("sensor", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
+
+
+class LensCurves(NamedTuple):
+    """Along x from the axis to the distance of the sensor's corner; NaN where there is no light to tell it by."""
+
+    x: Floats
+    """Microlens [mm], shape (N,)."""
+    shift_px: Floats
+    """Image centre against the thin twin's, outwards positive."""
+    diameter_px: Floats
+    """Of the disc with the image's area; NaN where the image is folded."""
+    thin_diameter_px: float
+    axis_ratio: Floats
+    kept: Floats
+    """Part of the FAP that is seen."""
+    folded: NDArray[np.bool_]
+    tangential: Floats
+    """Blur on the array from the tangential focus [pitches], signed like the focus."""
+    sagittal: Floats
+    distortion: Floats
+    """[%]."""
+    colour: Floats
+    """F to C [pitches]."""
+    bound: float
+    """Measured non-distortion bound on the array [mm]."""
+
+
+def lens_curves(design: Design, points: int = 46) -> LensCurves:
+    """Trace a design's real lens along x."""
+    camera = Camera.of(design)
+    x = np.linspace(0.0, float(half_diagonal(camera)), points)
+    found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
+    cone = float(pupil_angle(camera)) / design.d
+    maps, images = found.maps, found.images
+    traced, folded = maps.status == KEPT, images.status == FOLDED
+
+    def where(condition: NDArray[np.bool_], values: Floats) -> Floats:
+        return np.where(condition, values, np.nan)
+
+    return LensCurves(
+        x=x,
+        shift_px=found.shift[:, 0] / design.q,
+        diameter_px=where(~folded, found.thin_diameter * (1 + found.widening) / design.q),
+        thin_diameter_px=found.thin_diameter / design.q,
+        axis_ratio=where(images.kept_fraction > 0, images.axis_ratio),
+        kept=images.kept_fraction,
+        folded=folded,
+        tangential=where(traced, maps.tangential_focus * cone),
+        sagittal=where(traced, maps.sagittal_focus * cone),
+        distortion=where(traced, 100 * maps.distortion),
+        colour=found.lateral_colour / design.d,
+        bound=measured_bound(design)[1],
+    )
+
+
+def lens_over_field(design: Design, curves: LensCurves | None = None, width: float = PAGE) -> Picture:
+    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion; `width` in px.
+
+    `curves` are those of `lens_curves` where they are known already.
+    """
+    c = lens_curves(design) if curves is None else curves
+    growth = c.diameter_px - c.thin_diameter_px
+    parts = (
+        ("microlens images", "real less thin [px]", ((c.shift_px, "blue", ""), (growth, "vermillion", ""))),
+        ("foci and colour", "blur on the array [pitches]",
+         ((c.tangential, "blue", ""), (c.sagittal, "green", ""), (c.colour, "purple", "2 3"))),
+        ("distortion", "image height against first order [%]", ((c.distortion, "orange", ""),)),
+    )  # fmt: skip
+    each = (width / 3, 290.0)
+    pictures = []
+    for title, label, lines in parts:
+        values = np.concatenate([[0.0], *(line for line, _, _ in lines)])
+        up, across = Scale.around(values, 0.06), Scale(0.0, float(c.x[-1]))
+        marks: list[Mark] = []
+        if title == "microlens images" and c.folded.any():
+            first = float(c.x[np.argmax(c.folded)])
+            marks.append(Area([first, across.high, across.high, first], np.repeat(up[:2], 2), "grey", 0.18))
+        if title == "microlens images" and c.bound < across.high:
+            marks.append(Line([c.bound, c.bound], up[:2], "ink", 1.2, "1.5 2"))
+        marks.append(Line([0.0, across.high], [0.0, 0.0], "grey", 1.2, "6 4"))
+        marks += [Line(c.x, line, colour, 1.8, dash) for line, colour, dash in lines]
+        panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "microlens off axis [mm]", label, title)
+        pictures.append(one_panel(f"lens-{title.split()[0]}", title, each, panel, left=64, top=28, right=10))
+    keys = [
+        line_key("thin twin", "grey", 1.2, "6 4"), line_key("image centre, shift", "blue", 1.8),
+        line_key("diameter, growth", "vermillion", 1.8), line_key("tangential focus", "blue", 1.8),
+        line_key("sagittal focus", "green", 1.8), line_key("lateral colour, F to C", "purple", 1.8, "2 3"),
+        line_key("distortion", "orange", 1.8),
+    ]  # fmt: skip
+    if c.bound < c.x[-1]:
+        keys.append(line_key("undistorted within", "ink", 1.2, "1.5 2"))
+    if c.folded.any():
+        keys.append(box_key("folded or dark", "grey", 0.18))
+    return beside("lens-field", f"The real lens of {design.name} over the field", pictures, keys)
+
+
+def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE) -> Picture:
+    """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
+    drawn = {label: lens_image(design, place) for label, place in places.items()}
+    reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
+    scale, each = Scale(-1.06 * reach, 1.06 * reach), width / max(len(drawn), 1)
+    side = min(each - 68, 240.0)
+    pictures = []
+    for label, (marks, words) in drawn.items():
+        panel = Panel(
+            (54.0, 28.0, side, side), scale, scale, marks, "x [px]", "y [px]", f"{label}: {words}", equal=True
+        )
+        pictures.append(as_tall(f"lens-{label}", words, panel, size=(each, 0.0)))
+    return beside("lens-images", f"Microlens images behind the real lens of {design.name}", pictures, TWINS)
+
+
+def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
+    """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
+    found = real_field(design, [place])
+    centre, radius = found.thin_centre[0], found.thin_diameter / 2 / design.q
+    turn = np.linspace(0, 2 * np.pi, 181)
+    marks: list[Line | Area] = [Line(radius * np.cos(turn), radius * np.sin(turn), "grey", 1.4, "6 4")]
+    status = int(found.images.status[0])
+    if status:
+        edge = (found.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
+        marks.append(Area(edge[:, 0], edge[:, 1], "blue", 0.25, "blue", 2.0))
+    kept = 100 * float(found.images.kept_fraction[0])
+    return tuple(marks), ("dark", f"cut, {kept:.3g} % kept", "whole", f"folded, {kept:.3g} % kept")[status]
+
+
+def _folded(design: Design, place: Point, centre: Floats) -> Floats:
+    """Outline of what is lit, on a grid: a folded image has no single one."""
+    camera = camera_of(design)
+    (c,) = microlenses(design, [place])
+    side = np.linspace(-1, 1, 161) * 0.7 * camera.lens_diameter * camera.d_2 / camera.d_1
+    grid = np.stack(np.meshgrid(side, side), axis=-1) + c * (1 + camera.d_2 / camera.d_1)
+    at = views(camera, c, grid, clip=False)
+    x, y = (side + c[k] * camera.d_2 / camera.d_1 - centre[k] for k in (0, 1))
+    return where_above(np.minimum(at.fap_room, at.room), x / design.q, y / design.q, 0.0)

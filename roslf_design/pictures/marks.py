@@ -5,22 +5,32 @@ A mark names its colour for `theme.Theme`; widths, sizes and shifts of text are 
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .lettering import SMALL
+from .theme import SMALL
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """What all marks have."""
+
+    clip: bool = True
+    """Whether it ends at the panel's edge."""
+    testid: str = ""
+    """What tests find it by in SVG."""
+
+
 @dataclass(frozen=True, slots=True)
-class Line:
+class Line(Drawn):
     """A polyline; NaN breaks it."""
 
     x: ArrayLike
@@ -32,14 +42,10 @@ class Line:
     ends: str = ""
     """"|" for ticks or "<>" for arrow heads at both ends, ">" for a head at its end."""
     opacity: float = 1.0
-    clip: bool = True
-    """Whether it ends at the panel's edge; so for all marks."""
-    testid: str = ""
-    """What tests find it by in SVG; so for all marks."""
 
 
 @dataclass(frozen=True, slots=True)
-class Area:
+class Area(Drawn):
     """Polygons parted by NaN, what lies in two of them free; bars among them."""
 
     x: ArrayLike
@@ -52,12 +58,10 @@ class Area:
     dash: str = ""
     hatch: bool = False
     """Filled by slanting lines of the colour."""
-    clip: bool = True
-    testid: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Disc:
+class Disc(Drawn):
     """A circle, in a panel with equal scales."""
 
     x: float
@@ -68,12 +72,10 @@ class Disc:
     edge: str = "ink"
     width: float = 1.2
     dash: str = ""
-    clip: bool = True
-    testid: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Dots:
+class Dots(Drawn):
     """Equal signs at places."""
 
     x: ArrayLike
@@ -87,14 +89,13 @@ class Dots:
     width: float = 1.4
     """Of the edge, or of a shape of lines [px]."""
     opacity: float = 1.0
-    clip: bool = False
-    testid: str = ""
+    clip: bool = field(default=False, kw_only=True)
     cursor: str = ""
     """A browser's cursor over it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class Text(Drawn):
     """A line of text, its baseline at a place; d_3 gets its subscript."""
 
     x: float
@@ -112,14 +113,11 @@ class Text:
     """With an edge of the ground's colour around the letters, for text over lines."""
     plate: bool = False
     """On a plate of the ground's colour."""
-    turned: bool = False
-    """Upwards."""
-    clip: bool = False
-    testid: str = ""
+    clip: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Image:
+class Image(Drawn):
     """Values as shades, row 0 at the bottom."""
 
     values: Floats
@@ -130,8 +128,6 @@ class Image:
     """As `Theme.shades` has it."""
     low: float = 0.0
     high: float = 1.0
-    clip: bool = True
-    testid: str = ""
 
     @property
     def shares(self) -> Floats:
@@ -161,6 +157,11 @@ def whiskers(low: ArrayLike, high: ArrayLike, at: ArrayLike, colour: str = "ink"
     return Line(parted(np.stack([a, b], -1)), parted(np.stack([c, c], -1)), colour, 1.4, ends="|")
 
 
+def stairs(cuts: ArrayLike, heights: ArrayLike) -> tuple[Floats, Floats]:
+    """Outline of a histogram: N + 1 cuts and N heights."""
+    return np.repeat(cuts, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])
+
+
 def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> Floats:
     """Outlines of where values exceed a level, linear between points.
 
@@ -183,11 +184,12 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
     if known.count() == 0 or known.max() <= level:
         return np.empty((0, 2))
     lines = contour_generator(x, y, known, fill_type="OuterOffset").filled(level, float(known.max()) + 1.0)
-    rings: list[Floats] = []
-    for corners, starts in zip(*lines, strict=True):
-        for first, last in itertools.pairwise(starts.tolist()):
-            rings += [corners[first:last], np.full((1, 2), np.nan)]
-    return np.asarray(np.concatenate(rings[:-1]), float)
+    return joined(ring for each, starts in zip(*lines, strict=True) for ring in np.split(each, starts[1:-1]))
+
+
+def joined(runs: Iterable[Floats]) -> Floats:
+    """Points of polylines or polygons, each of shape (N, 2), one after the other with NaN between."""
+    return np.concatenate([np.empty((0, 2)), *(np.append(run, [[np.nan, np.nan]], axis=0) for run in runs)])[:-1]
 
 
 class Key(NamedTuple):
@@ -217,9 +219,8 @@ def dot_key(text: str, colour: str, shape: str = "o", size: float = 4.5, **more:
 def shifted(mark: Mark, x: float, y: float) -> Mark:
     """A mark elsewhere in its panel; not for images."""
     assert not isinstance(mark, Image)
-    if isinstance(mark, Disc | Text):
-        return replace(mark, x=mark.x + x, y=mark.y + y)
-    return replace(mark, x=np.asarray(mark.x, float) + x, y=np.asarray(mark.y, float) + y)
+    there: dict[str, Any] = {"x": np.add(mark.x, x), "y": np.add(mark.y, y)}
+    return replace(mark, **there)
 
 
 def xy(points: ArrayLike) -> tuple[Floats, Floats]:

@@ -21,11 +21,9 @@ from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline
 from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from .lettering import PLAIN, SMALL, short
 from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
-from .panel import Panel, Scale
-from .picture import PAGE, Picture, beside, colour_bar, legend_height
-from .theme import stop_colour
+from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, legend_height
+from .theme import PLAIN, SMALL, short, stop_colour
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -57,7 +55,7 @@ class ImageView(NamedTuple):
     """Corners of its own cell, shape (M, 2)."""
     columns: slice
     rows: slice
-    """Pixels seen."""
+    """Pixels in view."""
     x: Floats
     """Their edges, shape (I + 1,)."""
     y: Floats
@@ -88,49 +86,36 @@ def image_view(design: Design, place: Point, most: float = math.inf) -> ImageVie
     most : float
         Pixels in view up to which each is looked at.
     """
-    discs, sizes = field_discs(design, [place])
-    centres, radii = discs[0], sizes[0]
-    pitch = abs(float(microlens_image_pitch(Camera.of(design))))
+    (centres,), (radii,) = field_discs(design, [place])
+    (axis,) = axes_in_space(design, [place])
+    pitch, q = abs(float(microlens_image_pitch(Camera.of(design)))), design.q
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
-    (axis,) = axes_in_space(design, [place])
-    middle = centres[0] + axis
-    columns, rows = (_pixels_within(design, side, middle[side] - half, middle[side] + half) for side in (0, 1))
+    start = design.sensor.decentre - np.multiply(design.pixels, q) / 2
+    ends = np.array([np.floor((centres[0] + axis - half - start) / q), np.ceil((centres[0] + axis + half - start) / q)])
+    columns, rows = (slice(*side) for side in np.clip(ends, 0, design.pixels).astype(int).T.tolist())
     count = (columns.stop - columns.start) * (rows.stop - rows.start)
-    drawable = radii.max() <= LARGEST_RADIUS * design.q and 2 * radii.min() <= LARGEST_PART * design.q
-    drawable = drawable and count <= most
-    x, y = (_edges(design, side, part, drawable) - axis[side] for side, part in enumerate((columns, rows)))
+    drawable = count <= most and radii.max() <= LARGEST_RADIUS * q and 2 * radii.min() <= LARGEST_PART * q
+    x, y = (
+        start[k] + q * (np.arange(s.start, s.stop + 1) if drawable else np.unique([s.start, s.stop])) - axis[k]
+        for k, s in enumerate((columns, rows))
+    )
     shares = np.zeros((0, 0))
     if drawable and count:
         covered = coverage_image(
-            axis, centres, radii, pixel=design.q, size=design.pixels, sensor_centre=design.sensor.decentre,
+            axis, centres, radii, pixel=q, size=design.pixels, sensor_centre=design.sensor.decentre,
             window=(rows, columns),
         )  # fmt: skip
         shares = np.asarray(covered, float)
     image = intersect(centres, radii)
-    half_sensor, sensor = np.multiply(design.pixels, design.q / 2), np.subtract(design.sensor.decentre, axis)
-    inside = 0.0
-    if half_sensor.min() > 0:
-        inside = float(area_in_rectangle(centres, radii, sensor - half_sensor, sensor + half_sensor))
-    on_sensor = min(inside / float(image.area), 1.0) if image.lit else 1.0
-    kept = float(image.kept_fraction)
+    on_sensor = 1.0 if not image.lit or min(design.pixels) > 0 else 0.0
+    if image.lit and min(design.pixels) > 0:
+        low = start - axis
+        inside = float(area_in_rectangle(centres, radii, low, low + np.multiply(design.pixels, q)))
+        on_sensor = min(inside / float(image.area), 1.0)
     edge = outline(centres, radii)
+    kept = float(image.kept_fraction)
     return ImageView(centres, radii, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
-
-
-def _pixels_within(design: Design, side: int, low: float, high: float) -> slice:
-    """Pixels from the one that holds `low` to the one that holds `high` [mm]; those on the sensor."""
-    count = design.pixels[side]
-    start = design.sensor.decentre[side] - count * design.q / 2
-    first, last = math.floor((low - start) / design.q), math.ceil((high - start) / design.q)
-    return slice(min(max(first, 0), count), min(max(last, 0), count))
-
-
-def _edges(design: Design, side: int, pixels: slice, each: bool) -> Floats:
-    """Edges between these pixels [mm], one more than there are pixels; or the outermost ones alone."""
-    start = design.sensor.decentre[side] - design.pixels[side] * design.q / 2
-    numbers = np.arange(pixels.start, pixels.stop + 1) if each else np.unique([pixels.start, pixels.stop])
-    return np.asarray(start + design.q * numbers, float)
 
 
 def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> Point:
@@ -191,38 +176,48 @@ def microlens_image(
     view = image_view(design.thin_twin, place, MOST_PIXELS)
     keys = image_keys(design) if key else []
     foot = legend_height(keys, size[0] - 24)
-    panel = _panel(view, size, foot)
-    drawn, words = _light(design, view, waves) if pixels else ([], "")
-    on_picture = waves and pixels
-    marks = [*_beyond(view, panel), *drawn, *(_grid(view) if pixels else []), *_lines(design, view, on_picture)]
-    marks += _title(place, view, label, words, panel)
+    width, height = size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot
+    side = max(min(width, height), 60.0)
+    box = (LEFT + max(0.0, (width - side) / 2), TOP, side, side)
+    x, y = (Scale(UM * (middle - view.half), UM * (middle + view.half)) for middle in view.centres[0].tolist())
+    marks, words = _light(design, view, waves) if pixels else ([], "")
+    if pixels and view.coverage.size > 0 and view.coverage.shape[1] <= GRID_UP_TO:
+        # Lines between pixels, unless they would be all there is to see.
+        a, b = UM * view.x, UM * view.y
+        across = parted([[c, c] for c in a] + [[a[0], a[-1]]] * len(b))
+        marks.append(Line(across, parted([[b[0], b[-1]]] * len(a) + [[c, c] for c in b]), "grey", 0.5, opacity=0.35))
+    where = f"{short(place[0])}, {short(place[1])} mm"
+    state = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
+    if view.on_sensor <= 0.995 and view.kept_fraction > 0:
+        state += f", {100 * view.on_sensor:.3g} % on the sensor"
+    colour = "ink" if view.kept_fraction == 1 else "vermillion"
+    head = f"{label}: {where}" if label else f"at {where}"
+    words = f"{state}; {words}" if words else state
+    marks = [
+        *_beyond(view, x, y), *marks, *_lines(design, view, waves and pixels),
+        Text(x.low, y.high, head, "ink", PLAIN, dy=-26, bold=True),
+        Text(x.low, y.high, words, colour, SMALL, dy=-9, testid="microlens-kept"),
+    ]  # fmt: skip
+    panel = Panel(box, x, y, tuple(marks), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True)
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
     title = f"Image of the microlens at {place[0]:.4g}, {place[1]:.4g} mm on the MLA: {kept}"
-    key_box = (14.0, panel.bottom + BELOW - 2, size[0] - 24)
-    return Picture(name, title, size, (panel.with_marks(*marks),), tuple(keys), key_box)
+    return Picture(name, title, size, (panel,), tuple(keys), (14.0, panel.bottom + BELOW - 2, size[0] - 24))
 
 
-def microlens_images(
-    designs: Mapping[str, tuple[Design, Point]], width: float = PAGE, columns: int = 3
-) -> tuple[Picture, float]:
-    """Draw images in a row with one legend.
+def microlens_images(designs: Mapping[str, tuple[Design, Point]]) -> tuple[Picture, float]:
+    """Draw up to three images in a row with one legend.
 
     Parameters
     ----------
     designs : mapping
         Design and place on the MLA [mm], by what to call it; each place is that of a microlens.
-    width : float
-        [px].
-    columns : int
-        How many fit into the width.
 
     Returns
     -------
     (picture, on_sensor)
         The least share of an image that falls on the sensor.
     """
-    each = width / columns
-    size = each, each - LEFT - RIGHT + TOP + BELOW
+    size = PAGE / 3, PAGE / 3 - LEFT - RIGHT + TOP + BELOW
     pictures = [
         microlens_image(design, place, size, name=f"images-{label}", label=label, key=False, snap=False)
         for label, (design, place) in designs.items()
@@ -231,16 +226,6 @@ def microlens_images(
     least = min(image_view(design.thin_twin, place, 0).on_sensor for design, place in designs.values())
     title = f"Microlens images: {'; '.join(p.title for p in pictures)}"
     return beside("images", title, pictures, list(keys.values())), least
-
-
-def _panel(view: ImageView, size: Point, foot: float) -> Panel:
-    side = max(min(size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot), 60.0)
-    (x, y), half = UM * view.centres[0], UM * view.half
-    left = LEFT + max(0.0, (size[0] - LEFT - RIGHT - side) / 2)
-    scales = Scale(x - half, x + half), Scale(y - half, y + half)
-    return Panel(
-        (left, TOP, side, side), *scales, (), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True
-    )
 
 
 def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], str]:
@@ -256,16 +241,6 @@ def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], st
         return plain, "too many images overlap for diffraction"
     peak = float(patch.max(initial=0.0))
     return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
-
-
-def _grid(view: ImageView) -> list[Mark]:
-    """Lines between pixels, unless they would be all there is to see."""
-    if not view.coverage.size or view.coverage.shape[1] > GRID_UP_TO:
-        return []
-    x, y = UM * view.x, UM * view.y
-    across = parted([[a, a] for a in x] + [[x[0], x[-1]]] * len(y))
-    up = parted([[y[0], y[-1]]] * len(x) + [[b, b] for b in y])
-    return [Line(across, up, "grey", 0.5, opacity=0.35)]
 
 
 def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
@@ -290,34 +265,20 @@ def _rims(design: Design) -> list[tuple[str, str]]:
     return [(rim.name, colour) for rim, colour in zip((camera.fap, *camera.rims), colours, strict=True)]
 
 
-def _beyond(view: ImageView, panel: Panel) -> list[Mark]:
+def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
     """Hatching where the sensor ends."""
-    frame = np.array([panel.x.low, panel.x.high, panel.y.low, panel.y.high])
+    frame = np.array([*x[:2], *y[:2]])
+    inside = np.full(4, np.nan)
     if view.sensor_in_view:
-        sensor = UM * np.array([view.x[0], view.x[-1], view.y[0], view.y[-1]])
-        inside = np.array([max(frame[0], sensor[0]), min(frame[1], sensor[1]), max(frame[2], sensor[2]),
-                           min(frame[3], sensor[3])])  # fmt: skip
-        if np.allclose(inside, frame, rtol=0, atol=1e-9 * float(np.ptp(frame[:2]))):
+        sensor = UM * np.array([*view.x[[0, -1]], *view.y[[0, -1]]])
+        inside = np.where([True, False, True, False], np.maximum(frame, sensor), np.minimum(frame, sensor))
+        if np.allclose(inside, frame, rtol=0, atol=1e-9 * float(np.ptp(x[:2]))):
             return []
-    else:
-        inside = np.full(4, np.nan)
     # The hole runs the other way round: what both enclose stays free by any rule.
     (left, right, low, high), (a, b, c, d) = frame, inside
     xs = [left, right, right, left, np.nan, a, a, b, b]
     ys = [low, low, high, high, np.nan, c, d, d, c]
     return [Area(xs, ys, "grey", hatch=True)]
-
-
-def _title(place: Point, view: ImageView, label: str, words: str, panel: Panel) -> list[Mark]:
-    where = f"{short(place[0])}, {short(place[1])} mm"
-    state = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
-    if view.on_sensor <= 0.995 and view.kept_fraction > 0:
-        state += f", {100 * view.on_sensor:.3g} % on the sensor"
-    colour = "ink" if view.kept_fraction == 1 else "vermillion"
-    at = panel.x.low, panel.y.high
-    first = Text(*at, f"{label}: {where}" if label else f"at {where}", "ink", PLAIN, dy=-26, bold=True)
-    told = f"{state}{'; ' if words else ''}{words}"
-    return [first, Text(*at, told, colour, SMALL, dy=-9, testid="microlens-kept")]
 
 
 def image_keys(design: Design) -> list[Key]:
@@ -372,17 +333,16 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     return beside("waves", "One microlens image by rays and by waves", pictures, keys)
 
 
-def preview(image: RawImage, zoom: int | None = None) -> Picture:
-    """Draw a raw image with zooms of `zoom` pixels at its centre, edge and corner; None shows about five images."""
+def preview(image: RawImage) -> Picture:
+    """Draw a raw image with zooms of about five microlens images at its centre, edge and corner."""
     pixels, region = image.pixels, image.region
     top = max(float(np.percentile(pixels[:: max(1, region.rows // 500)], 99.9)), 1e-9)
     # Every so many pixels would beat with the microlenses: show means of blocks.
     step = max(1, -(-max(pixels.shape) // 1400))
     kept = pixels[: pixels.shape[0] // step * step, : pixels.shape[1] // step * step]
     small = np.asarray(kept.reshape(kept.shape[0] // step, step, -1, step).mean((1, 3)), float)
-    if zoom is None:
-        zoom = max(24, round(5 * abs(float(microlens_image_pitch(Camera.of(image.design)))) / image.design.q))
-    side = min(zoom, region.rows, region.columns)
+    about_five = round(5 * abs(float(microlens_image_pitch(Camera.of(image.design)))) / image.design.q)
+    side = min(max(24, about_five), region.rows, region.columns)
     middle_x, middle_y = (region.columns - side) // 2, (region.rows - side) // 2
     places = {
         "centre": (middle_x, middle_y),

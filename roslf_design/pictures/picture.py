@@ -1,18 +1,18 @@
-"""Pictures: panels on a ground with a legend and remarks, and how they are set beside and below each other."""
+"""Pictures: scales and panels, their legend and remarks, and how they are set beside and below each other."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import axes, svg
-from .lettering import SMALL, text_width
-from .marks import Box, Image, Key, Mark, Point, Text, shifted
-from .panel import Panel, Scale
-from .theme import ThemeName, theme_named
+from .marks import Box, Floats, Image, Key, Line, Mark, Point, Text, shifted
+from .theme import SMALL, ThemeName, short, text_width, theme_named
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +22,142 @@ PAGE = 768.0
 """Width of a picture that fills a report's page [px]."""
 LEGEND_ROW = 17.0
 """Height of a legend's row [px]."""
+
+
+class Scale(NamedTuple):
+    """One axis: `low` and `high` are the values at its ends."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    def share(self, value: Any) -> Any:
+        """Where along the axis a value is, 0 to 1; for numbers and arrays."""
+        if self.log:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.log(np.asarray(value, float) / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def ticks(self, wanted: int = 6) -> list[float]:
+        """Round numbers on the axis: about so many, or 1, 2, 5 of each decade as far as there is room."""
+        if self.log:
+            return log_ticks(self.low, self.high, wanted)
+        return round_ticks(min(self.low, self.high), max(self.low, self.high), wanted)
+
+    @staticmethod
+    def around(values: ArrayLike, room: float = 0.08) -> Scale:
+        """A scale with some room on either side of the values."""
+        known = np.asarray(values, float)
+        known = known[np.isfinite(known)]
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        more = room * (high - low) or 0.1 * abs(high) or 1.0
+        return Scale(low - more, high + more)
+
+
+def round_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten within the two ends, about `wanted` of them and more than one."""
+    rough = (high - low) / max(wanted, 1)
+    if not (rough > 0 and math.isfinite(rough)):
+        return [low]
+    power = 10.0 ** math.floor(math.log10(rough))
+    steps = [factor * power for factor in (0.1, 0.2, 0.5, 1, 2, 5, 10)]
+    wide = next(k for k, step in enumerate(steps) if step >= rough * (1 - 1e-9))
+    ticks: list[float] = []
+    for step in steps[wide::-1]:
+        ticks = [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+        # One number alone on an axis tells no scale.
+        if len(ticks) > 1:
+            break
+    return ticks
+
+
+def log_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
+    """Powers of ten within the two ends, with their 2- and 5-fold where few decades are seen."""
+    decades = math.log10(high / low)
+    factors = (1, 2, 5) if decades <= wanted / 3 else (1,)
+    stride = max(1, math.ceil(decades / max(wanted, 1)))
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    known = [factor * 10.0**power for power in powers if power % stride == 0 for factor in factors]
+    ticks = [value for value in known if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)]
+    return ticks if len(ticks) >= 2 else round_ticks(low, high, wanted)
+
+
+Tick = tuple[float, str]
+
+
+def named_ticks(values: Iterable[float]) -> tuple[Tick, ...]:
+    """Ticks with their numbers."""
+    return tuple((value, short(value)) for value in values)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A box with two scales, marks in their units, ticks and labels around it."""
+
+    box: Box
+    """Left, top, width, height in the picture [px]."""
+    x: Scale
+    y: Scale
+    marks: tuple[Mark, ...] = ()
+    x_label: str = ""
+    y_label: str = ""
+    title: str = ""
+    x_ticks: tuple[Tick, ...] | None = None
+    y_ticks: tuple[Tick, ...] | None = None
+    """None for round numbers, () for none."""
+    grid: str = "xy"
+    """Lines behind the data at the ticks of "x", "y", both or ""."""
+    right: bool = False
+    """Whether the ordinate stands on the right."""
+    y_colour: str = "ink"
+    bare: bool = False
+    """Without lines of axes."""
+    equal: bool = False
+    """Whether both scales are meant to be one, on Axes of any shape."""
+
+    @property
+    def right_edge(self) -> float:
+        """[px]."""
+        return self.box[0] + self.box[2]
+
+    @property
+    def bottom(self) -> float:
+        """[px]."""
+        return self.box[1] + self.box[3]
+
+    @property
+    def per_px(self) -> Point:
+        """Units a pixel, to the right and upwards, on linear scales."""
+        return (self.x.high - self.x.low) / self.box[2], (self.y.high - self.y.low) / self.box[3]
+
+    def ticks(self) -> tuple[tuple[Tick, ...], tuple[Tick, ...]]:
+        """Of both axes, as many as there is room for."""
+        _, _, width, height = self.box
+        x = named_ticks(self.x.ticks(max(3, int(width / 62)))) if self.x_ticks is None else self.x_ticks
+        y = named_ticks(self.y.ticks(max(2, int(height / 34)))) if self.y_ticks is None else self.y_ticks
+        return x, y
+
+    def at(self, x: float, y: float) -> Point:
+        """Where a pair of values is [px]."""
+        left, _, width, height = self.box
+        return left + float(self.x.share(x)) * width, self.bottom - float(self.y.share(y)) * height
+
+    def to_value(self, px: float, py: float) -> Point:
+        """The values at a point of the picture, also outside the box; on linear scales."""
+        across, up = self.per_px
+        return self.x.low + (px - self.box[0]) * across, self.y.high - (py - self.box[1]) * up
+
+    def all_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """The same for arrays, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
+        left, _, width, height = self.box
+        with np.errstate(over="ignore", invalid="ignore"):
+            across = left + self.x.share(np.atleast_1d(np.asarray(x, float))) * width
+            up = self.bottom - self.y.share(np.atleast_1d(np.asarray(y, float))) * height
+        return np.asarray(np.clip(np.stack(np.broadcast_arrays(across, up), -1), -1e4, 1e4), float)
+
+    def with_marks(self, *more: Mark) -> Panel:
+        """The same with marks on top."""
+        return replace(self, marks=(*self.marks, *more))
 
 
 @dataclass(frozen=True)
@@ -52,12 +188,25 @@ class Picture:
         """Of all panels."""
         return tuple(mark for panel in self.panels for mark in panel.marks)
 
-    def _all(self) -> list[Panel]:
+    def with_panels(self, *more: Panel) -> Picture:
+        """The same with panels beside."""
+        return replace(self, panels=(*self.panels, *more))
+
+    @property
+    def over(self) -> list[Mark]:
+        """Remarks and legend, in pixels of the picture."""
         left, top, width = self.key_box
-        keys = legend(self.keys, left, top, width or self.size[0] - left - 8)
-        whole = Panel((0.0, 0.0, *self.size), Scale(0, self.size[0]), Scale(self.size[1], 0), bare=True)
-        over = tuple(replace(mark, clip=False) for mark in (*self.remarks, *keys))
-        return [*self.panels, replace(whole, marks=over)]
+        marks = list(self.remarks)
+        places, _ = _placed(self.keys, width or self.size[0] - left - 8)
+        for key, (x, y) in zip(self.keys, places, strict=True):
+            marks += [shifted(sample, left + x + 11, top + y + 8) for sample in key.samples]
+            marks.append(Text(left + x + (27 if key.samples else 0), top + y + 12, key.text))
+        return marks
+
+    def _all(self) -> list[Panel]:
+        over = tuple(replace(mark, clip=False) for mark in self.over)
+        whole = Panel((0.0, 0.0, *self.size), Scale(0, self.size[0]), Scale(self.size[1], 0), over, bare=True)
+        return [*self.panels, whole]
 
     def svg(self, theme: ThemeName = "light", name: str = "") -> str:
         """As SVG text, the same bytes for the same picture; another name where the page has one like it."""
@@ -109,53 +258,25 @@ def legend_height(keys: Sequence[Key], width: float) -> float:
     return _placed(keys, width)[1]
 
 
-def legend(keys: Sequence[Key], left: float, top: float, width: float) -> list[Mark]:
-    """Samples with their names in rows, broken at a width; in pixels, downwards positive."""
-    marks: list[Mark] = []
-    for key, (x, y) in zip(keys, _placed(keys, width)[0], strict=True):
-        marks += [shifted(sample, left + x + 11, top + y + 8) for sample in key.samples]
-        marks.append(Text(left + x + (27 if key.samples else 0), top + y + 12, key.text))
-    return marks
-
-
-def moved(picture: Picture, x: float, y: float) -> tuple[tuple[Panel, ...], tuple[Mark, ...]]:
-    """Panels and remarks of a picture elsewhere [px], its legend among the remarks."""
-    left, top, width = picture.key_box
-    keys = legend(picture.keys, left, top, width or picture.size[0] - left - 8)
-    panels = tuple(replace(p, box=(p.box[0] + x, p.box[1] + y, *p.box[2:])) for p in picture.panels)
-    return panels, tuple(shifted(mark, x, y) for mark in (*picture.remarks, *keys))
-
-
-def beside(name: str, title: str, pictures: Iterable[Picture], keys: Sequence[Key] = ()) -> Picture:
-    """Pictures in a row, a common legend below."""
-    x, high = 0.0, 0.0
+def beside(
+    name: str, title: str, pictures: Iterable[Picture], keys: Sequence[Key] = (), *, down: bool = False
+) -> Picture:
+    """Pictures in a row or, with `down`, in a column, each with its own legend; a common one below."""
+    x, y, wide, high = 0.0, 0.0, 0.0, 0.0
     panels: list[Panel] = []
     remarks: list[Mark] = []
     for picture in pictures:
-        more, words = moved(picture, x, 0.0)
-        panels += more
-        remarks += words
-        x, high = x + picture.size[0], max(high, picture.size[1])
-    tall = legend_height(keys, x - 28)
-    return Picture(name, title, (x, high + tall), tuple(panels), tuple(keys), (14.0, high - 3, x - 28), tuple(remarks))
-
-
-def below(name: str, title: str, pictures: Iterable[Picture]) -> Picture:
-    """Pictures in a column, each with its own legend."""
-    y, wide = 0.0, 0.0
-    panels: list[Panel] = []
-    remarks: list[Mark] = []
-    for picture in pictures:
-        more, words = moved(picture, 0.0, y)
-        panels += more
-        remarks += words
-        y, wide = y + picture.size[1], max(wide, picture.size[0])
-    return Picture(name, title, (wide, y), tuple(panels), remarks=tuple(remarks))
+        panels += [replace(p, box=(p.box[0] + x, p.box[1] + y, *p.box[2:])) for p in picture.panels]
+        remarks += [shifted(mark, x, y) for mark in picture.over]
+        wide, high = max(wide, x + picture.size[0]), max(high, y + picture.size[1])
+        x, y = (0.0, high) if down else (wide, 0.0)
+    size = wide, high + legend_height(keys, wide - 28)
+    return Picture(name, title, size, tuple(panels), tuple(keys), (14.0, high - 3, wide - 28), tuple(remarks))
 
 
 def one_panel(
     name: str, title: str, size: Point, panel: Panel, keys: Sequence[Key] = (), *, left: float = 58.0,
-    top: float = 14.0, right: float = 16.0, below: float = 42.0, remarks: tuple[Mark, ...] = (),
+    top: float = 14.0, right: float = 16.0, foot: float = 42.0,
 ) -> Picture:  # fmt: skip
     """A picture of one panel with its legend below; the panel's box is made to fit.
 
@@ -166,13 +287,12 @@ def one_panel(
     panel : Panel
         Its box is not looked at.
     keys : sequence of Key
-    left, top, right, below : float
+    left, top, right, foot : float
         Room around the panel, for ticks and labels [px].
-    remarks : tuple of Mark
     """
-    box = room(size, keys, left, top, right, below)
-    key_box = (14.0, box[1] + box[3] + below - 2, size[0] - 24)
-    return Picture(name, title, size, (replace(panel, box=box),), tuple(keys), key_box, remarks)
+    width = max(size[0] - left - right, 80.0)
+    height = max(size[1] - top - foot - legend_height(keys, size[0] - 24), 60.0)
+    return as_tall(name, title, replace(panel, box=(left, top, width, height)), keys, size=size, foot=foot)
 
 
 def as_tall(
@@ -184,13 +304,28 @@ def as_tall(
     return Picture(name, title, tall, (panel,), tuple(keys), (14.0, top - 2, width))
 
 
-def room(
-    size: Point, keys: Sequence[Key] = (), left: float = 58.0, top: float = 14.0, right: float = 16.0,
-    below: float = 42.0,
-) -> Box:  # fmt: skip
-    """The box that margins and a legend leave of a picture [px]."""
-    tall = legend_height(keys, size[0] - 24)
-    return left, top, max(size[0] - left - right, 80.0), max(size[1] - top - below - tall, 60.0)
+def names_width(names: Iterable[str]) -> float:
+    """Width of the widest of some names [px]."""
+    return max((text_width(name, SMALL) for name in names), default=40.0)
+
+
+def rows_panel(
+    box: Box, x: Scale, names: Sequence[str], marks: Iterable[Mark], label: str, row: float = 24.0, bold: str = ""
+) -> Panel:
+    """Bars in rows with their names on the left, one of them bold; the ordinate counts pixels downwards."""
+    written = [
+        Text(x.low, row * (k + 0.5), name, "ink", SMALL, "end", dx=-7, dy=4, bold=name == bold)
+        for k, name in enumerate(names)
+    ]
+    ticks = named_ticks(x.ticks(max(2, int(box[2] / 64))))
+    return Panel(box, x, Scale(box[3], 0.0), (*marks, *written), label, grid="x", x_ticks=ticks, y_ticks=())
+
+
+def threshold(x: float, tall: float, words: str, beside: float | None = None) -> list[Mark]:
+    """A line through all rows, its name above it or at another abscissa."""
+    line = Line([x, x], [-4.0, tall], "orange", 2, clip=False)
+    at = x if beside is None else beside
+    return [line, Text(at, 0.0, words, "orange", SMALL, "middle", dy=-8, bold=True)]
 
 
 def colour_bar(panel: Panel, low: float, high: float, ramp: str, label: str) -> Panel:

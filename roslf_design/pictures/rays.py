@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,11 +14,9 @@ from ..camera import Camera
 from ..evaluation import default_fields
 from ..rays import PASSED, fans, trace_pupil
 from ..words import length
-from .lettering import GLYPH, SMALL, rows_of_names, short, text_width
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, line_key, parted
-from .panel import Panel, Scale
-from .picture import PAGE, Picture, below, beside, legend_height, room
-from .theme import FIELDS, stop_colour
+from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, one_panel
+from .theme import FIELDS, GLYPH, SMALL, rows_of_names, short, stop_colour, text_width
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -101,28 +98,33 @@ def meridional(
     thin = design.thin_twin
     whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
     drawn = labelled_fans(thin)
-    # How many rows the legend takes must be known before the scale is, which it tells.
-    foot = legend_height([*_keys(drawn), Key(_scale_told(design, 100.0, whole), ())], size[0] - 28) if key else 0.0
-    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
+    keys = [
+        line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
+        for fan, colour in zip(drawn, FIELDS, strict=True)
+    ]
+    blocked = sum(int((~fan.kept).sum()) for fan in drawn)
+    if blocked:
+        cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
+        keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
-    keys = [*_keys(drawn), Key(_scale_told(design, section.exaggeration, whole), ruler)] if key else []
-    marks: list[Mark] = [*_housing(thin, section)]
+    # How many rows the legend takes must be known before the scale is, which it tells.
+    longest = Key(_scale_told(design, 100.0, whole), ruler)
+    foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
+    keys.append(Key(_scale_told(design, section.exaggeration, whole), ruler))
+    ends, half = [-_front(thin), thin.d_1 + thin.d_2], section.half
+    marks: list[Mark] = [Area([*ends, *ends[::-1]], [half, half, -half, -half], "pale", 0.28)]
     for fan, colour in zip(drawn, FIELDS, strict=True):
         marks += _fan(fan, colour)
-    marks += [*_elements(thin, section, whole), *_names(thin, section, whole), *_openings(thin, section)]
-    marks += _lengths(thin, section, whole)
+    marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
     panel = section.panel.with_marks(*marks)
-    height = size[1]
-    if to_scale:
-        height = panel.bottom + 42 + foot
-    blocked = sum(int((~fan.kept).sum()) for fan in drawn)
+    height = panel.bottom + 42 + foot if to_scale else size[1]
     title = (
         f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
         f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
     )
-    return Picture(
-        "meridional", title, (size[0], height), (panel,), tuple(keys), (16.0, height - foot - 3, size[0] - 28)
-    )
+    key_box = (16.0, height - foot - 3, size[0] - 28)
+    return Picture("meridional", title, (size[0], height), (panel,), tuple(keys) if key else (), key_box)
 
 
 def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
@@ -130,13 +132,23 @@ def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
     whole = math.isfinite(design.d_f)
     views = [whole] if not whole or _instrument_share(design) >= 0.75 else [True, False]
     pictures = [meridional(design, (width, 0), whole=view, to_scale=True, key=not n) for n, view in enumerate(views)]
-    return below("rays", pictures[0].title, pictures)
+    return beside("rays", pictures[0].title, pictures, down=True)
+
+
+def _front(design: Design) -> float:
+    """Distance of the outermost stop from the lens [mm]."""
+    return max(stop.distance for stop in design.all_stops)
 
 
 def _instrument_share(design: Design) -> float:
     """Of the length from the object plane to the sensor."""
-    end, front = design.d_1 + design.d_2, max(stop.distance for stop in design.all_stops)
-    return (end + front) / (end + design.d_f)
+    end = design.d_1 + design.d_2
+    return (end + _front(design)) / (end + design.d_f)
+
+
+def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
+    words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+    return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
 
 
 class SectionLayout(NamedTuple):
@@ -147,13 +159,19 @@ class SectionLayout(NamedTuple):
     """Elements and rays reach this high [mm]."""
     exaggeration: float
     """Pixels per millimetre of height over those of length."""
+    names: tuple[tuple[float, str], ...]
+    """Of elements, each with where it stands [mm]."""
     rows: tuple[int, ...]
-    """Of the elements' names."""
+    """Of the names."""
+    whole: bool
+    """Whether the object plane is in it."""
 
 
 def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> SectionLayout:
-    end = design.d_1 + design.d_2
-    front = max(stop.distance for stop in design.all_stops)
+    end, front = design.d_1 + design.d_2, _front(design)
+    names = [(-stop.distance, f"stop {k}" if k else "FAP") for k, stop in enumerate(design.all_stops)]
+    names += [(0.0, "main lens"), (end, "MLA, sensor"), *([(-design.d_f, "object plane")] if whole else [])]
+    names.sort()
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
     right = end + 0.07 * length
@@ -162,46 +180,28 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
     half = 1.08 * max(*solid, max(float(np.max(np.abs(fan.x[fan.z >= left]))) for fan in drawn))
     side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     across = max(size[0] - sum(side), 50.0)
-    under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (14 if not to_scale else 6)
-    names = element_names(design, whole)
-    rows, along, factor = [0], across / (right - left), 1.0
+    under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (6 if to_scale else 14)
+    rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows))
-        if to_scale:
-            along = min(across / (right - left), TALLEST / (2 * half))
-        else:
-            up = max(size[1] - over - under, LOWEST) / (2 * half)
-            along = min(across / (right - left), up)
-            factor = up / along
+        up = TALLEST / (2 * half) if to_scale else max(size[1] - over - under, LOWEST) / (2 * half)
+        along = min(across / (right - left), up)
+        factor = 1.0 if to_scale else up / along
         widths = [GLYPH * 1.15 * SMALL * len(name) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
     if not to_scale:
         power = 10.0 ** math.floor(math.log10(factor))
         factor = max(step * power for step in EXAGGERATIONS if step * power <= factor * (1 + 1e-9))
     width, tall = along * (right - left), 2 * half * along * factor
-    x = side[0] + (across - width) / 2
-    if not to_scale:
-        y = over + (max(size[1] - over - under, LOWEST) - tall) / 2
-        panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
-        return SectionLayout(panel, half, factor, tuple(rows))
-    mm = 1 / along
-    scale = Scale(-half - under * mm, half + over * mm)
-    box = x, 6.0, width, tall + over + under
-    axes = Panel(box, Scale(left, right), scale, (), "z [mm]", "height [mm]", grid="", equal=True)
-    heights = Panel((0.0, 0.0, width, tall), axes.x, Scale(-half, half)).ticks()[1]
-    return SectionLayout(replace(axes, y_ticks=heights), half, 1.0, tuple(rows))
-
-
-def element_names(design: Design, whole: bool) -> list[tuple[float, str]]:
-    """Where every element stands [mm], and what to call it."""
-    names = [(-stop.distance, f"stop {k}" if k else "FAP") for k, stop in enumerate(design.all_stops)]
-    names += [(0.0, "main lens"), (design.d_1 + design.d_2, "MLA, sensor")]
-    return sorted([*names, (-design.d_f, "object plane")] if whole else names)
-
-
-def _housing(design: Design, section: SectionLayout) -> list[Mark]:
-    ends = -max(stop.distance for stop in design.all_stops), design.d_1 + design.d_2
-    return [Area([*ends, *ends[::-1]], [section.half] * 2 + [-section.half] * 2, "pale", 0.28)]
+    x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
+    panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
+    if to_scale:
+        heights = panel.ticks()[1]
+        panel = Panel(
+            (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
+            "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
+        )  # fmt: skip
+    return SectionLayout(panel, half, factor, tuple(names), tuple(rows), whole)
 
 
 def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
@@ -218,7 +218,7 @@ def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
     return marks
 
 
-def _elements(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
+def _elements(design: Design, section: SectionLayout) -> list[Mark]:
     half, (mm, up) = section.half, section.panel.per_px
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
@@ -244,14 +244,14 @@ def _elements(design: Design, section: SectionLayout, whole: bool) -> list[Mark]
         (end, design.sensor.decentre[0], heights[1], "ink", 1.5),
     ):
         marks.append(Line([z_at + shift * mm] * 2, [centre - height / 2, centre + height / 2], colour, 3))
-    if whole:
+    if section.whole:
         marks.append(Line([-design.d_f] * 2, [-half, half], "grey", 1.6, "7 3"))
     return marks
 
 
-def _names(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
+def _names(section: SectionLayout) -> list[Mark]:
     panel, marks = section.panel, []  # type: Panel, list[Mark]
-    for (z, name), row in zip(element_names(design, whole), section.rows, strict=True):
+    for (z, name), row in zip(section.names, section.rows, strict=True):
         rise = 5 + NAME_ROW * row
         if row:
             ends = [section.half + (2 * panel.per_px[1]), section.half + (rise - 3) * panel.per_px[1]]
@@ -285,13 +285,13 @@ def _openings(design: Design, section: SectionLayout) -> list[Mark]:
     return marks
 
 
-def _lengths(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
+def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
     """Distances as dimensions along."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
     bottom, end = -section.half, design.d_1 + design.d_2
     rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
-    if whole:
+    if section.whole:
         rows.append(("d_f", -design.d_f, 0.0, 1))
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
@@ -310,35 +310,18 @@ def _lengths(design: Design, section: SectionLayout, whole: bool) -> list[Mark]:
     return marks
 
 
-def _keys(drawn: list[LabelledFan]) -> list[Key]:
-    keys = [
-        line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
-        for fan, colour in zip(drawn, FIELDS, strict=True)
-    ]
-    if not all(fan.kept.all() for fan in drawn):
-        cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
-        keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
-    return keys
+def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310)) -> Picture:
+    """Draw five neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
 
-
-def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
-    words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
-    return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
-
-
-def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310), microlenses: int = 5) -> Picture:
-    """Draw neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
-
-    `places` are x of the middle microlens on the MLA [mm] by what to call it; `microlenses` is odd.
+    `places` are x of the middle microlens on the MLA [mm] by what to call it.
     """
     each = size[0] / len(places), size[1]
-    pictures = [_cells(design, label, place, each, microlenses) for label, place in places.items()]
-    return beside("cells", f"Light cones behind {microlenses} microlenses of {design.name}", pictures)
+    pictures = [_cells(design, label, place, each) for label, place in places.items()]
+    return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
 
 
-def _cells(design: Design, label: str, place: float, size: Point, microlenses: int) -> Picture:
-    half = microlenses // 2
-    offsets = design.d * np.arange(-half, half + 1)
+def _cells(design: Design, label: str, place: float, size: Point) -> Picture:
+    offsets = design.d * np.arange(-2, 3)
     share = np.linspace(-1, 1, 129)
     rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
     origin = place + design.microlens_array.decentre[0]
@@ -347,9 +330,11 @@ def _cells(design: Design, label: str, place: float, size: Point, microlenses: i
     depth, axes, pitch = 1e3 * design.d_2, 1e3 * offsets, 1e3 * design.d
     marks: list[Mark] = []
     for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
-        colour = "sky" if (k - half) % 2 else "blue"
-        for start, stop, kept in _runs(lit):
-            a, b = ends[start], ends[stop]
+        colour = "sky" if k % 2 else "blue"
+        # Stretches of equal fate share their ends.
+        cuts = [0, *(np.flatnonzero(np.diff(lit)) + 1).tolist(), len(lit) - 1]
+        for start, stop in pairwise(cuts):
+            kept, a, b = lit[start], ends[start], ends[stop]
             edge = colour if kept else "vermillion"
             marks.append(Area([0.0, depth, depth], [axis, a, b], edge, 0.4 if kept else 1.0, hatch=not kept))
             marks.append(Line([depth, 0.0, depth], [a, axis, b], edge, 0.9))
@@ -362,17 +347,11 @@ def _cells(design: Design, label: str, place: float, size: Point, microlenses: i
     low, high = min(low, float(landing.min())), max(high, float(landing.max()))
     marks += _pixel_row(design, 1e3 * (origin - design.sensor.decentre[0]), low, high, depth)
     panel = Panel(
-        room(size, (), 62, 26, 12), Scale(-0.16 * depth, 1.16 * depth), Scale(low, high), tuple(marks),
+        (0, 0, 1, 1), Scale(-0.16 * depth, 1.16 * depth), Scale(low, high), tuple(marks),
         "distance behind the MLA [µm]", "height from this microlens's axis [µm]",
         f"{label}, x = {place:.4g} mm", grid="",
     )  # fmt: skip
-    return Picture(f"cells-{label}", label, size, (panel,))
-
-
-def _runs(lit: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Stretches of equal fate: first and last index (shared with the next stretch), and the fate."""
-    cuts = [0, *(np.flatnonzero(np.diff(lit.astype(int))) + 1).tolist(), len(lit) - 1]
-    return [(a, b, bool(lit[a])) for a, b in pairwise(cuts) if b > a]
+    return one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12)
 
 
 def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:
@@ -471,19 +450,18 @@ def _spread_out(elements: list[Element]) -> dict[str, float]:
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     """What each dimension line says, and the elements it runs between."""
-    lines = [
+    stops = {"FAP" if k == 0 else f"stop {k}": stop.distance for k, stop in enumerate(design.all_stops)}
+    front = max(stops, key=lambda name: stops[name])
+    front = front if stops[front] > 0 else "main lens"
+    overall = max(stops.get(front, 0.0), 0.0) + design.d_1 + design.d_2
+    return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
         (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
         (f"d_3 = {length(design.d_3)}", "FAP", "main lens"),
+        *((f"{name}: {length(distance)}", name, "main lens") for name, distance in stops.items() if name != "FAP"),
+        (f"d_f = {length(design.d_f)}", "object plane", "main lens"),
+        (f"overall {length(overall)}", front, "sensor"),
     ]
-    for number, stop in enumerate(design.stops, 1):
-        lines.append((f"stop {number}: {length(stop.distance)}", f"stop {number}", "main lens"))
-    lines.append((f"d_f = {length(design.d_f)}", "object plane", "main lens"))
-    front = max(design.all_stops, key=lambda stop: stop.distance)
-    name = "FAP" if front is design.all_stops[0] else f"stop {design.all_stops.index(front)}"
-    name = name if front.distance > 0 else "main lens"
-    overall = max(front.distance, 0.0) + design.d_1 + design.d_2
-    return [*lines, (f"overall {length(overall)}", name, "sensor")]
 
 
 def _drawn(element: Element, x: float, half: float) -> list[Mark]:
@@ -505,23 +483,16 @@ def _words_above(
     elements: list[Element], place: Mapping[str, float], high: Mapping[str, float], across: float, up: float
 ) -> tuple[list[Mark], float]:
     """What each element is, above it, rows higher where its neighbour's words would touch; and how high that is."""
-    reached = [-math.inf] * 3
+    widths = [across * (max(text_width(line, SMALL) for line in element.says) + 6) for element in elements]
+    rows = rows_of_names([place[element.name] for element in elements], widths)
     marks: list[Mark] = []
     highest = WALL
-    for element in elements:
-        x = place[element.name]
-        half = 0.5 * across * (max(text_width(line, SMALL) for line in element.says) + 6)
-        row = next((r for r, end in enumerate(reached) if x - half > end), 0)
-        shift = 0.0
-        if all(x - half <= end for end in reached):
-            row = min(range(len(reached)), key=lambda r: reached[r])
-            shift = reached[row] - (x - half) + 0.05
-        reached[row] = x + half + shift
-        bottom = WALL + (10 + 44 * row) * up
+    for element, row in zip(elements, rows, strict=True):
+        x, bottom = place[element.name], WALL + (10 + 44 * row) * up
         stop = element.name == "FAP" or element.name.startswith("stop")
         top = WALL if stop else 0.8 if element.name == "object plane" else high[element.name]
-        marks.append(Line([x, x + shift], [top + 0.03, bottom - 2 * up], "grey", 0.7))
+        marks.append(Line([x, x], [top + 0.03, bottom - 2 * up], "grey", 0.7))
         for k, line in enumerate(reversed(element.says)):
-            marks.append(Text(x + shift, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
+            marks.append(Text(x, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
         highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
     return marks, highest

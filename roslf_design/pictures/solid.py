@@ -1,8 +1,9 @@
-"""The 3D scene elsewhere: packed for a page that turns it, as a PyVista model, and drawn by OpenGL in a child process.
+"""The instrument in three dimensions: as geometry, as a drawing, for a browser's vtk.js, as a PyVista model.
 
-Pages carry the scene in vtk.js' own format, written without VTK, and the viewer page that comes with trame-vtk
-(BSD-3-Clause, Kitware). Building a model is safe without OpenGL; drawing one is not: VTK without a working OpenGL does
-not raise, it ends the process. So the parent never draws.
+Geometry, drawing and what browsers get are plain numbers, without a graphics library. Pages of reports carry the scene
+in vtk.js' own format, with the viewer page that comes with trame-vtk (BSD-3-Clause, Kitware). Building a PyVista model
+is safe without OpenGL; drawing one is not: VTK without a working OpenGL does not raise, it ends the process. So a child
+process draws.
 """
 
 from __future__ import annotations
@@ -12,35 +13,57 @@ import ctypes
 import gzip
 import hashlib
 import io
+import itertools
 import json
+import math
 import os
 import re
 import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..camera import Camera
+from ..camera.frames import Frame
 from ..design import dumps, loads
-from .scene3d import Body, Instrument, Mesh, View, instrument_scene
-from .theme import THEMES, rgb
+from ..evaluation import default_fields
+from ..evaluation.fields import axes_in_space
+from ..rays import PASSED, Status, trace_pupil
+from .marks import Area, Floats, Line, Mark, Text, joined, line_key, xy
+from .picture import PAGE, Panel, Picture, Scale, legend_height
+from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
     from pyvista import MultiBlock, PolyData
 
     from ..design import Design
 
-PACKAGE = "trame_vtk"
-PAGE = "tools/static_viewer.html"
-SMOOTH = 1
-"""vtk.js' number for shading that is even across edges."""
+Point3 = tuple[float, float, float]
+
+WIDTH = 1800
+"""Of a view [px]."""
+YAW, PITCH = math.radians(24), math.radians(16)
+"""The view: turned from the side towards the object, and raised."""
+AROUND = 72
+"""Corners of what is round."""
+RINGS = 24
+"""Parallels of an ellipsoid from pole to pole."""
+RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
+"""Parts that may be without rays."""
+LINE_WIDTH = 0.32
+"""Widths of lines in a drawing against those of a view."""
+DIGITS = 6
+"""Significant digits of a part's largest coordinate in a browser; the others have as many decimals."""
+VIEWER = "trame_vtk", "tools/static_viewer.html"
+"""A package and its page that shows scenes."""
 DEBIAN = "libegl1 libgl1-mesa-dri"
 """Packages with which off-screen 3D works on a machine without a display."""
 TIMEOUT = 25.0
@@ -59,6 +82,319 @@ class NoPictureError(Exception):
     """A 3D picture that cannot be made here; the message says why and what helps."""
 
 
+class Body(NamedTuple):
+    """One part of a scene."""
+
+    name: str
+    kind: str
+    """"ring", "round" (a surface that looks smooth), "plate" or "lines"."""
+    points: Floats
+    """Shape (N, 3) [mm]."""
+    cells: NDArray[np.int64]
+    """Number of corners, then their indices, of one polygon or polyline after the other."""
+    colour: str
+    """As `theme.Theme.colour` takes it."""
+    opacity: float = 1.0
+    width: float = 1.0
+    """Of lines [px]."""
+
+
+class Name(NamedTuple):
+    """Text to put into the view."""
+
+    text: str
+    x: float
+    """From the left, as a share of the width."""
+    y: float
+    """From the bottom, as a share of the height."""
+    above: bool
+    """Whether it names what is seen there; else it is a remark at the view's foot."""
+    at: Point3
+    """In the scene [mm]."""
+
+
+class View(NamedTuple):
+    """A parallel view."""
+
+    focus: Floats
+    """[mm]."""
+    distance: float
+    """Of the camera from there [mm]."""
+    axes: Floats
+    """To the right, upwards and towards the viewer, shape (3, 3)."""
+    scale: float
+    """Half the height [mm]."""
+    window: tuple[int, int]
+    """Width and height [px]."""
+
+    @property
+    def camera(self) -> dict[str, Any]:
+        """As vtk.js takes it."""
+        return {
+            "position": (self.focus + self.distance * self.axes[2]).tolist(),
+            "focalPoint": self.focus.tolist(),
+            "viewUp": self.axes[1].tolist(),
+            "parallelProjection": True,
+            "parallelScale": self.scale,
+        }
+
+
+class Instrument(NamedTuple):
+    """A scene, how it is looked at, and where its names go."""
+
+    parts: tuple[Body, ...]
+    view: View
+    names: tuple[Name, ...]
+    """From the left to the right, as the elements stand."""
+
+
+def instrument_scene(design: Design) -> Instrument:
+    """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge."""
+    end = design.d_1 + design.d_2
+    front = max(stop.distance for stop in design.all_stops)
+    start = -min(front + 0.22 * (front + end), design.d_f)
+    rays = _pencils(design, start)
+    inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
+    # A tube that all elements and rays fit into.
+    radii = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
+    radii += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    wall = max(1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0))
+    tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
+    view = _view(np.append(tube, [[0.0, 0.0, start]], axis=0))
+    tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
+    tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
+    tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
+    names = []
+    for text, z, y in sorted(tops, key=lambda top: top[1]):
+        right, up, _ = view.axes @ (np.array([0.0, y, z]) - view.focus) / view.scale
+        across = float(0.5 + 0.5 * right * view.window[1] / WIDTH)
+        names.append(Name(text, across, float(0.5 + 0.5 * up), y > 0, (0.0, y, z)))
+    return Instrument((*rays, *_elements(design, wall, front)), view, tuple(names))
+
+
+def _elements(design: Design, wall: float, front: float) -> list[Body]:
+    camera = Camera.of(design)
+    openings = ("aperture", *(rim.part for rim in camera.rims[1:]))
+    sensor, array, lens, *stops = (
+        camera.pose(part).seen_from(camera.world) for part in ("sensor", "microlens_array", "main_lens", *openings)
+    )
+    end, radius = design.d_1 + design.d_2, design.D / 2
+    parts: list[Body] = []
+    for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
+        name, colour = f"stop {number}" if number else "FAP", stop_colour(number)
+        plate = turned([(stop.diameter / 2, 0.0), (wall, 0.0)], frame=pose)
+        parts.append(Body(f"{name} plate", "ring", plate, _bands(2), colour, 0.38))
+        parts.append(_lines(f"{name} rim", [_circle(stop.diameter / 2, 0.0, pose)], colour, 4.0))
+    angle = np.linspace(math.pi, 0.0, RINGS + 1)
+    glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
+    mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
+    tube = turned([(wall, -front), (wall, end)])
+    return [
+        *parts,
+        Body("lens", "round", glass + np.asarray(lens.origin), _bands(RINGS + 1), "sky", 0.35),
+        _lines("lens rim", [_circle(radius, 0.0, lens)], "blue", 3.0),
+        Body("lens mount", "ring", mount, _bands(2), "blue", 0.16),
+        _plate("MLA", array, design.microlens_array.size, "sky", 0.55),
+        _plate("sensor", sensor, design.sensor_size, "ink", 0.9),
+        Body("tube", "round", tube, _bands(2), "grey", 0.10),
+        _lines("tube ends", [_circle(wall, z) for z in (-front, end)], "grey", 1.5),
+    ]
+
+
+def _pencils(design: Design, start: float) -> list[Body]:
+    """Rays of the centre, the right edge and a lower corner, through rim and middle of the FAP."""
+    camera = Camera.of(design)
+    centre, edge, (x, y) = default_fields(design)
+    far_corner = (2 * centre[0] - x, 2 * centre[1] - y)
+    around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
+    # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
+    pupil = 0.999 * np.array([[0.0, *np.cos(around)], [0.0, *np.sin(around)]])
+    planes = {int(Status.APERTURE) + k: -stop.distance for k, stop in enumerate(design.all_stops)}
+    planes[int(Status.MAIN_LENS)] = 0.0
+    end = design.d_1 + design.d_2
+    parts: list[Body] = []
+    blocked: list[Floats] = []
+    for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
+        rays = trace_pupil(camera, (pupil[0], pupil[1]), place)
+        (microlens,) = axes_in_space(design, [place])
+        landing = np.add(np.stack(rays.sensor, -1), design.sensor.decentre)
+        kept: list[Floats] = []
+        for i, status in enumerate(rays.status.tolist()):
+            ended = planes.get(status, end)
+            course = [[*(part[i] for part in rays.at(-z)), z] for z in (start, min(ended, 0.0))]
+            if ended > 0:
+                course += [[*microlens, design.d_1], [*landing[i], end]]
+            (kept if status in PASSED else blocked).append(np.array(course, float))
+        if kept:
+            parts.append(_lines(name, kept, colour, 2.2))
+    return [*parts, _lines(RAYS[-1], blocked, "vermillion", 2.2)] if blocked else parts
+
+
+def _view(corners: Floats) -> View:
+    """A parallel view that holds all corners."""
+    toward = np.array([-math.cos(PITCH) * math.cos(YAW), math.sin(PITCH), -math.cos(PITCH) * math.sin(YAW)])
+    right = np.cross([0.0, 1.0, 0.0], toward)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(toward, right), toward])
+    seen = corners @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    size = high - low
+    height = round(min(max(WIDTH * 1.3 * size[1] / size[0], 0.3 * WIDTH), 0.5 * WIDTH))
+    # Room above for the names.
+    scale = 0.5 * max(1.3 * size[1], 1.04 * size[0] * height / WIDTH)
+    focus = ((low + high) / 2 + [0.0, 0.08 * size[1], 0.0]) @ axes
+    return View(focus, 4 * float(np.max(size)), axes, float(scale), (WIDTH, height))
+
+
+HOME = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""The scene's own axes."""
+TURN = np.linspace(0.0, 2 * math.pi, AROUND, endpoint=False)
+
+
+def turned(profile: ArrayLike, angles: Floats = TURN, frame: Frame = HOME) -> Floats:
+    """Points of a profile, K radii and heights, turned about a frame's axis: shape (K x angles, 3) [mm]."""
+    radius, height = np.asarray(profile, float).T[:, :, None]
+    local = np.stack(np.broadcast_arrays(radius * np.cos(angles), radius * np.sin(angles), height), -1)
+    return np.asarray(local.reshape(-1, 3) @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin))
+
+
+def _bands(rows: int) -> NDArray[np.int64]:
+    """Quadrangles between neighbouring rows of turned points."""
+    row, place = np.meshgrid(np.arange(rows - 1), np.arange(AROUND), indexing="ij")
+    here, beside = row * AROUND + place, row * AROUND + (place + 1) % AROUND
+    return np.stack([np.full_like(here, 4), here, beside, beside + AROUND, here + AROUND], axis=-1).ravel()
+
+
+def _circle(radius: float, height: float, frame: Frame = HOME) -> Floats:
+    return turned([(radius, height)], np.linspace(0, 2 * math.pi, 97), frame)
+
+
+def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opacity: float) -> Body:
+    corners = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
+    points = corners @ np.array([frame.x, frame.y]) + np.asarray(frame.origin)
+    return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity)
+
+
+def _lines(name: str, lines: Sequence[Floats], colour: str, width: float) -> Body:
+    starts = itertools.accumulate(map(len, lines), initial=0)
+    cells = [
+        np.array([len(line), *range(start, start + len(line))]) for line, start in zip(lines, starts, strict=False)
+    ]
+    return Body(name, "lines", np.concatenate(lines), np.concatenate(cells), colour, width=width)
+
+
+def outlines(scene: Instrument, width: float = PAGE) -> Picture:
+    """Draw a scene in its own view, what is farther first; `width` in px."""
+    view = scene.view
+    height = width * view.window[1] / view.window[0]
+    drawn: list[tuple[float, Mark]] = []
+    for part in scene.parts:
+        seen = (part.points - view.focus) @ view.axes.T
+        flat = np.array([width / 2, height / 2]) + 0.5 * height / view.scale * seen[:, :2]
+        if part.kind == "lines":
+            loops = [flat[line] for line in _split(part.cells)]
+        else:
+            loops = [flat[:AROUND], flat[AROUND:][::-1]] if part.kind == "ring" else [outline(flat)]
+        x, y = xy(joined(loops))
+        line = Line(x, y, part.colour, LINE_WIDTH * part.width * width / 576)
+        drawn.append((seen[:, 2].mean(), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
+    marks = [mark for _, mark in sorted(drawn, key=lambda one: one[0])]
+    above = [name for name in scene.names if name.above]
+    widths = [text_width(name.text, SMALL) for name in above]
+    places = [min(max(n.x * width, w / 2 + 2), width - w / 2 - 2) for n, w in zip(above, widths, strict=True)]
+    head = 0.0
+    for name, place, row in zip(above, places, rows_of_names(places, widths, 4.0), strict=True):
+        top, level = name.y * height, name.y * height + 12 + 16 * row
+        marks.append(Line([name.x * width] * 2, [top, level], "grey", 0.8))
+        marks.append(Text(place, level, name.text, anchor="middle", dy=-3))
+        # Names in several rows may stand above the view.
+        head = max(head, level + 14 - height)
+    marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if not name.above]
+    hues = zip(("centre", "edge", "corner", "blocked"), (*FIELDS, "vermillion"), strict=True)
+    keys = [line_key(label, hue, 2.0) for label, hue in hues]
+    panel = Panel((0.0, head, width, height), Scale(0, width), Scale(0, height), tuple(marks), bare=True)
+    size = (width, head + height + legend_height(keys, width - 24) + 6)
+    key_box = (14.0, head + height + 3, width - 24)
+    return Picture("view", "The instrument in three dimensions", size, (panel,), tuple(keys), key_box)
+
+
+def _split(cells: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """Indices of each cell."""
+    while len(cells):
+        yield cells[1 : 1 + cells[0]]
+        cells = cells[1 + cells[0] :]
+
+
+def outline(points: Floats) -> Floats:
+    """Corners of the convex hull of points in a plane, shape (M, 2), counter-clockwise."""
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+class BrowserMesh(NamedTuple):
+    """One part; the lists are as vtk.js takes them."""
+
+    points: list[float]
+    """x, y, z of one point after the other [mm]."""
+    lines: list[int]
+    """Number of corners, then their indices, of one polyline after the other."""
+    polys: list[int]
+    """The same of polygons."""
+    colour: Point3
+    """Red, green, blue from 0 to 1."""
+    opacity: float
+    width: float
+    """Of lines [px]."""
+
+
+class BrowserScene(NamedTuple):
+    """Everything that a browser draws."""
+
+    meshes: dict[str, BrowserMesh]
+    """Their names are the same from design to design, so that a slider sends only those which it moves."""
+    camera: dict[str, Any]
+    """Where a viewer starts, as vtk.js takes it, and ``halfWidth``: in a view narrower than that, ``parallelScale``
+    (half the height) has to be ``halfWidth`` times height over width [mm]."""
+    ground: Point3
+    """Colour behind everything."""
+
+
+def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:
+    """Bore, stops, lens, microlens array, sensor and the rays of three microlenses, as plain lists for vtk.js.
+
+    Parameters
+    ----------
+    design : Design
+        A real lens is drawn as its thin twin.
+    theme : {"light", "dark"}
+    """
+    colours = theme_named(theme)
+
+    def unit(name: str) -> Point3:
+        red, green, blue = (round(part / 255, 4) for part in rgb(colours.colour(name)))
+        return red, green, blue
+
+    parts, view, _ = instrument_scene(design.thin_twin)
+    meshes = {}
+    for part in parts:
+        reach = float(np.max(np.abs(part.points), initial=1e-9))
+        points = np.round(part.points, DIGITS - 1 - int(np.floor(np.log10(reach)))).ravel().tolist()
+        lines, polys = (part.cells.tolist(), []) if part.kind == "lines" else ([], part.cells.tolist())
+        meshes[part.name] = BrowserMesh(points, lines, polys, unit(part.colour), part.opacity, part.width)
+    for name in RAYS:
+        meshes.setdefault(name, BrowserMesh([], [], [], unit("vermillion"), 1.0, 2.0))
+    half_width = view.scale * view.window[0] / view.window[1]
+    start = view.camera | {"centerOfRotation": view.focus.tolist(), "halfWidth": half_width}
+    return BrowserScene(meshes, start, unit("ground"))
+
+
+def changed(before: Mapping[str, BrowserMesh], after: Mapping[str, BrowserMesh]) -> dict[str, BrowserMesh | None]:
+    """Meshes of `after` that `before` has not, and None for those that are gone."""
+    meshes: dict[str, BrowserMesh | None] = {name: mesh for name, mesh in after.items() if before.get(name) != mesh}
+    return meshes | {name: None for name in before if name not in after}
+
+
 @cache
 def library() -> str:
     """The viewer page: gzip, as base64.
@@ -68,8 +404,8 @@ def library() -> str:
     NoViewerError
         trame-vtk is not installed, or without its viewer.
     """
-    spec = find_spec(PACKAGE)
-    places = [] if spec is None else [Path(place) / PAGE for place in spec.submodule_search_locations or ()]
+    spec = find_spec(VIEWER[0])
+    places = [] if spec is None else [Path(place) / VIEWER[1] for place in spec.submodule_search_locations or ()]
     page = next((place for place in places if place.is_file()), None)
     if page is None:
         raise NoViewerError("the trame-vtk package is not installed: pip install trame-vtk")
@@ -82,34 +418,36 @@ def library() -> str:
 
 def scene_data(scene: Instrument) -> str:
     """A scene as JSON: ``data`` (a vtk.js scene, zipped, base64), ``camera`` and ``names`` with their places [mm]."""
-    view = scene.view
-    camera = {"position": view.position, "focus": view.focus, "up": view.up, "scale": view.scale}
+    first = scene.view.camera
+    camera = {
+        "position": first["position"],
+        "focus": first["focalPoint"],
+        "up": first["viewUp"],
+        "scale": scene.view.scale,
+    }
     names = [{"text": name.text, "at": name.at} for name in scene.names if name.above]
-    text = json.dumps({"data": packed(scene.parts, view), "camera": camera, "names": names})
+    text = json.dumps({"data": packed(scene.parts, scene.view), "camera": camera, "names": names})
     return text.replace("<", "\\u003c")  # no end tag inside the page's script element
 
 
 def packed(parts: Sequence[Body], view: View) -> str:
     """Parts and a view as vtk.js reads them: a zipped index.json, as base64; the same parts give the same text."""
     arrays: dict[str, Any] = {}
-    actors = [_actor(number, part, arrays) for number, part in enumerate(parts)]
-    look: dict[str, Any] = {
-        "position": view.position,
-        "focalPoint": view.focus,
-        "viewUp": view.up,
-        "parallelProjection": 1,
-        "parallelScale": view.scale,
-        "clippingRange": _clipping(parts, view),
-    }
-    lights = [_light("headlight", 0.55, (0.0, 0.0, 1.0)), _light("key", 0.45, (0.4, 0.8, 0.5))]
-    children = [_object("camera", "vtkCamera", "renderer", look), *actors, *lights]
-    calls = [["setActiveCamera", ["instance:${camera}"]]]
-    calls += [["addViewProp", [f"instance:${{{actor['id']}}}"]] for actor in actors]
-    calls += [["addLight", [f"instance:${{{light['id']}}}"]] for light in lights]
+    # Depths between which all points lie, as the camera counts them.
+    depths = view.distance - np.concatenate([(part.points - view.focus) @ view.axes[2] for part in parts])
+    room = 0.1 * float(np.ptp(depths))
+    look = view.camera | {"clippingRange": [float(depths.min()) - room, float(depths.max()) + room]}
+    children = [("setActiveCamera", _object("camera", "vtkCamera", look))]
+    children += [("addViewProp", _actor(f"part-{number}", part, arrays)) for number, part in enumerate(parts)]
+    for name, kind, intensity, position in (
+        ("headlight", "HeadLight", 0.55, [0.0, 0.0, 1.0]), ("key", "CameraLight", 0.45, [0.4, 0.8, 0.5]),
+    ):  # fmt: skip
+        look = {"switch": 1, "intensity": intensity, "color": [1.0, 1.0, 1.0], "lightType": kind, "positional": 0}
+        look |= {"position": position, "focalPoint": [0.0, 0.0, 0.0]}
+        children.append(("addLight", _object(name, "vtkLight", look)))
     look = {"background": [1.0, 1.0, 1.0], "twoSidedLighting": 1, "lightFollowCamera": 1, "layer": 0, "interactive": 1}
-    renderer = _object("renderer", "vtkRenderer", "window", look, calls, children)
-    calls = [["addRenderer", ["instance:${renderer}"]]]
-    window = _object("window", "vtkRenderWindow", "0x0", {"numberOfLayers": 1}, calls, [renderer])
+    renderer = _object("renderer", "vtkRenderer", look, *children)
+    window = _object("window", "vtkRenderWindow", {"numberOfLayers": 1}, ("addRenderer", renderer))
     index = json.dumps({"scene": window | {"mtime": 1, "extra": {"camera": "camera"}}, "hashes": arrays})
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
@@ -117,72 +455,52 @@ def packed(parts: Sequence[Body], view: View) -> str:
     return base64.b64encode(stream.getvalue()).decode()
 
 
-def _clipping(parts: Sequence[Body], view: View) -> list[float]:
-    """Depths between which all points lie, as the camera counts them."""
-    away = np.subtract(view.focus, view.position)
-    away = away / np.linalg.norm(away)
-    depths = np.concatenate([(part.mesh.points - view.position) @ away for part in parts])
-    room = 0.1 * float(np.ptp(depths))
-    return [float(depths.min()) - room, float(depths.max()) + room]
+def _actor(own: str, part: Body, arrays: dict[str, Any]) -> dict[str, Any]:
+    def array(values: NDArray[Any], kind: str, components: int) -> dict[str, Any]:
+        content = values.tobytes()
+        name = hashlib.sha256(content).hexdigest()[:16]
+        type_ = "Float32Array" if values.dtype.kind == "f" else "Int32Array"
+        entry = {"hash": name, "vtkClass": kind, "dataType": type_, "numberOfComponents": components}
+        arrays[name] = entry | {"size": values.size, "content": base64.b64encode(content).decode()}
+        return entry | {"size": values.size}
 
-
-def _actor(number: int, part: Body, arrays: dict[str, Any]) -> dict[str, Any]:
-    own, mesh = f"part-{number}", part.mesh
-    geometry = _object(f"{own}-geometry", "vtkPolyData", f"{own}-mapper", _geometry(mesh, arrays))
-    calls = [["setInputData", [f"instance:${{{own}-geometry}}"]]]
-    mapper = _object(f"{own}-mapper", "vtkMapper", own, {"scalarVisibility": 0}, calls, [geometry])
+    lines = part.kind == "lines"
+    geometry: dict[str, Any] = {"points": array(part.points.astype(np.float32), "vtkPoints", 3), "fields": []}
+    geometry["lines" if lines else "polys"] = array(part.cells.astype(np.int32), "vtkCellArray", 1)
+    if part.kind == "round":
+        place = {"name": "Normals", "location": "pointData", "registration": "setNormals"}
+        geometry["fields"].append(array(_normals(part).astype(np.float32), "vtkDataArray", 3) | place)
     colour = [channel / 255 for channel in _rgb(part)]
     look: dict[str, Any] = dict.fromkeys(("color", "diffuseColor", "ambientColor"), colour)
-    look |= {"opacity": part.opacity, "lighting": 0 if mesh.lines else 1, "representation": 2}
-    look |= {"lineWidth": part.width, "interpolation": SMOOTH, "ambient": 0.45, "diffuse": 0.6}
-    surface = _object(f"{own}-look", "vtkProperty", own, look)
-    calls = [["setMapper", [f"instance:${{{own}-mapper}}"]], ["setProperty", [f"instance:${{{own}-look}}"]]]
-    return _object(own, "vtkActor", "renderer", {"visibility": 1, "pickable": 0}, calls, [mapper, surface])
+    look |= {"opacity": part.opacity, "lighting": 0 if lines else 1, "representation": 2, "lineWidth": part.width}
+    look |= {"interpolation": 1, "ambient": 0.45, "diffuse": 0.6}
+    shape = _object(f"{own}-geometry", "vtkPolyData", geometry)
+    mapper = _object(f"{own}-mapper", "vtkMapper", {"scalarVisibility": 0}, ("setInputData", shape))
+    surface = _object(f"{own}-look", "vtkProperty", look)
+    visible = {"visibility": 1, "pickable": 0}
+    return _object(own, "vtkActor", visible, ("setMapper", mapper), ("setProperty", surface))
+
+
+def _normals(part: Body) -> Floats:
+    """Unit normals of a surface of quadrangles at its points, between those of the faces around."""
+    corners = part.cells.reshape(-1, 5)[:, 1:]
+    a, b, c, d = (part.points[corners[:, k]] for k in range(4))
+    normals = np.zeros_like(part.points)
+    np.add.at(normals, corners.ravel(), np.repeat(np.cross(c - a, d - b), 4, axis=0))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def _object(
+    name: str, kind: str, properties: Mapping[str, Any], *children: tuple[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """One of vtk.js' objects, and by which calls it takes others."""
+    calls = [[call, [f"instance:${{{child['id']}}}"]] for call, child in children]
+    own = {"parent": "0x0", "id": name, "type": kind, "properties": dict(properties), "calls": calls}
+    return own | {"dependencies": [child | {"parent": name} for _, child in children]}
 
 
 def _rgb(part: Body) -> tuple[int, int, int]:
     return rgb(THEMES["light"].colour(part.colour))
-
-
-def _geometry(mesh: Mesh, arrays: dict[str, Any]) -> dict[str, Any]:
-    values: dict[str, Any] = {"points": _array(mesh.points.astype(np.float32), "vtkPoints", 3, arrays), "fields": []}
-    kind = "lines" if mesh.lines else "polys"
-    values[kind] = _array(_cells(mesh).astype(np.int32), "vtkCellArray", 1, arrays)
-    if mesh.normals is not None:
-        normals = _array(mesh.normals.astype(np.float32), "vtkDataArray", 3, arrays)
-        place = {"name": "Normals", "location": "pointData", "registration": "setNormals"}
-        values["fields"].append(normals | place)
-    return values
-
-
-def _cells(mesh: Mesh) -> NDArray[np.int64]:
-    """Number of corners, then their indices, of one line or face after the other."""
-    if mesh.lines:
-        return np.concatenate([[len(line), *line] for line in mesh.lines])
-    return np.insert(mesh.faces, 0, 4, axis=1).ravel()
-
-
-def _array(values: NDArray[Any], kind: str, components: int, arrays: dict[str, Any]) -> dict[str, Any]:
-    content = np.ascontiguousarray(values).tobytes()
-    name = hashlib.sha256(content).hexdigest()[:16]
-    type_ = "Float32Array" if values.dtype.kind == "f" else "Int32Array"
-    entry = {"hash": name, "vtkClass": kind, "dataType": type_, "numberOfComponents": components, "size": values.size}
-    arrays[name] = entry | {"content": base64.b64encode(content).decode()}
-    return entry
-
-
-def _light(name: str, intensity: float, position: tuple[float, float, float]) -> dict[str, Any]:
-    kind = "HeadLight" if name == "headlight" else "CameraLight"
-    look = {"switch": 1, "intensity": intensity, "color": [1.0, 1.0, 1.0], "lightType": kind, "positional": 0}
-    return _object(name, "vtkLight", "renderer", look | {"position": list(position), "focalPoint": [0.0, 0.0, 0.0]})
-
-
-def _object(
-    name: str, kind: str, parent: str, properties: Mapping[str, Any], calls: Sequence[Any] = (),
-    children: Sequence[Any] = (),
-) -> dict[str, Any]:  # fmt: skip
-    own = {"parent": parent, "id": name, "type": kind, "properties": dict(properties)}
-    return own | {"calls": list(calls), "dependencies": list(children)}
 
 
 def model(design: Design) -> MultiBlock:
@@ -202,81 +520,62 @@ def model(design: Design) -> MultiBlock:
 
     blocks = pyvista.MultiBlock()
     for part in instrument_scene(design).parts:
-        data = _poly_data(part.mesh)
+        data = _poly_data(part)
         data.cell_data["colour"] = np.tile(np.array(_rgb(part), np.uint8), (data.n_cells, 1))
         data.field_data["opacity"] = [part.opacity]
         blocks.append(data, part.name)
     return blocks
 
 
-def merged(design: Design) -> PolyData:
-    """The model as one body with a ``colour`` for every cell, as ``.vtp`` files hold it."""
+def _poly_data(part: Body) -> PolyData:
     import pyvista
 
-    blocks = model(design)
-    body: PolyData = pyvista.merge([block for block in blocks if block is not None]).extract_surface(algorithm=None)
-    for data in (body.point_data, body.cell_data):
-        for name in [name for name in data if name.startswith("vtkOriginal")]:
-            del data[name]
-    return body
+    faces, lines = (None, part.cells) if part.kind == "lines" else (part.cells, None)
+    return pyvista.PolyData(part.points, faces=faces, lines=lines)
 
 
 def vtp_bytes(design: Design) -> bytes:
-    """The model as a ``.vtp`` file, which ParaView and PyVista read."""
+    """The model as one body with a ``colour`` for every cell, as a ``.vtp`` file, which ParaView and PyVista read."""
+    import pyvista
+
+    blocks = model(design)
+    body = pyvista.merge([block for block in blocks if block is not None]).extract_surface(algorithm=None)
+    for data in (body.point_data, body.cell_data):
+        for name in [name for name in data if name.startswith("vtkOriginal")]:
+            del data[name]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.vtp"
-        merged(design).save(path)
+        body.save(path)
         return path.read_bytes()
 
 
-def plotter(design: Design, off_screen: bool = False) -> Any:
-    """A PyVista plotter that shows the model from where reports look at it; call its ``show()``.
-
-    Parameters
-    ----------
-    design : Design
-    off_screen : bool
-        Without a window, for a screenshot. Either way working OpenGL is needed: without it VTK ends the process.
-    """
-    import pyvista
-
-    scene = instrument_scene(design)
-    view = scene.view
-    # Decorators hide the signatures of its methods.
-    shown: Any = pyvista.Plotter(off_screen=off_screen, window_size=list(view.window), lighting="light kit")
-    shown.set_background("white")
-    for part in scene.parts:
-        look: dict[str, Any] = {"color": THEMES["light"].colour(part.colour), "opacity": part.opacity}
-        if part.kind == "lines":
-            look |= {"line_width": part.width, "lighting": False}
-        else:
-            look |= {"smooth_shading": part.kind in ("ellipsoid", "tube"), "specular": 0.15}
-        shown.add_mesh(_poly_data(part.mesh), name=part.name, **look)
-    shown.camera_position = [view.position, view.focus, view.up]
-    shown.camera.parallel_projection = True
-    shown.camera.parallel_scale = view.scale
-    shown.reset_camera_clipping_range()
-    shown.enable_anti_aliasing("ssaa")
-    return shown
-
-
-def _poly_data(mesh: Mesh) -> PolyData:
-    import pyvista
-
-    cells = _cells(mesh)
-    faces, lines = (None, cells) if mesh.lines else (cells, None)
-    return pyvista.PolyData(np.asarray(mesh.points, float), faces=faces, lines=lines)
-
-
-def picture(design: Design) -> bytes:
-    """The model drawn by OpenGL as PNG bytes, in a child process.
+def picture(design: Design, timeout: float = TIMEOUT) -> bytes:
+    """The model as PNG bytes, drawn by OpenGL in a child process that is given up after `timeout` seconds.
 
     Raises
     ------
     NoPictureError
-        There is no working OpenGL; the message names what helps.
+        There is no library to draw with, or the child crashed, failed or took too long; the message names what helps.
     """
-    return rendered(dumps(design))
+    variables = dict(os.environ)
+    way = backend(variables)
+    if way is None:
+        raise NoPictureError(f"no OpenGL library is installed; on Debian: apt-get install {DEBIAN}")
+    if way in WINDOWS:
+        variables["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOWS[way]
+    root = str(Path(__file__).resolve().parents[2])
+    variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, variables.get("PYTHONPATH", "")]))
+    words, text = [sys.executable, *CHILD], dumps(design).encode()
+    try:
+        child = subprocess.run(words, input=text, capture_output=True, env=variables, timeout=timeout)
+    except subprocess.TimeoutExpired:
+        raise NoPictureError(f"drawing took more than {timeout:g} s and was given up") from None
+    if child.returncode == 0 and child.stdout.startswith(b"\x89PNG"):
+        return child.stdout
+    if child.returncode < 0:
+        raise NoPictureError(f"OpenGL does not work here; on Debian: apt-get install {DEBIAN}")
+    last = child.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no picture came"]
+    raise NoPictureError(f"{last[0]}; on Debian this may help: apt-get install {DEBIAN}")
 
 
 def backend(environment: Mapping[str, str]) -> str | None:
@@ -298,40 +597,26 @@ def _loads(shared: str) -> bool:
     return True
 
 
-def rendered(text: str, timeout: float = TIMEOUT) -> bytes:
-    """The picture that a child process draws of a design as TOML, as PNG bytes.
-
-    Raises
-    ------
-    NoPictureError
-        There is no library to draw with, or the child crashed, failed or took too long.
-    """
-    variables = dict(os.environ)
-    way = backend(variables)
-    if way is None:
-        raise NoPictureError(f"no OpenGL library is installed; on Debian: apt-get install {DEBIAN}")
-    if way in WINDOWS:
-        variables["VTK_DEFAULT_OPENGL_WINDOW"] = WINDOWS[way]
-    root = str(Path(__file__).resolve().parents[2])
-    variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, variables.get("PYTHONPATH", "")]))
-    try:
-        words = [sys.executable, *CHILD]
-        child = subprocess.run(words, input=text.encode(), capture_output=True, env=variables, timeout=timeout)
-    except subprocess.TimeoutExpired:
-        raise NoPictureError(f"drawing took more than {timeout:g} s and was given up") from None
-    if child.returncode == 0 and child.stdout.startswith(b"\x89PNG"):
-        return child.stdout
-    if child.returncode < 0:
-        raise NoPictureError(f"OpenGL does not work here; on Debian: apt-get install {DEBIAN}")
-    last = child.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no picture came"]
-    raise NoPictureError(f"{last[0]}; on Debian this may help: apt-get install {DEBIAN}")
-
-
 def main() -> int:
     """The child: a design as TOML on stdin, a PNG on stdout."""
+    import pyvista
     from PIL import Image
 
-    shown = plotter(loads(sys.stdin.read()), off_screen=True)
+    parts, view, _ = instrument_scene(loads(sys.stdin.read()))
+    # Decorators hide the signatures of its methods.
+    shown: Any = pyvista.Plotter(off_screen=True, window_size=list(view.window), lighting="light kit")
+    shown.set_background("white")
+    for part in parts:
+        look: dict[str, Any] = {"line_width": part.width, "lighting": False}
+        if part.kind != "lines":
+            look = {"smooth_shading": part.kind == "round", "specular": 0.15}
+        shown.add_mesh(_poly_data(part), name=part.name, color=_rgb(part), opacity=part.opacity, **look)
+    camera = view.camera
+    shown.camera_position = [camera["position"], camera["focalPoint"], camera["viewUp"]]
+    shown.camera.parallel_projection = True
+    shown.camera.parallel_scale = view.scale
+    shown.reset_camera_clipping_range()
+    shown.enable_anti_aliasing("ssaa")
     pixels = shown.screenshot(return_img=True)
     shown.close()
     stream = io.BytesIO()

@@ -9,14 +9,16 @@ from collections.abc import Iterable
 from html import escape
 from itertools import groupby
 from re import Match
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..words import SYMBOL, typographic
-from .lettering import PLAIN, SMALL, text_width
 from .marks import Area, Disc, Dots, Floats, Image, Line, Mark, Point, Text
-from .panel import Panel
-from .theme import Theme
+from .theme import PLAIN, SMALL, Theme, text_width
+
+if TYPE_CHECKING:
+    from .picture import Panel
 
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 """Fonts that a machine has already."""
@@ -41,6 +43,9 @@ STROKES = {
 """Lines of the others."""
 HEAD = 6.0
 """Length of an arrow's head [px]."""
+
+
+Look = dict[str, str | float | None]
 
 
 def px(value: float) -> str:
@@ -129,8 +134,7 @@ def _axes(panel: Panel, theme: Theme) -> tuple[str, str]:
             around.append(_line((side, y), (side + 4 * sign, y), colour or theme.grey))
         around.append(_text((side + 7 * sign, y + 4), label, hue, SMALL, "start" if panel.right else "end"))
     if not panel.bare:
-        if not panel.right:
-            around.append(_line((left, bottom), (right, bottom), theme.grey))
+        around += [_line((left, bottom), (right, bottom), theme.grey)] if not panel.right else []
         around.append(_line((side, top), (side, bottom), colour or theme.grey))
     if panel.x_label:
         # Long labels end where the panel does.
@@ -150,26 +154,21 @@ def _mark(mark: Mark, panel: Panel, theme: Theme, name: str) -> str:
     more = {"data_testid": mark.testid}
     match mark:
         case Line():
-            runs = _runs(panel.all_at(mark.x, mark.y))
-            look: dict[str, str | float | None]
-            look = {"stroke": theme.colour(mark.colour), "stroke_width": mark.width, "fill": "none"}
+            each = runs(panel.all_at(mark.x, mark.y))
+            look: Look = {"stroke": theme.colour(mark.colour), "stroke_width": mark.width, "fill": "none"}
             faint = None if mark.opacity == 1 else mark.opacity
-            lines = _path("".join(map(_corners, runs)), **look, stroke_dasharray=mark.dash, opacity=faint, **more)
-            return lines + "".join(_ends(mark, run, theme) for run in runs)
+            lines = _path("".join(map(_corners, each)), **look, stroke_dasharray=mark.dash, opacity=faint, **more)
+            return lines + "".join(_ends(mark, run, theme) for run in each)
         case Area():
-            data = "".join(f"{_corners(run)}Z" for run in _runs(panel.all_at(mark.x, mark.y)))
-            fill = theme.colour(mark.fill)
-            pattern = ""
-            if mark.hatch and data:
-                stroke = tag("path", d="M0,0V8", stroke=fill, stroke_width=1)
-                pattern = tag(
-                    "defs",
-                    tag("pattern", stroke, id=f"{name}-hatch", width=6, height=6, patternUnits="userSpaceOnUse",
-                        patternTransform="rotate(45)"),
-                )  # fmt: skip
-                fill = f"url(#{name}-hatch)"
-            look = _filled(mark, theme) | {"fill": fill, "fill_rule": "evenodd"}
-            return pattern + _path(data, **look, **more)
+            data = "".join(f"{_corners(run)}Z" for run in runs(panel.all_at(mark.x, mark.y)))
+            look = _filled(mark, theme) | {"fill_rule": "evenodd"}
+            if not mark.hatch:
+                return _path(data, **look, **more)
+            pattern = tag(
+                "pattern", tag("path", d="M0,0V8", stroke=theme.colour(mark.fill), stroke_width=1), id=f"{name}-hatch",
+                width=6, height=6, patternUnits="userSpaceOnUse", patternTransform="rotate(45)",
+            )  # fmt: skip
+            return tag("defs", pattern) + _path(data, **look | {"fill": f"url(#{name}-hatch)"}, **more)
         case Disc():
             x, y = panel.at(mark.x, mark.y)
             radius = mark.radius / abs(panel.per_px[0])
@@ -181,28 +180,28 @@ def _mark(mark: Mark, panel: Panel, theme: Theme, name: str) -> str:
         case Text():
             x, y = panel.at(mark.x, mark.y)
             at, colour = (x + mark.dx, y + mark.dy), theme.colour(mark.colour)
-            if mark.plate:
-                return _plated(at, mark.text, colour, theme.ground, mark.size, mark.anchor)
-            ground = theme.ground if mark.halo else None
-            return _text(
-                at, mark.text, colour, mark.size, mark.anchor, bold=mark.bold, halo=ground, turned=mark.turned, **more
+            halo = theme.ground if mark.halo else ""
+            text = _text(at, mark.text, colour, mark.size, mark.anchor, mark.bold, halo=halo, testid=mark.testid)
+            if not mark.plate:
+                return text
+            wide, high = text_width(mark.text, mark.size) + 6, 1.15 * mark.size
+            left, top = (
+                at[0] - {"start": 3.0, "middle": wide / 2, "end": wide - 3}[mark.anchor],
+                at[1] - 0.85 * mark.size,
             )
+            return tag("rect", x=left, y=top, width=wide, height=high, fill=theme.ground, fill_opacity=0.85) + text
         case Image():
             return _image(mark, panel, theme)
 
 
-def _filled(mark: Area | Disc, theme: Theme) -> dict[str, str | float | None]:
-    edge = mark.edge != "none"
-    return {
-        "fill": theme.colour(mark.fill),
-        "fill_opacity": None if mark.opacity == 1 else mark.opacity,
-        "stroke": theme.colour(mark.edge) if edge else None,
-        "stroke_width": mark.width if edge else None,
-        "stroke_dasharray": mark.dash if edge else None,
-    }
+def _filled(mark: Area | Disc, theme: Theme) -> Look:
+    look: Look = {"fill": theme.colour(mark.fill), "fill_opacity": None if mark.opacity == 1 else mark.opacity}
+    if mark.edge == "none":
+        return look
+    return look | {"stroke": theme.colour(mark.edge), "stroke_width": mark.width, "stroke_dasharray": mark.dash}
 
 
-def _runs(corners: Floats) -> list[Floats]:
+def runs(corners: Floats) -> list[Floats]:
     """Stretches between NaN."""
     known = ~np.isnan(corners).any(axis=1)
     if known.all():
@@ -255,7 +254,7 @@ def _dots(mark: Dots, panel: Panel, theme: Theme) -> str:
             for (a, b), (c, d) in STROKES[mark.shape]
         )
         return _path(data, stroke=colour, stroke_width=mark.width, fill="none", **more)
-    look: dict[str, str | float | None] = {"fill": colour}
+    look: Look = {"fill": colour}
     if mark.edge != "none":
         look |= {"stroke": theme.colour(mark.edge), "stroke_width": mark.width}
     if mark.shape == "o":
@@ -274,26 +273,18 @@ def _line(start: Point, end: Point, colour: str, width: float = 1.0) -> str:
 
 
 def _text(
-    at: Point, content: str, colour: str, size: float = PLAIN, anchor: str = "start", *,
-    bold: bool = False, halo: str | None = None, turned: bool = False, **more: str,
+    at: Point, content: str, colour: str, size: float = PLAIN, anchor: str = "start", bold: bool = False, *,
+    halo: str = "", turned: bool = False, testid: str = "",
 ) -> str:  # fmt: skip
     if not content:
         return ""
-    around: dict[str, str | float | None] = {}
-    if halo is not None:
-        around = {"stroke": halo, "stroke_width": 3.5, "paint_order": "stroke", "stroke_linejoin": "round"}
+    around: Look = {"stroke": halo, "stroke_width": 3.5, "paint_order": "stroke", "stroke_linejoin": "round"}
     return tag(
         "text", with_subscripts(content), x=at[0], y=at[1], fill=colour, font_size=size,
-        text_anchor=None if anchor == "start" else anchor, font_weight="600" if bold else None,
-        transform=f"rotate(-90 {px(at[0])} {px(at[1])})" if turned else None, **around, **more,
+        text_anchor="" if anchor == "start" else anchor, font_weight="600" if bold else "",
+        transform=f"rotate(-90 {px(at[0])} {px(at[1])})" if turned else "", **(around if halo else {}),
+        data_testid=testid,
     )  # fmt: skip
-
-
-def _plated(at: Point, content: str, colour: str, ground: str, size: float, anchor: str) -> str:
-    wide = text_width(content, size) + 6
-    left = at[0] - {"start": 3.0, "middle": wide / 2, "end": wide - 3}[anchor]
-    plate = tag("rect", x=left, y=at[1] - 0.85 * size, width=wide, height=1.15 * size, fill=ground, fill_opacity=0.85)
-    return plate + _text(at, content, colour, size, anchor)
 
 
 def with_subscripts(content: str) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..evaluation import evaluate
 from ..evaluation.show import FIELD_HEADINGS, effect_rows, field_row, table_groups
-from ..pictures.depth import depth_comparison
+from ..pictures.curves import depth_comparison
 from ..pictures.microlens import microlens_images
 from ..pictures.rays import ray_diagrams
 from ..words import length

@@ -10,17 +10,14 @@ import numpy as np
 from ..camera import Camera
 from ..evaluation import default_fields
 from ..imaging.transfer import encircled
-from ..pictures.depth import depth_precision
+from ..pictures.curves import depth_precision, matching_plane
 from ..pictures.effects import effects_budget
-from ..pictures.field import field_map, field_maps
-from ..pictures.lens import lens_images, lens_over_field
-from ..pictures.matching import matching_plane
+from ..pictures.field import field_map, field_maps, lens_images, lens_over_field
 from ..pictures.microlens import microlens_images, rays_and_waves
-from ..pictures.optimise import ends_of, search_history
 from ..pictures.picture import PAGE
 from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
-from ..pictures.scene3d import instrument_scene, outlines
-from ..pictures.solid import NoViewerError, library, scene_data
+from ..pictures.solid import NoViewerError, instrument_scene, library, outlines, scene_data
+from ..pictures.studies import ends_of, search_history
 from ..words import number, spaced
 from .blocks import Figure
 

@@ -13,14 +13,16 @@ from ..optimization.pareto import Front
 from ..optimization.problem import Goal
 from ..optimization.run import Result
 from ..pictures import calibration
-from ..pictures.optimise import bore_and_stop, goal_front, robust_yields
 from ..pictures.picture import Picture
-from ..pictures.tolerance import (
+from ..pictures.studies import (
     Yields,
     YieldShare,
+    bore_and_stop,
     distributions,
+    goal_front,
     ranked_correlations,
     ranked_moves,
+    robust_yields,
     yield_bars,
     yield_curve,
 )

@@ -21,8 +21,8 @@ from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
 from roslf_design.pictures.axes import draw, drawing, handles
-from roslf_design.pictures.lens import KEYS, LensCurves, lens_curves, lens_image
-from roslf_design.pictures.panel import Panel, Scale
+from roslf_design.pictures.field import TWINS, LensCurves, lens_curves, lens_image
+from roslf_design.pictures.picture import Panel, Scale
 from roslf_design.pictures.theme import THEMES
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
@@ -171,7 +171,7 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                     ax.set_ylabel(f"{where}\ny [px]")
                 if row == 2:
                     ax.set_xlabel("x [px]")
-        figure.legend(handles=handles(KEYS, THEMES["light"]), loc="outside lower center", ncols=2)
+        figure.legend(handles=handles(TWINS, THEMES["light"]), loc="outside lower center", ncols=2)
     return figure
 
 

@@ -9,12 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.pictures.lettering import SMALL, rows_of_names, short, text_width, wrapped
 from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above, whiskers
-from roslf_design.pictures.panel import Panel, Scale, log_ticks, round_ticks
-from roslf_design.pictures.picture import Picture, below, beside, one_panel
+from roslf_design.pictures.picture import Panel, Picture, Scale, beside, log_ticks, one_panel, round_ticks
 from roslf_design.pictures.svg import px, tag, with_subscripts
-from roslf_design.pictures.theme import THEMES, theme_named
+from roslf_design.pictures.theme import SMALL, THEMES, rows_of_names, short, text_width, theme_named, wrapped
 
 length = st.floats(-1e4, 1e4)
 
@@ -110,7 +108,6 @@ ONE_OF_EACH = (
     *(Dots([2.0, 3.0], [5.0, 50.0], "orange", shape) for shape in "osD^v<>*x+|"),
     Text(2.0, 10.0, "d_3 & more", halo=True),
     Text(2.0, 20.0, "plate", plate=True, anchor="end"),
-    Text(2.0, 30.0, "upwards", turned=True),
 )
 PANEL = Panel((60, 20, 300, 200), Scale(1, 4), Scale(1, 100, log=True), ONE_OF_EACH, "x [mm]", "d_3 [mm]", "title")
 ROUND = Panel(
@@ -141,14 +138,14 @@ def test_both_printers_draw_every_mark_and_say_the_same_words():
     made = picture()
     root = ET.fromstring(made.svg())
     written = {"".join(e.itertext()).replace("\u200b", "") for e in root.iter() if e.tag.endswith("}text")}
-    assert {"d3 & more", "plate", "upwards", "x [mm]", "d3 [mm]", "title", "a line", "10", "100"} <= written
+    assert {"d3 & more", "plate", "x [mm]", "d3 [mm]", "title", "a line", "10", "100"} <= written
     figure = made.figure()
     ax = figure.axes[0]
     assert (ax.get_xlabel(), ax.get_xscale(), ax.get_yscale()) == ("x [mm]", "linear", "log")
     assert ax.get_xlim() == (1, 4)
     signs = {line.get_marker() for line in ax.lines} - {"None"}
     assert signs == set("osD^v<>*x+|")
-    assert {"plate", "upwards", "$d_{3}$ & more"} <= {text.get_text() for text in ax.texts}
+    assert {"plate", "$d_{3}$ & more"} <= {text.get_text() for text in ax.texts}
     assert len(ax.patches) == 4  # an area and its edge, a hatch, bars
     again = picture().on_axes()
     assert again.get_legend().get_texts()[0].get_text() == "a line"
@@ -164,7 +161,8 @@ def test_same_picture_same_bytes_in_both_formats():
 
 
 def test_pictures_beside_and_below_keep_their_marks_and_identifiers_apart():
-    for joined in (beside("row", "", [picture(), picture(ROUND)]), below("column", "", [picture(), picture(ROUND)])):
+    for down in (False, True):
+        joined = beside("row", "", [picture(), picture(ROUND)], down=down)
         assert isinstance(joined, Picture)
         assert len(joined.marks) == len(ONE_OF_EACH) + 2
         ids = [e.attrib["id"] for e in ET.fromstring(joined.svg()).iter() if "id" in e.attrib]

@@ -8,24 +8,22 @@ import numpy as np
 import pytest
 
 from roslf_design.explorer.runs import OptimiseResult, ToleranceResult
-from roslf_design.pictures.optimise import (
-    SearchEnd,
-    VariableMove,
-    bore_and_stop,
-    change_bars,
-    front,
-    goal_front,
-    robust_yields,
-    search_history,
-)
-from roslf_design.pictures.tolerance import (
+from roslf_design.pictures.studies import (
     LimitSpread,
     Offender,
+    SearchEnd,
+    VariableMove,
     YieldShare,
+    bore_and_stop,
+    change_bars,
     distributions,
+    front,
+    goal_front,
     offender_bars,
     ranked_correlations,
     ranked_moves,
+    robust_yields,
+    search_history,
     spread_bars,
     yield_bars,
     yield_curve,

@@ -12,7 +12,7 @@ from PIL import Image
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.pictures import solid
-from roslf_design.pictures.solid import merged, model, vtp_bytes
+from roslf_design.pictures.solid import model, vtp_bytes
 
 PAPER = load("paper")
 
@@ -41,7 +41,7 @@ def test_every_cell_keeps_its_parts_colour_when_all_are_one_body(tmp_path):
     path = tmp_path / "model.vtp"
     path.write_bytes(vtp_bytes(PAPER))
     read = pyvista.read(path)
-    assert read.n_cells == merged(PAPER).n_cells == sum(part.n_cells for part in model(PAPER))
+    assert read.n_cells == sum(part.n_cells for part in model(PAPER))
     colours = np.asarray(read.cell_data["colour"])
     centres = np.asarray(read.cell_centers().points)
     sensor = np.abs(centres[:, 2] - 142) < 1e-9
@@ -93,7 +93,7 @@ def test_a_drawing_process_that_dies_fails_hangs_or_lies_is_told(monkeypatch, ch
     monkeypatch.setattr(solid, "backend", lambda environment: "egl")
     monkeypatch.setattr(solid, "CHILD", ("-c", child))
     with pytest.raises(solid.NoPictureError, match=reason):
-        solid.rendered("far more than a pipe holds" * 10_000, timeout=3)
+        solid.picture(PAPER.replace({"source": "far more than a pipe holds" * 10_000}), timeout=3)
 
 
 @pytest.mark.parametrize(

@@ -14,21 +14,20 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.pictures.scene3d import (
+from roslf_design.camera import Camera
+from roslf_design.pictures.solid import (
     AROUND,
     RAYS,
-    across,
     changed,
-    ellipsoid,
     instrument_scene,
+    library,
     outline,
     outlines,
-    plate_of,
-    ring,
+    packed,
     scene,
-    tube,
+    scene_data,
+    turned,
 )
-from roslf_design.pictures.solid import library, packed, scene_data
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -115,7 +114,7 @@ def test_all_is_seen_from_where_the_camera_starts():
 
 def test_no_graphics_library_is_loaded():
     code = (
-        "import sys, roslf_design as r; from roslf_design.pictures.scene3d import scene; scene(r.load('paper'));"
+        "import sys, roslf_design as r; from roslf_design.pictures.solid import scene; scene(r.load('paper'));"
         "sys.exit(any(name.split('.')[0] in ('vtk', 'vtkmodules', 'pyvista', 'matplotlib') for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -127,42 +126,53 @@ def test_coordinates_are_rounded_far_below_a_pixel():
     assert math.isclose(max(mesh.points), 25.4, abs_tol=1e-3)
 
 
-TILTED = [0.3, -0.2, 0.9]
+TILTED = PAPER.replace({"sensor.tilt": (0.3, -0.2), "main_lens.tilt": (-0.1, 0.2), "microlens_array.rotation": 0.4})
 
 
-def area(mesh):
+def parts_of(design):
+    return {part.name: part for part in instrument_scene(design).parts}
+
+
+def area(part):
     """Of all quadrangles, each as two triangles."""
-    a, b, c, d = (mesh.points[mesh.faces[:, k]] for k in range(4))
+    a, b, c, d = (part.points[np.array(cells(part.cells))[:, k]] for k in range(4))
     return sum(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum() / 2 for p, q, r in ((a, b, c), (a, c, d)))
 
 
 def test_parts_are_as_large_as_their_formulas_say():
+    parts = parts_of(TILTED)
     polygon = math.sin(2 * math.pi / AROUND) * AROUND / 2  # a regular polygon's area for radius 1
-    assert area(ring([1, 2, 3], TILTED, 1.0, 2.0)) == pytest.approx((2**2 - 1**2) * polygon, rel=1e-12)
-    assert area(tube(2.0, -1.0, 4.0)) == pytest.approx(5 * AROUND * 2 * 2 * math.sin(math.pi / AROUND), rel=1e-12)
-    assert area(plate_of([1, 0, 0], TILTED, (3.0, 2.0))) == pytest.approx(6, rel=1e-12)
+    wall = np.hypot(*parts["tube"].points[0, :2])
+    assert area(parts["FAP plate"]) == pytest.approx((wall**2 - 1.45**2) * polygon, rel=1e-12)
+    assert area(parts["lens mount"]) == pytest.approx((wall**2 - 25.4**2) * polygon, rel=1e-12)
+    assert area(parts["tube"]) == pytest.approx(262 * AROUND * 2 * wall * math.sin(math.pi / AROUND), rel=1e-12)
+    assert area(parts["sensor"]) == pytest.approx(22.3 * 14.932, rel=1e-12)
     # A sphere of flat faces is smaller by terms of second order in 2 pi / AROUND and pi / RINGS.
-    assert area(ellipsoid([1, 0, 0], 2.0, 2.0)) == pytest.approx(4 * math.pi * 4, rel=1e-2)
+    lens, turn = parts["lens"], np.linspace(math.pi, 0, 25)
+    sphere = lens._replace(points=turned(np.stack([2 * np.sin(turn), 2 * np.cos(turn)], -1)))
+    assert area(sphere) == pytest.approx(4 * math.pi * 4, rel=1e-2)
+    radius, thick = 25.4, 0.09 * 50.8
+    np.testing.assert_allclose(np.sum((lens.points / [radius, radius, thick]) ** 2, axis=1), 1, rtol=1e-12)
 
 
-def test_flat_parts_lie_in_their_planes_and_normals_are_those_of_the_surface():
-    u, v = across(TILTED)
-    assert np.array([u @ u, v @ v, u @ v, u @ TILTED, v @ TILTED]) == pytest.approx([1, 1, 0, 0, 0], abs=1e-15)
-    assert np.allclose(across([1, 0, 0]), ([0, 1, 0], [0, 0, 1]))
-    plate = ring([1, 2, 3], TILTED, 1.0, 2.0)
-    np.testing.assert_allclose((plate.points - [1, 2, 3]) @ TILTED, 0, atol=1e-14)
-    lens = ellipsoid([0, 0, 0], 2.0, 0.5)
-    gradient = lens.points / np.array([4.0, 4.0, 0.25])
-    np.testing.assert_allclose(lens.normals, gradient / np.linalg.norm(gradient, axis=1, keepdims=True), atol=1e-12)
+def test_flat_parts_lie_in_their_planes():
+    camera = Camera.of(TILTED)
+    parts = parts_of(TILTED)
+    for name, place in (("sensor", "sensor"), ("MLA", "microlens_array"), ("lens mount", "main_lens")):
+        pose = camera.pose(place).seen_from(camera.world)
+        np.testing.assert_allclose((parts[name].points - pose.origin) @ pose.z, 0, atol=1e-12)
+    # The array's plate is turned as the array is.
+    pose = camera.pose("microlens_array").seen_from(camera.world)
+    np.testing.assert_allclose(np.ptp((parts["MLA"].points - pose.origin) @ pose.x), TILTED.microlens_array.size[0])
 
 
 @pytest.mark.parametrize("name", ["paper", "strange", "at the lens"])
 def test_every_part_is_whole_and_drawn(name):
     parts = instrument_scene(designs.DESIGNS[name]).parts
     for part in parts:
-        assert np.isfinite(part.mesh.points).all()
-        corners = np.concatenate([part.mesh.faces.ravel(), *part.mesh.lines])
-        assert 0 <= corners.min() <= corners.max() == len(part.mesh.points) - 1
+        assert np.isfinite(part.points).all()
+        corners = np.concatenate(cells(part.cells))
+        assert 0 <= corners.min() <= corners.max() == len(part.points) - 1
     picture = outlines(instrument_scene(designs.DESIGNS[name]))
     assert len(picture.marks) >= len(parts)
     assert ">main lens</text>" in picture.svg()
@@ -190,7 +200,13 @@ def test_the_packed_scene_is_the_scene_and_always_the_same():
         (geometry,) = actor["dependencies"][0]["dependencies"]
         stored = index["hashes"][geometry["properties"]["points"]["hash"]]["content"]
         points = np.frombuffer(base64.b64decode(stored), np.float32).reshape(-1, 3)
-        np.testing.assert_array_equal(points, part.mesh.points.astype(np.float32))
+        np.testing.assert_array_equal(points, part.points.astype(np.float32))
+        for stored in geometry["properties"]["fields"]:
+            normals = np.frombuffer(base64.b64decode(index["hashes"][stored["hash"]]["content"]), np.float32)
+            normals, outwards = normals.reshape(-1, 3), part.points * [1, 1, 30.9 if part.name == "lens" else 0]
+            # Those of an ellipsoid or a tube, of which faces differ by about their angles.
+            outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+            assert (np.sum(normals * outwards, axis=1) > 0.99).all()
     near, far = renderer["dependencies"][0]["properties"]["clippingRange"]
     assert 0 < near < far
 

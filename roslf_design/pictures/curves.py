@@ -1,0 +1,224 @@
+"""Curves of a design: depth precision over distance; in the plane of D_F and d_3, where f-numbers match."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..camera import Camera
+from ..theory.disparity import SIGMA_DISPARITY, depth_sigma, rim_disparity
+from ..theory.f_number import matched, mismatch_px
+from ..theory.light import half_diagonal
+from ..theory.vignetting import room_at
+from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
+from .picture import Panel, Picture, Scale, legend_height, one_panel
+from .theme import SMALL, short, text_width
+
+if TYPE_CHECKING:
+    from ..design import Design
+
+LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
+"""Colour and line of each design that is compared."""
+POINTS = 121
+"""Along each axis of the plane of D_F and d_3."""
+
+
+class DepthCurve(NamedTuple):
+    """Depth precision over distance."""
+
+    distance: Floats
+    """Z from the main lens [mm], shape (N,)."""
+    sigma: Floats
+    """sigma_Z [mm]."""
+    blur: Floats
+    """Spread of an object point over the MLA [microlens pitches]."""
+    in_focus: float
+    """sigma_Z at the focal plane [mm]."""
+
+
+def depth_curve(design: Design, points: int = 241) -> DepthCurve:
+    """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP."""
+    camera = Camera.of(design)
+    depth = np.linspace(0.4, 1.8, points) * camera.gap
+    sigma, blur = depth_sigma(camera, depth), np.abs(rim_disparity(camera, depth))
+    return DepthCurve(depth + design.d_3, sigma, blur, float(depth_sigma(camera, camera.gap)))
+
+
+def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
+    """Draw sigma_Z over the object distance Z, and the defocus there on a second axis; `size` in px.
+
+    The picture's mapping takes pixels to Z and sigma_Z [mm].
+    """
+    distance, sigma, blur, focus = depth_curve(design, 121)
+    keys = [
+        line_key(f"σ_Z for {SIGMA_DISPARITY:g} pitch of disparity error", "blue", 2.2),
+        line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
+    ]
+    across, up = Scale(float(distance[0]), float(distance[-1])), Scale(0.0, 1.08 * float(np.max(sigma)))
+    words = f"at d_f = {short(design.d_f)} mm: {short(focus, 3)} mm"
+    width = max(size[0] - 114, 80.0)
+    leftwards = float(across.share(design.d_f)) * width + text_width(words, SMALL) + 16 > width
+    # Between the two curves, which both leave the upper middle free.
+    anchor, dx = ("end", -8.0) if leftwards else ("start", 8.0)
+    marks = (
+        Line([design.d_f] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
+        Line(distance, sigma, "blue", 2.2, testid="sigma-curve"),
+        Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2),
+        Text(design.d_f, up.high, words, "ink", SMALL, anchor, dx, 14, halo=True),
+    )
+    labels = "object distance from the main lens Z [mm]", "depth precision σ_Z [mm]"
+    panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
+    title = f"Depth precision of {design.name}: {focus:.3g} mm at the focal plane, {design.d_f:.4g} mm from the lens"
+    picture = one_panel("depth", title, size, panel, keys, right=56)
+    other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
+    spread = Panel(
+        picture.panels[0].box, across, other, (Line(distance, blur, "orange", 1.8, "7 4"),),
+        y_label="spread [pitches]", x_ticks=(), grid="", right=True, y_colour="orange",
+    )  # fmt: skip
+    return picture.with_panels(spread)
+
+
+def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) -> Picture:
+    """Draw sigma_Z of up to three named designs over the distance from the FAP, Z_F; both axes are logarithmic."""
+    marks: list[Mark] = []
+    keys: list[Key] = []
+    xs, ys = [], []
+    for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
+        curve = depth_curve(design)
+        xs.append(curve.distance - design.d_3)
+        ys.append(curve.sigma)
+        dot = Dots([design.d_f - design.d_3], [curve.in_focus], colour, size=5, edge="ground", width=1.5)
+        marks += [Line(xs[-1], ys[-1], colour, 2.0, dash), dot]
+        keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
+    across, up = (Scale(float(np.min(v)) / 1.15, float(np.max(v)) * 1.15, log=True) for v in (xs, ys))
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
+    title = f"Depth precision of {', '.join(design.name for design in designs.values())}"
+    return one_panel("depth-comparison", title, (size[0], size[1] + legend_height(keys, size[0] - 24)), panel, keys)
+
+
+class MatchingPlane(NamedTuple):
+    """Curves and a map over d_3 and D_F."""
+
+    d_3: Floats
+    """Abscissae of the curves [mm], shape (N,)."""
+    exact: Floats
+    """D_F that matches at each (Eq. 7) [mm]; NaN-free: inf where there is none."""
+    approximate: Floats
+    """The same by Eq. 8."""
+    band: Floats
+    """D_F at which images are a pixel smaller and larger than their pitch [mm], shape (2, N)."""
+    D_F: Floats
+    """Ordinates of the map [mm], shape (M,)."""
+    margin: Floats
+    """Smallest non-distortion margin at the sensor's corner (Eqs. 5-6) [mm^2], shape (M, N); full discs where >= 0."""
+
+
+def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
+    """Curves and map over ranges in which the design and the matched curve are both seen.
+
+    Parameters
+    ----------
+    design : Design
+    limits : (d_3, D_F), optional
+        Ends of the ranges [mm], instead of those chosen for the design; d_3 stops short of the focal plane.
+    """
+    camera = Camera.of(design)
+    d_3 = np.linspace(0.0, _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS)
+    exact, approximate = (matched(camera.replace({"d_3": d_3}), "D_F", exact=law).value for law in (True, False))
+    here = float(matched(camera, "D_F").value)
+    largest = float(np.max(exact, initial=0.0, where=np.isfinite(exact)))
+    chosen = 1.35 * max(design.D_F, here if math.isfinite(here) else 0.0, 0.75 * largest)
+    D_F = np.linspace(0.0, chosen if limits is None else limits[1], POINTS)
+    across, up = np.meshgrid(d_3, D_F)
+    # The mismatch is linear in D_F.
+    low, high = mismatch_px(camera.replace({"d_3": across[[0, -1]], "D_F": up[[0, -1]]}))
+    band = (np.array([[-1.0], [1.0]]) - low) / (high - low) * D_F[-1]
+    return MatchingPlane(d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up})))
+
+
+def _margin(camera: Camera) -> Floats:
+    """Linear in D_F and in d_3, unlike the room itself."""
+    parts = [rim.part for rim in (camera.fap, *camera.rims)]
+    centred = camera.replace({f"{part}.decentre.{k}": 0.0 for part in parts for k in (0, 1)})
+    rooms = room_at(centred, half_diagonal(camera) * camera.inverse_m)
+    return np.asarray(2 * camera.gap * rooms.min(axis=0))
+
+
+def _right(camera: Camera) -> float:
+    """A d_3 beyond the design, telecentricity, the undistorted region and the match for the design's own D_F."""
+    d_f, d_3 = float(camera.d_f), float(camera.d_3)
+    reach = d_f * (1 - 1e-3)
+    tried = np.linspace(0.0, reach, 401)
+    clear = tried[_margin(camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})) >= 0]
+    match = matched(camera, "d_3")
+    shown = [d_3, float(camera.f), float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0]
+    return min(reach, 1.15 * max(shown))
+
+
+def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | None = None) -> Picture:
+    """Draw the plane, everything but d_3 and D_F held.
+
+    Parameters
+    ----------
+    design : Design
+        Its decentres are left aside, and a real lens is taken as its thin twin.
+    size : (width, height)
+        [px].
+    limits : (d_3, D_F), optional
+        Where the axes end [mm], to keep them still while the design is dragged; those of the picture before are
+        ``(mapping.x.high, mapping.y.high)``.
+
+    Returns
+    -------
+    Picture
+        Its mapping takes pixels to d_3 and D_F [mm]; the design is the element "design-point".
+    """
+    from contourpy import contour_generator
+
+    thin = design.thin_twin
+    plane = plane_of(thin, limits)
+    across = Scale(0.0, float(plane.d_3[-1]) if limits is None else limits[0])
+    up = Scale(0.0, float(plane.D_F[-1]))
+    per_px = across.high / (size[0] - 72)
+
+    def label(x: float, y: float, words: str, colour: str, away: float, dy: float, room: float, halo: bool) -> Text:
+        """Words on the right of a place, or on its left where they would not fit."""
+        leftwards = (across.high - x) / per_px < text_width(words, SMALL) + room
+        return Text(x, y, words, colour, SMALL, "end" if leftwards else "start", -away if leftwards else away, dy,
+                    halo=halo)  # fmt: skip
+
+    marks: list[Mark] = []
+    if (plane.margin > 0).any():
+        region = where_above(plane.margin, plane.d_3, plane.D_F, 0.0)
+        # Where the region goes on beyond the axes there is no edge to draw.
+        edges: Any = contour_generator(plane.d_3, plane.D_F, plane.margin).lines(0.0)
+        marks += [Area(*xy(region), "green", 0.16, testid="eq6-region"), Line(*xy(joined(edges)), "green", 1.6)]
+    marks.append(Area([*plane.d_3, *plane.d_3[::-1]], [*plane.band[0], *plane.band[1, ::-1]], "blue", 0.2))
+    for curve, look in ((plane.approximate, ("orange", 1.6, "7 4")), (plane.exact, ("blue", 2.4, ""))):
+        real = np.isfinite(curve)
+        marks.append(Line(plane.d_3[real], curve[real], *look))
+    if thin.f <= across.high:
+        marks.append(Line([thin.f, thin.f], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
+        marks.append(label(thin.f, 0.0, "telecentric: d_3 = f", "grey", 6.0, -8.0, 10.0, False))
+    # The design is drawn over the frame, as it may be dragged there.
+    x, y = min(thin.d_3, across.high), min(thin.D_F, up.high)
+    words = f"d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm"
+    marks.append(label(x, y, words, "ink", 14.0, 20.0 if y > 0.9 * up.high else -10.0, 20.0, True))
+    marks.append(Dots([x], [y], "vermillion", size=8, edge="ground", width=2.5, testid="design-point", cursor="move"))
+    nowhere = "" if (plane.margin >= 0).any() else ": nowhere"
+    keys = [
+        line_key("matched: images just touch, Eq. 7", "blue", 2.4),
+        box_key("within ±1 px", "blue", 0.2),
+        line_key("approximation, Eq. 8", "orange", 1.6, "7 4"),
+        box_key(f"whole sensor undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
+        dot_key("this design", "vermillion", size=5),
+    ]
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "FAP distance d_3 [mm]", "FAP diameter D_F [mm]")
+    title = (
+        f"Plane of FAP diameter and distance for {design.name}, which is at d_3 = {design.d_3:.4g} mm, "
+        f"D_F = {design.D_F:.4g} mm"
+    )
+    return one_panel("matching-plane", title, size, panel, keys, left=56, top=12)
