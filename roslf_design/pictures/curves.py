@@ -119,11 +119,7 @@ class MatchingPlane(NamedTuple):
 def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
     """Curves and map over ranges in which the design and the matched curve are both seen.
 
-    Parameters
-    ----------
-    design : Design
-    limits : (d_3, D_F), optional
-        Ends of the ranges [mm], instead of those chosen for the design; d_3 stops short of the focal plane.
+    `limits` are other ends of the ranges, of d_3 and D_F [mm]; d_3 stops short of the focal plane.
     """
     camera = Camera.of(design)
     d_3 = np.linspace(0.0, _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS)
@@ -165,7 +161,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     ----------
     design : Design
         Its decentres are left aside, and a real lens is taken as its thin twin.
-    size : (width, height)
+    size : (width, height), optional
         [px].
     limits : (d_3, D_F), optional
         Where the axes end [mm], to keep them still while the design is dragged; those of the picture before are

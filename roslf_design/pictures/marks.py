@@ -163,20 +163,9 @@ def stairs(cuts: ArrayLike, heights: ArrayLike) -> tuple[Floats, Floats]:
 
 
 def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> Floats:
-    """Outlines of where values exceed a level, linear between points.
+    """Outlines of where values exceed a level, linear between points: rings, holes among them, parted by NaN.
 
-    Parameters
-    ----------
-    values : array_like, shape (M, N)
-        Rows along y; NaN where there are none.
-    x, y : array_like
-        Shapes (N,) and (M,).
-    level : float
-
-    Returns
-    -------
-    ndarray, shape (K, 2)
-        Corners of closed rings, holes among them, parted by NaN.
+    Values have rows along y, shape (M, N), NaN where there are none; corners have shape (K, 2).
     """
     from contourpy import contour_generator
 

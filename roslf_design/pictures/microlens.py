@@ -76,16 +76,7 @@ class ImageView(NamedTuple):
 
 
 def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
-    """The image behind a microlens.
-
-    Parameters
-    ----------
-    design : Design
-    place : (x, y)
-        The microlens's axis on the MLA [mm].
-    most : float
-        Pixels in view up to which each is looked at.
-    """
+    """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
     (centres,), (radii,) = field_discs(design, [place])
     (axis,) = axes_in_space(design, [place])
     pitch, q = abs(float(microlens_image_pitch(Camera.of(design)))), design.q
@@ -153,19 +144,13 @@ def microlens_image(
         On the MLA [mm]; the nearest microlens is shown.
     size : (width, height)
         [px].
-    waves : bool
-        Whether pixels are shown as they are recorded under uniform light, diffraction and neighbours' light included;
-        else by the share of each that this microlens's geometric image covers.
-    pixels : bool
-        Whether pixels are drawn at all.
-    name : str
-        Unique on the page, where several microlenses are shown.
-    label : str
-        What the place is called, such as "edge".
-    key : bool
-        Whether a legend is drawn.
-    snap : bool
-        False shows a microlens at exactly that place.
+    waves, pixels : bool
+        Whether pixels are shown as they are recorded under uniform light, diffraction and neighbours' light included,
+        or by the share of each that this microlens's geometric image covers; whether they are drawn at all.
+    name, label : str
+        Unique on the page, where several microlenses are shown; what the place is called, such as "edge".
+    key, snap : bool
+        Whether a legend is drawn; False shows a microlens at exactly that place.
 
     Returns
     -------
@@ -205,17 +190,9 @@ def microlens_image(
 
 
 def microlens_images(designs: Mapping[str, tuple[Design, Point]]) -> tuple[Picture, float]:
-    """Draw up to three images in a row with one legend.
+    """Draw up to three images in a row with one legend: of designs and microlenses on the MLA [mm], each with its name.
 
-    Parameters
-    ----------
-    designs : mapping
-        Design and place on the MLA [mm], by what to call it; each place is that of a microlens.
-
-    Returns
-    -------
-    (picture, on_sensor)
-        The least share of an image that falls on the sensor.
+    Returns the picture, and the least share of an image that falls on the sensor.
     """
     size = PAGE / 3, PAGE / 3 - LEFT - RIGHT + TOP + BELOW
     pictures = [

@@ -278,18 +278,7 @@ def one_panel(
     name: str, title: str, size: Point, panel: Panel, keys: Sequence[Key] = (), *, left: float = 58.0,
     top: float = 14.0, right: float = 16.0, foot: float = 42.0,
 ) -> Picture:  # fmt: skip
-    """A picture of one panel with its legend below; the panel's box is made to fit.
-
-    Parameters
-    ----------
-    name, title, size
-        As in `Picture`.
-    panel : Panel
-        Its box is not looked at.
-    keys : sequence of Key
-    left, top, right, foot : float
-        Room around the panel, for ticks and labels [px].
-    """
+    """A picture of one panel with its legend below; the panel's box is made to fit, with room for ticks and labels."""
     width = max(size[0] - left - right, 80.0)
     height = max(size[1] - top - foot - legend_height(keys, size[0] - 24), 60.0)
     return as_tall(name, title, replace(panel, box=(left, top, width, height)), keys, size=size, foot=foot)

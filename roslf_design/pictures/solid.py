@@ -42,7 +42,7 @@ from .picture import PAGE, Panel, Picture, Scale, legend_height
 from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
-    from pyvista import MultiBlock, PolyData
+    from pyvista import PolyData
 
     from ..design import Design
 
@@ -361,14 +361,7 @@ class BrowserScene(NamedTuple):
 
 
 def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:
-    """Bore, stops, lens, microlens array, sensor and the rays of three microlenses, as plain lists for vtk.js.
-
-    Parameters
-    ----------
-    design : Design
-        A real lens is drawn as its thin twin.
-    theme : {"light", "dark"}
-    """
+    """Bore, stops, lens (a real one as its thin twin), array, sensor and rays of three microlenses, for vtk.js."""
     colours = theme_named(theme)
 
     def unit(name: str) -> Point3:
@@ -503,49 +496,35 @@ def _rgb(part: Body) -> tuple[int, int, int]:
     return rgb(THEMES["light"].colour(part.colour))
 
 
-def model(design: Design) -> MultiBlock:
-    """Bore, stops, main lens, microlens array, sensor and pencils as named blocks.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    pyvista.MultiBlock
-        One `pyvista.PolyData` a part [mm], light along +z, the main lens at z = 0; each with ``colour`` (three bytes a
-        cell) and, as field data, ``opacity``.
-    """
-    import pyvista
-
-    blocks = pyvista.MultiBlock()
-    for part in instrument_scene(design).parts:
-        data = _poly_data(part)
-        data.cell_data["colour"] = np.tile(np.array(_rgb(part), np.uint8), (data.n_cells, 1))
-        data.field_data["opacity"] = [part.opacity]
-        blocks.append(data, part.name)
-    return blocks
-
-
 def _poly_data(part: Body) -> PolyData:
     import pyvista
 
     faces, lines = (None, part.cells) if part.kind == "lines" else (part.cells, None)
-    return pyvista.PolyData(part.points, faces=faces, lines=lines)
+    data = pyvista.PolyData(part.points, faces=faces, lines=lines)
+    data.cell_data["colour"] = np.tile(np.array(_rgb(part), np.uint8), (data.n_cells, 1))
+    return data
 
 
-def vtp_bytes(design: Design) -> bytes:
-    """The model as one body with a ``colour`` for every cell, as a ``.vtp`` file, which ParaView and PyVista read."""
+def model(design: Design) -> PolyData:
+    """Bore, stops, main lens, microlens array, sensor and pencils as one body [mm], light along +z from the main lens.
+
+    ``colour`` of its cells, three bytes each, tells its parts apart.
+    """
     import pyvista
 
-    blocks = model(design)
-    body = pyvista.merge([block for block in blocks if block is not None]).extract_surface(algorithm=None)
+    parts = [_poly_data(part) for part in instrument_scene(design).parts]
+    body: PolyData = pyvista.merge(parts).extract_surface(algorithm=None)
     for data in (body.point_data, body.cell_data):
         for name in [name for name in data if name.startswith("vtkOriginal")]:
             del data[name]
+    return body
+
+
+def vtp_bytes(design: Design) -> bytes:
+    """The model as a ``.vtp`` file, which ParaView and PyVista read."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.vtp"
-        body.save(path)
+        model(design).save(path)
         return path.read_bytes()
 
 

@@ -236,16 +236,8 @@ def _ways(row: LimitSpread) -> tuple[float, float]:
 def ranked_moves(names: Sequence[str], plus: Floats, minus: Floats, limits: Sequence[float], label: str) -> Picture:
     """Draw how far each perturbation alone moves a number, ranked, at both ends of its tolerance.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the N perturbations.
-    plus, minus : ndarray, shape (N,)
-        Moves at both ends.
-    limits : sequence of float
-        Moves that reach a limit, drawn where they are near.
-    label : str
-        Of the number, with its unit.
+    `plus` and `minus` have shape (N,) for N `names`; `limits` are moves that reach a limit, drawn where they are near;
+    `label` is the number's, with its unit.
     """
     reach = max(float(np.abs([plus, minus]).max(initial=0.0)), 1e-300)
     near = [edge for edge in limits if abs(edge) < 3 * reach]
@@ -285,8 +277,7 @@ def _ranked(
 
 
 def distributions(
-    variants: Sequence[tuple[str, Floats, Floats]], nominal: float, limits: Sequence[float], span: Point, label: str,
-    size: Point = (500, 310),
+    variants: Sequence[tuple[str, Floats, Floats]], nominal: float, limits: Sequence[float], span: Point, label: str
 ) -> Picture:  # fmt: skip
     """Draw the distribution of a number over the builds, as built and, where anything is adjusted, afterwards.
 
@@ -294,14 +285,10 @@ def distributions(
     ----------
     variants : sequence of (name, cuts, counts)
         Up to two; N + 1 cuts and N counts each.
-    nominal : float
-    limits : sequence of float
+    nominal, limits, label
+        Of the number; the label with its unit.
     span : (low, high)
         Least and greatest value of the last variant.
-    label : str
-        Of the number, with its unit.
-    size : (width, height)
-        [px].
     """
     marks: list[Mark] = []
     keys: list[Key] = []
@@ -324,7 +311,7 @@ def distributions(
     marks.append(Line([nominal, nominal], [0.0, up], "grey", 1.2, "6 3"))
     across = Scale(low, high) if high > low else Scale.around([nominal])
     panel = Panel((0, 0, 1, 1), across, Scale(0.0, up), tuple(marks), label, "share of builds per unit", grid="x")
-    return one_panel("spread", f"Distribution of {label} over the builds", size, panel, keys, left=64, top=20)
+    return one_panel("spread", f"Distribution of {label} over the builds", (500, 310), panel, keys, left=64, top=20)
 
 
 def _limit(place: float, low: float, high: float, nominal: float) -> list[Mark]:
@@ -467,19 +454,12 @@ def goal_front(
     ----------
     points : ndarray, shape (N, 2) or (N, 3)
         Abscissa, ordinate and, where there is one, the third goal.
-    labels : sequence of str
-        Of the goals.
-    log : sequence of bool
-        Which of them are drawn logarithmically.
-    title : str
+    labels, log : sequence
+        Of the goals, and which of them are drawn logarithmically.
     answer : (x, y), optional
         The optimum that was asked for.
-    words : str
-        To write into the picture.
-    also : sequence of float
-        Abscissae that are to be on the axis.
-    size : (width, height)
-        [px].
+    words, also
+        To write into the picture; abscissae that are to be on the axis.
     """
     lone = [answer] if answer is not None else []
     ends = [[*points[:, k], *(point[k] for point in lone), *(also if k == 0 else ())] for k in (0, 1)]
@@ -518,17 +498,11 @@ def goal_front(
     return picture.with_panels(bar)
 
 
-def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats, size: Point = (576, 310)) -> Picture:
+def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats) -> Picture:
     """Draw the kept light over the field, through a bore and through the one stop that stands for it.
 
-    Parameters
-    ----------
-    field : ndarray
-        Microlenses from the axis [mm], shape (N,).
-    bore, stop, misplaced : ndarray
-        Shares of the stop's light: through all rims, through the stop, on the wrong side of its rim.
-    size : (width, height)
-        [px].
+    `field` is of microlenses from the axis [mm], shape (N,); the others are shares of the stop's light: through all
+    rims, through the stop, on the wrong side of its rim.
     """
     marks: list[Mark] = []
     keys: list[Key] = []
@@ -542,7 +516,7 @@ def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats, 
     up = Scale(0.0, 1.06 * max(float(np.max([bore, stop, misplaced])), 1e-9))
     labels = "microlens position from the axis [mm]", "share of the stop's light [1]"
     panel = Panel((0, 0, 1, 1), Scale.around(field, 0.03), up, tuple(marks), *labels)
-    return one_panel("bore", "Light through the bore and through its equivalent stop", size, panel, keys)
+    return one_panel("bore", "Light through the bore and through its equivalent stop", (576, 310), panel, keys)
 
 
 def robust_yields(rows: Sequence[tuple[str, float, float]], width: float = 672) -> Picture:

@@ -65,19 +65,10 @@ def tag(name: str, content: str = "", /, **attributes: str | float | None) -> st
 
 
 def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme: Theme) -> str:
-    """A whole picture.
+    """A whole picture of panels, the later on top.
 
-    Parameters
-    ----------
-    name : str
-        Unique on the page; gives ``data-testid="picture-NAME"`` and begins all identifiers.
-    title : str
-        What is seen, in one sentence, for those who cannot see it.
-    size : (width, height)
-        [px].
-    panels : iterable of Panel
-        The later on top.
-    theme : Theme
+    Its name is unique on the page, gives ``data-testid="picture-NAME"`` and begins all identifiers; its title says what
+    is seen, in one sentence, for those who cannot see it.
     """
     width, height = size
     body = "".join(_panel(panel, theme, f"{name}-{number}") for number, panel in enumerate(panels))

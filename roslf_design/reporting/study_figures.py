@@ -96,7 +96,7 @@ def _spread(result: StudyResult, limit: LimitYield, row: int, nominal: float) ->
     ]
     limits = [edge for edge in (limit.low, limit.high) if np.isfinite(edge)]
     span = columns[-1].low, columns[-1].high
-    return distributions(parts, nominal, limits, span, _metric(result, row), (500, 310))
+    return distributions(parts, nominal, limits, span, _metric(result, row))
 
 
 def _yields(result: StudyResult) -> Yields:

