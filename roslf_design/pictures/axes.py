@@ -73,30 +73,27 @@ def figure_of(size: Point, panels: Iterable[Panel], theme: Theme) -> Figure:
 
 def draw(panel: Panel, ax: Axes, theme: Theme) -> Axes:
     """A panel on Axes: scales, ticks and labels set, every mark drawn in the panel's units."""
-    for scale, name in ((panel.x, "x"), (panel.y, "y")):
-        if scale.log:
-            getattr(ax, f"set_{name}scale")("log")
-        getattr(ax, f"set_{name}lim")(scale.low, scale.high)
-    ax.minorticks_off()
-    for ticks, axis in zip(panel.ticks() if not panel.bare else ((), ()), (ax.xaxis, ax.yaxis), strict=True):
+    x_ticks, y_ticks = ((), ()) if panel.bare else panel.ticks()
+    for name, axis, scale, ticks, label, hue in (
+        ("x", ax.xaxis, panel.x, x_ticks, panel.x_label, "ink"),
+        ("y", ax.yaxis, panel.y, y_ticks, panel.y_label, panel.y_colour),
+    ):
+        ax.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": scale[:2]})
         axis.set_ticks([value for value, _ in ticks], [label for _, label in ticks])
-    for name in panel.grid if not panel.bare else "":
-        ax.grid(True, axis=name, color=theme.grid)  # type: ignore[arg-type]
-    if panel.bare:
-        ax.set_axis_off()
+        axis.set_ticks([], minor=True)
+        axis.set_label_text(_mathtext(label), color=theme.colour(hue))
+        axis.set_tick_params(color=theme.grey, labelcolor=theme.colour(hue))
+        if name in panel.grid:
+            axis.grid(True, color=theme.grid)
     if panel.right:
         ax.yaxis.tick_right()
         ax.yaxis.set_label_position("right")
-        ax.spines["bottom"].set_visible(False)
-    sides = ("right",) if panel.right else ("left",)
-    for side in ("left", "right", "top", "bottom"):
-        ax.spines[side].set_color(theme.grey)
-        ax.spines[side].set_visible(side in sides or (side == "bottom" and not panel.right))
-    for axis, label, hue in ((ax.xaxis, panel.x_label, "ink"), (ax.yaxis, panel.y_label, panel.y_colour)):
-        axis.set_label_text(_mathtext(label), color=theme.colour(hue))
-        axis.set_tick_params(color=theme.grey, labelcolor=theme.colour(hue))
-    if panel.title:
-        ax.set_title(_mathtext(panel.title), color=theme.ink)
+    for side, spine in ax.spines.items():
+        spine.set_color(theme.grey)
+        spine.set_visible(side in (("right",) if panel.right else ("left", "bottom")))
+    ax.set_title(_mathtext(panel.title), color=theme.ink)
+    if panel.bare:
+        ax.set_axis_off()
     if panel.equal:
         ax.set_aspect("equal", adjustable="box")
     for order, mark in enumerate(panel.marks):
@@ -111,16 +108,17 @@ def handles(keys: Sequence[Key], theme: Theme) -> list[Any]:
 
     made: list[Any] = []
     for key in keys:
-        sample = key.samples[0]
-        if isinstance(sample, Line):
-            look: dict[str, Any] = {"color": theme.colour(sample.colour), "linewidth": POINTS * sample.width}
-            made.append(Line2D([], [], label=_mathtext(key.text), linestyle=_dashes(sample.dash), **look))
-        elif isinstance(sample, Area):
-            face, edge = theme.colour(sample.fill), theme.colour(sample.edge)
-            made.append(Patch(facecolor=face, edgecolor=edge, alpha=sample.opacity, label=_mathtext(key.text)))
-        elif isinstance(sample, Dots):
-            look = {"marker": sample.shape, "color": theme.colour(sample.colour), "markersize": 1.5 * sample.size}
-            made.append(Line2D([], [], linestyle="none", label=_mathtext(key.text), **look))
+        words = _mathtext(key.text)
+        match key.samples:
+            case Line(colour=colour, width=width, dash=dash), *_:
+                look: dict[str, Any] = {"color": theme.colour(colour), "linewidth": POINTS * width}
+                made.append(Line2D([], [], label=words, linestyle=_dashes(dash), **look))
+            case Area(fill=fill, edge=edge, opacity=opacity), *_:
+                look = {"facecolor": theme.colour(fill), "edgecolor": theme.colour(edge), "alpha": opacity}
+                made.append(Patch(label=words, **look))
+            case Dots(colour=colour, shape=shape, size=size), *_:
+                look = {"marker": shape, "color": theme.colour(colour), "markersize": 1.5 * size}
+                made.append(Line2D([], [], label=words, linestyle="none", **look))
     return made
 
 

@@ -310,48 +310,40 @@ def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
     return marks
 
 
-def cells(design: Design, places: Mapping[str, float], size: Point = (PAGE, 310)) -> Picture:
+def cells(design: Design, places: Mapping[str, float]) -> Picture:
     """Draw five neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
 
     `places` are x of the middle microlens on the MLA [mm] by what to call it.
     """
-    each = size[0] / len(places), size[1]
-    pictures = [_cells(design, label, place, each) for label, place in places.items()]
-    return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
-
-
-def _cells(design: Design, label: str, place: float, size: Point) -> Picture:
-    offsets = design.d * np.arange(-2, 3)
-    share = np.linspace(-1, 1, 129)
-    rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
-    origin = place + design.microlens_array.decentre[0]
-    landing = 1e3 * (rays.sensor[0] + design.sensor.decentre[0] - origin)
-    passed = np.isin(rays.status, PASSED)
+    offsets, share, t = design.d * np.arange(-2, 3), np.linspace(-1, 1, 129), np.linspace(-1, 1, 31)
     depth, axes, pitch = 1e3 * design.d_2, 1e3 * offsets, 1e3 * design.d
-    marks: list[Mark] = []
-    for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
-        colour = "sky" if k % 2 else "blue"
-        # Stretches of equal fate share their ends.
-        cuts = [0, *(np.flatnonzero(np.diff(lit)) + 1).tolist(), len(lit) - 1]
-        for start, stop in pairwise(cuts):
-            kept, a, b = lit[start], ends[start], ends[stop]
-            edge = colour if kept else "vermillion"
-            marks.append(Area([0.0, depth, depth], [axis, a, b], edge, 0.4 if kept else 1.0, hatch=not kept))
-            marks.append(Line([depth, 0.0, depth], [a, axis, b], edge, 0.9))
-    t = np.linspace(-1, 1, 31)
-    bulge = 0.03 * depth * (1 - t**2)
-    for axis in axes:
-        x, y = [*-bulge, *bulge[::-1]], axis + pitch / 2 * np.concatenate([t, t[::-1]])
-        marks.append(Area(x, y, "pale", 1.0, "grey", 0.9))
-    low, high = (float(axes[0] - 0.6 * pitch), float(axes[-1] + 0.6 * pitch))
-    low, high = min(low, float(landing.min())), max(high, float(landing.max()))
-    marks += _pixel_row(design, 1e3 * (origin - design.sensor.decentre[0]), low, high, depth)
-    panel = Panel(
-        (0, 0, 1, 1), Scale(-0.16 * depth, 1.16 * depth), Scale(low, high), tuple(marks),
-        "distance behind the MLA [µm]", "height from this microlens's axis [µm]",
-        f"{label}, x = {place:.4g} mm", grid="",
-    )  # fmt: skip
-    return one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12)
+    labels = "distance behind the MLA [µm]", "height from this microlens's axis [µm]"
+    pictures = []
+    for label, place in places.items():
+        rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
+        origin = place + design.microlens_array.decentre[0] - design.sensor.decentre[0]
+        landing, passed = 1e3 * (rays.sensor[0] - origin), np.isin(rays.status, PASSED)
+        marks: list[Mark] = []
+        for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
+            # Stretches of equal fate share their ends.
+            cuts = [0, *(np.flatnonzero(np.diff(lit)) + 1).tolist(), len(lit) - 1]
+            for start, stop in pairwise(cuts):
+                kept, a, b = lit[start], ends[start], ends[stop]
+                edge = ("sky" if k % 2 else "blue") if kept else "vermillion"
+                marks.append(Area([0.0, depth, depth], [axis, a, b], edge, 0.4 if kept else 1.0, hatch=not kept))
+                marks.append(Line([depth, 0.0, depth], [a, axis, b], edge, 0.9))
+        bulge = 0.03 * depth * (1 - t**2)
+        for axis in axes:
+            y = axis + pitch / 2 * np.concatenate([t, t[::-1]])
+            marks.append(Area([*-bulge, *bulge[::-1]], y, "pale", 1.0, "grey", 0.9))
+        low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
+        high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
+        marks += _pixel_row(design, 1e3 * origin, low, high, depth)
+        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {place:.4g} mm"
+        panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
+        size = PAGE / len(places), 310.0
+        pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))
+    return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
 
 
 def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:
@@ -386,40 +378,46 @@ class Element(NamedTuple):
     """Lines that are written above it."""
 
 
-def dimensions(design: Design, size: Point = (PAGE, 0)) -> Picture:
-    """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are.
-
-    The picture is as wide as `size` [px], and as high as its lines ask for.
-    """
+def dimensions(design: Design) -> Picture:
+    """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are."""
     elements = _all_elements(design)
-    place = _spread_out(elements)
+    gaps = [b.z - a.z for a, b in pairwise(elements)]
+    spread = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
+    # From 0 at the object plane to 8 at the sensor.
+    place = dict(zip((e.name for e in elements), (8 * spread / spread[-1]).tolist(), strict=True))
     tallest = max(element.diameter for element in elements)
     high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) for e in elements}
-    left, right = place["object plane"], place["sensor"]
-    lines = _dimension_lines(design)
-    lowest = -WALL - 0.25 - 0.36 * len(lines)
-    x = Scale(left - 0.45, right + 0.75)
-    unit = size[0] / (x.high - x.low)
-    words, highest = _words_above(elements, place, high, 1 / unit, 1 / (0.86 * unit))
-    y = Scale(lowest + 0.05, highest)
-    height = 0.86 * unit * (y.high - y.low)
-    panel = Panel((0.0, 0.0, size[0], height), x, y, bare=True)
-    marks: list[Mark] = [Line([left - 0.1, right + 0.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
+    x = Scale(-0.45, 8.75)
+    unit = PAGE / (x.high - x.low)
+    up = 1 / (0.86 * unit)
+    marks: list[Mark] = [Line([-0.1, 8.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
     for element in elements:
         marks += _drawn(element, place[element.name], high[element.name])
-    marks += words
+    # What each element is stands above it, higher where its neighbour's words would touch.
+    widths = [(max(text_width(line, SMALL) for line in element.says) + 6) / unit for element in elements]
+    highest = WALL
+    for element, row in zip(elements, rows_of_names(list(place.values()), widths), strict=True):
+        at, bottom = place[element.name], WALL + (10 + 44 * row) * up
+        stop = element.name == "FAP" or element.name.startswith("stop")
+        top = WALL if stop else 0.8 if element.name == "object plane" else high[element.name]
+        marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
+        for k, line in enumerate(reversed(element.says)):
+            marks.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
+        highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
     level = -WALL - 0.25
-    for told, start, stop in lines:
-        a, b = place[start], place[stop]
-        for at, top in ((a, -high[start]), (b, -high[stop])):
+    for words, start, stop_at in _dimension_lines(design):
+        a, b = place[start], place[stop_at]
+        for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
         marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-        inside = (b - a) * unit > text_width(told, SMALL) + 24
+        inside = (b - a) * unit > text_width(words, SMALL) + 24
         at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
-        marks.append(Text(at, level, told, "ink", SMALL, anchor, dx, 4, plate=True))
+        marks.append(Text(at, level, words, "ink", SMALL, anchor, dx, 4, plate=True))
         level -= 0.36
-    title = f"Elements of {design.name} and their dimensions"
-    return Picture("dimensions", title, (size[0], height), (panel.with_marks(*marks),))
+    y = Scale(level + 0.05, highest)
+    size = PAGE, 0.86 * unit * (y.high - y.low)
+    panel = Panel((0.0, 0.0, *size), x, y, tuple(marks), bare=True)
+    return Picture("dimensions", f"Elements of {design.name} and their dimensions", size, (panel,))
 
 
 def _all_elements(design: Design) -> list[Element]:
@@ -439,13 +437,6 @@ def _all_elements(design: Design) -> list[Element]:
             Element(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
         )
     return sorted(elements, key=lambda element: element.z)
-
-
-def _spread_out(elements: list[Element]) -> dict[str, float]:
-    """Where each element is drawn, from 0 at the object plane to 8 at the sensor, in their order."""
-    gaps = [b.z - a.z for a, b in pairwise(elements)]
-    drawn = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
-    return {element.name: 8 * float(at / drawn[-1]) for element, at in zip(elements, drawn, strict=True)}
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
@@ -477,22 +468,3 @@ def _drawn(element: Element, x: float, half: float) -> list[Mark]:
         return [Area(parted(xs), parted(ys), "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
     colour = stop_colour(0 if element.name == "FAP" else int(element.name.split()[1]))
     return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]
-
-
-def _words_above(
-    elements: list[Element], place: Mapping[str, float], high: Mapping[str, float], across: float, up: float
-) -> tuple[list[Mark], float]:
-    """What each element is, above it, rows higher where its neighbour's words would touch; and how high that is."""
-    widths = [across * (max(text_width(line, SMALL) for line in element.says) + 6) for element in elements]
-    rows = rows_of_names([place[element.name] for element in elements], widths)
-    marks: list[Mark] = []
-    highest = WALL
-    for element, row in zip(elements, rows, strict=True):
-        x, bottom = place[element.name], WALL + (10 + 44 * row) * up
-        stop = element.name == "FAP" or element.name.startswith("stop")
-        top = WALL if stop else 0.8 if element.name == "object plane" else high[element.name]
-        marks.append(Line([x, x], [top + 0.03, bottom - 2 * up], "grey", 0.7))
-        for k, line in enumerate(reversed(element.says)):
-            marks.append(Text(x, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
-        highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
-    return marks, highest
