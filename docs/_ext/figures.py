@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.imaging.render import render
-from roslf_design.pictures.axes import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
 from roslf_design.pictures.curves import depth_precision, matching_plane
 from roslf_design.pictures.effects import effects_budget
+from roslf_design.pictures.marks import Dots, Line, Mark, Point, Text, dot_key, line_key, stairs
 from roslf_design.pictures.microlens import microlens_images
-from roslf_design.pictures.picture import PAGE, Picture
+from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
 from roslf_design.pictures.rays import ray_diagrams
 from roslf_design.theory.disparity import epi_slope
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-def _new(columns: int = 1, width: float = 8.0, height: float = 3.0) -> tuple[Figure, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(1, columns)
+HALF = PAGE / 2, 290.0
+"""Size of one of two pictures beside each other [px]."""
 
 
 def rays() -> Picture:
@@ -56,94 +50,83 @@ def cats_eyes() -> Picture:
     return microlens_images({name: (design, (x, 0.0)) for name, x in (("whole", 0.0), ("cut", 5.0), ("thin", 6.2))})[0]
 
 
-def aperture_constant() -> Figure:
+def _curves(
+    size: Point, across: Scale, up: Scale, curves: Iterable[tuple[str, str, str, ArrayLike, ArrayLike]],
+    labels: tuple[str, str, str], *more: Mark,
+) -> Picture:  # fmt: skip
+    """Named curves, each with its colour and dashes; labels of the axes, and a title."""
+    lines = list(curves)
+    marks = (*more, *(Line(x, y, colour, 1.8, dash) for _, colour, dash, x, y in lines))
+    keys = [line_key(name, colour, 1.8, dash) for name, colour, dash, *_ in lines if name]
+    name = labels[2].lower().replace(" ", "-")
+    return one_panel(name, labels[2], size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys, top=28)
+
+
+def aperture_constant() -> Picture:
     """H and 1/H over d_3, and the fill factor by Eqs. 7 and 8."""
-    figure, (left, right) = _new(2)
     bench = Camera.of(roslf.load("paper"))
-    many = bench.replace({"d_3": np.linspace(0.0, 345.0, 400)})
-    left.plot(many.d_3, many.H, color=VERMILLION, label="H")
-    left.plot(many.d_3, many.inverse_H, color=BLUE, label="1/H")
-    left.axvline(float(bench.d_f), color=GREY, linestyle="--", linewidth=0.8)
-    left.annotate("d_f", (float(bench.d_f), 9.2), xytext=(-14, 0), textcoords="offset points", color=GREY)
-    left.set(xlabel="d_3 [mm]", ylabel="aperture constant", xlim=(0, 360), ylim=(0, 10), title="Eq. 3")
+    many, d_f = bench.replace({"d_3": np.linspace(0.0, 345.0, 400)}), float(bench.d_f)
+    curves = [("H", "vermillion", "", many.d_3, many.H), ("1/H", "blue", "", many.d_3, many.inverse_H)]
+    focus = Line([d_f, d_f], [0.0, 10.0], "grey", 1.0, "6 3"), Text(d_f, 9.2, "d_f", "grey", anchor="end", dx=-5)
+    labels = "d_3 [mm]", "aperture constant", "Eq. 3"
+    left = _curves(HALF, Scale(0, 360), Scale(0, 10), curves, labels, *focus)
     many = bench.replace({"d_3": np.linspace(0.0, 240.0, 200)})
-    right.plot(many.d_3, fill_factor(many), color=BLUE, label="Eq. 7, exact")
-    right.plot(many.d_3, approximate_fill_factor(many), color=ORANGE, linestyle="--", label="Eq. 8")
-    right.axhline(1.0, color=GREY, linewidth=0.8)
-    right.plot(float(bench.d_3), float(fill_factor(bench)), "o", color=VERMILLION, label="the bench")
-    right.set(xlabel="d_3 [mm]", ylabel="microlens-image diameter / pitch", xlim=(0, 240), title="Fill factor")
-    for ax in (left, right):
-        ax.grid(True)
-        ax.legend(loc="upper left")
-    return figure
+    exact, approximate = fill_factor(many), approximate_fill_factor(many)
+    curves = [("Eq. 7, exact", "blue", "", many.d_3, exact), ("Eq. 8", "orange", "7 4", many.d_3, approximate)]
+    here = Dots([float(bench.d_3)], [float(fill_factor(bench))], "vermillion")
+    one = Line([0.0, 240.0], [1.0, 1.0], "grey", 1.0)
+    labels = "d_3 [mm]", "microlens-image diameter / pitch", "Fill factor"
+    right = _curves(HALF, Scale(0, 240), Scale.around([exact, approximate], 0.05), curves, labels, one, here)
+    right = replace(right, keys=(*right.keys, dot_key("the bench", "vermillion")))
+    return beside("aperture-constant", "Aperture constant and fill factor over d_3", [left, right])
 
 
-def waves() -> Figure:
+def waves() -> Picture:
     """Microlens images along the diagonal of their cells, by rays and by waves."""
     design = roslf.load("paper")
     columns, rows = design.pixels
     region = (columns // 2 - 26, rows // 2 - 26, 52, 52)
-    ways = ["-microlens_diffraction"], []
-    figure, ax = _new()
-    for off, colour, style, label in zip(ways, (ORANGE, BLUE), ("--", "-"), ("rays", "waves"), strict=True):
+    curves = []
+    for off, colour, dash, name in ((["-microlens_diffraction"], "orange", "6 3", "rays"), ([], "blue", "", "waves")):
         along = np.diagonal(render(design, region=region, overrides=off).pixels)
-        place = (np.arange(len(along)) - len(along) / 2) * np.sqrt(2)
-        ax.step(place, along, color=colour, linestyle=style, where="post", label=label)
-    ax.set(xlabel="distance along the diagonal [pixels]", ylabel="intensity", xlim=(-36, 36), ylim=(0, 1.28))
-    ax.grid(True)
-    ax.legend(loc="upper right", ncols=2)
-    return figure
+        curves.append((name, colour, dash, *stairs((np.arange(53) - 26) * np.sqrt(2), along)))
+    labels = "distance along the diagonal [pixels]", "intensity", "By rays and by waves"
+    return _curves((PAGE, 290.0), Scale(-36, 36), Scale(0, 1.28), curves, labels)
 
 
-def epi() -> Figure:
+def epi() -> Picture:
     """Eq. 12 over depth."""
-    figure, (left, right) = _new(2)
     bench = Camera.of(roslf.load("paper"))
     gap = float(bench.gap)
     depth = np.linspace(0.4 * gap, 2.5 * gap, 300)
-    left.plot(depth, epi_slope(bench, depth), color=BLUE)
-    left.axvline(gap, color=GREY, linestyle="--", linewidth=0.8)
-    left.axhline(0, color=GREY, linewidth=0.8)
-    left.set(xlabel="depth from the FAP Z_F [mm]", ylabel="slope [microlenses per pixel]", title="Eq. 12")
+    slope = epi_slope(bench, depth)
+    across, up = Scale(float(depth[0]), float(depth[-1])), Scale.around(slope, 0.05)
+    axes = Line([gap, gap], up[:2], "grey", 1.0, "6 3"), Line(across[:2], [0.0, 0.0], "grey", 1.0)
+    labels = "depth from the FAP Z_F [mm]", "slope [microlenses per pixel]", "Eq. 12"
+    left = _curves(HALF, across, up, [("", "blue", "", depth, slope)], labels, *axes)
     near = gap * (1 + np.logspace(-15, -1, 57))
-    stable = epi_slope(bench, near)
     before = bench.q * bench.A / (bench.d * bench.d_2)
-    printed = before * (bench.m - bench.A / near)
     exact = before * bench.m * ((near - gap) / near)
-    tiny = 1e-17
-    for value, colour, label in ((printed, ORANGE, "as printed"), (stable, BLUE, "as computed here")):
-        error = np.maximum(np.abs(value / exact - 1), tiny)
-        right.loglog(near / gap - 1, error, ".-", color=colour, linewidth=0.8, markersize=4, label=label)
-    right.set(xlabel="distance from the focal plane, Z_F/g - 1", ylabel="relative error", ylim=(1e-17, 10))
-    right.set_title("The bracket near the focal plane")
-    right.legend(loc="upper right")
-    for ax in (left, right):
-        ax.grid(True)
-    return figure
-
-
-def _svg(name: str, draw: Callable[[], Figure | Picture]) -> Callable[[], str]:
-    def made() -> str:
-        with drawing():
-            figure = draw()
-            if isinstance(figure, Picture):
-                return figure.svg_file().decode()
-            return standalone(to_svg(figure, name)).decode()
-
-    return made
-
-
-FIGURES: dict[str, Callable[[], str]] = {
-    name: _svg(name, draw)
-    for name, draw in (
-        ("rays", rays),
-        ("matching", matching),
-        ("depth", depth),
-        ("budget", budget),
-        ("cats-eyes", cats_eyes),
-        ("aperture-constant", aperture_constant),
-        ("waves", waves),
-        ("epi", epi),
+    ways = (
+        ("as printed", "orange", before * (bench.m - bench.A / near)),
+        ("as computed here", "blue", epi_slope(bench, near)),
     )
+    curves = [
+        (name, hue, "", near / gap - 1, np.maximum(np.abs(value / exact - 1), 1e-17)) for name, hue, value in ways
+    ]
+    labels = "distance from the focal plane, Z_F/g - 1", "relative error", "The bracket near the focal plane"
+    right = _curves(HALF, Scale(5e-16, 0.2, log=True), Scale(1e-17, 10, log=True), curves, labels)
+    return beside("epi", "Slopes of epipolar lines over depth", [left, right])
+
+
+FIGURES: dict[str, Callable[[], Picture]] = {
+    "rays": rays,
+    "matching": matching,
+    "depth": depth,
+    "budget": budget,
+    "cats-eyes": cats_eyes,
+    "aperture-constant": aperture_constant,
+    "waves": waves,
+    "epi": epi,
 }
 """Files of `_generated`, each by what draws it."""

@@ -300,7 +300,7 @@ def write_all(app: Sphinx) -> None:
     for name, text in api_pages():
         write(api / name, text)
     for name, draw in FIGURES.items():
-        write(generated / f"{name}.svg", draw())
+        write(generated / f"{name}.svg", draw().svg_file().decode())
 
 
 def write(path: Path, text: str) -> None:

@@ -7,17 +7,15 @@ made with matplotlib itself.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..words import SYMBOL, typographic
 from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Point, Text
-from .svg import HEAD, STROKES, runs, with_subscripts
+from .svg import HEAD, STROKES, runs
 from .theme import THEMES, Theme
 
 if TYPE_CHECKING:
@@ -26,8 +24,6 @@ if TYPE_CHECKING:
 
     from .picture import Panel
 
-WIDTH = 8.0
-"""Width of a figure that fills the page [inch]."""
 POINTS = 0.75
 """Points a pixel."""
 INK, GREY, PALE = THEMES["light"].ink, THEMES["light"].grey, THEMES["light"].pale
@@ -42,7 +38,7 @@ SETTINGS: dict[Any, Any] = {
     "xtick.color": GREY, "xtick.labelcolor": INK, "xtick.labelsize": 8, "xtick.major.width": 0.7,
     "ytick.color": GREY, "ytick.labelcolor": INK, "ytick.labelsize": 8, "ytick.major.width": 0.7,
     "lines.linewidth": 1.3, "path.simplify": True, "legend.fontsize": 8, "legend.frameon": False,
-    "grid.color": "#e6e6e6", "grid.linewidth": 0.6, "svg.fonttype": "none",
+    "grid.color": "#e6e6e6", "grid.linewidth": 0.6,
     "image.interpolation": "nearest", "image.composite_image": True,
 }  # fmt: skip
 """Settings of matplotlib within `drawing`."""
@@ -211,60 +207,9 @@ def _mathtext(text: str) -> str:
     return SYMBOL.sub(lambda m: f"${m[1]}_{{{m[2]}}}${m[3] or ''}", plain)
 
 
-def to_svg(figure: Figure, name: str) -> str:
-    """A figure that was drawn with matplotlib itself, within `drawing`, as SVG text to put into a page.
-
-    Parameters
-    ----------
-    figure : Figure
-    name : str
-        Unique on the page; keeps identifiers of different figures apart.
-
-    Returns
-    -------
-    str
-        With selectable text and no date, the same for the same figure.
-    """
-    import matplotlib
-
-    stream = io.StringIO()
-    with matplotlib.rc_context({**SETTINGS, "svg.hashsalt": name}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = stream.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # A style element inside the page would reach beyond its figure; the page's own style sheet says the same.
-    text = re.sub(r"\s*<defs>\s*<style.*?</style>\s*</defs>", "", text, count=1, flags=re.DOTALL)
-    text = re.sub(r"font: [^;\"]*?([\d.]+)px[^;\"]*", _font, text)
-    text = re.sub(r" font-family: [^;\"]*;?", "", text)
-    # Identifiers that nothing refers to would only clash with those of other figures.
-    text = re.sub(r' id="([^"]+)"', lambda match: match[0] if f"#{match[1]}" in text else "", text)
-    text = re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + with_subscripts(unescape(m[2])) + m[3], text)
-    text = re.sub(r" +\n|\n +", "\n", text)
-    return text.strip()
-
-
-def standalone(svg: str) -> bytes:
-    """What `to_svg` gives, as a file of its own."""
-    look = "<style>svg { font-family: sans-serif; } * { stroke-linejoin: round; stroke-linecap: butt; }</style>"
-    head, rest = svg.split(">", 1)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}>\n{look}{rest}\n'.encode()
-
-
-def _font(match: re.Match[str]) -> str:
-    weight = "font-weight: 700; " if re.search(r"\b(bold|700)\b", match[0]) else ""
-    return f"{weight}font-size: {match[1]}px"
-
-
 def to_png(figure: Figure, dpi: int = 150) -> bytes:
     """A figure as PNG bytes."""
     stream = io.BytesIO()
     with drawing():
         figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
-
-
-__all__ = [
-    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILLION", "WIDTH", "draw",
-    "drawing", "figure_of", "handles", "standalone", "to_png", "to_svg",
-]  # fmt: skip

@@ -151,12 +151,6 @@ def bars(low: ArrayLike, high: ArrayLike, at: ArrayLike, thick: float, **look: A
     return Area(parted(np.stack([a, b, b, a], -1)), parted(np.stack([c - t, c - t, c + t, c + t], -1)), **look)
 
 
-def whiskers(low: ArrayLike, high: ArrayLike, at: ArrayLike, colour: str = "ink") -> Line:
-    """Lying error bars from `low` to `high`."""
-    a, b, c = (np.atleast_1d(np.asarray(v, float)) for v in np.broadcast_arrays(low, high, at))
-    return Line(parted(np.stack([a, b], -1)), parted(np.stack([c, c], -1)), colour, 1.4, ends="|")
-
-
 def stairs(cuts: ArrayLike, heights: ArrayLike) -> tuple[Floats, Floats]:
     """Outline of a histogram: N + 1 cuts and N heights."""
     return np.repeat(cuts, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])

@@ -103,14 +103,8 @@ class Name(NamedTuple):
     """Text to put into the view."""
 
     text: str
-    x: float
-    """From the left, as a share of the width."""
-    y: float
-    """From the bottom, as a share of the height."""
-    above: bool
-    """Whether it names what is seen there; else it is a remark at the view's foot."""
     at: Point3
-    """In the scene [mm]."""
+    """In the scene [mm]; on the axis for a remark at the view's foot."""
 
 
 class View(NamedTuple):
@@ -164,12 +158,8 @@ def instrument_scene(design: Design) -> Instrument:
     tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
-    names = []
-    for text, z, y in sorted(tops, key=lambda top: top[1]):
-        right, up, _ = view.axes @ (np.array([0.0, y, z]) - view.focus) / view.scale
-        across = float(0.5 + 0.5 * right * view.window[1] / WIDTH)
-        names.append(Name(text, across, float(0.5 + 0.5 * up), y > 0, (0.0, y, z)))
-    return Instrument((*rays, *_elements(design, wall, front)), view, tuple(names))
+    names = tuple(Name(text, (0.0, y, z)) for text, z, y in sorted(tops, key=lambda top: top[1]))
+    return Instrument((*rays, *_elements(design, wall, front)), view, names)
 
 
 def _elements(design: Design, wall: float, front: float) -> list[Body]:
@@ -287,29 +277,35 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
     """Draw a scene in its own view, what is farther first; `width` in px."""
     view = scene.view
     height = width * view.window[1] / view.window[0]
+
+    def seen(points: ArrayLike) -> tuple[Floats, Floats]:
+        """Places in the picture [px], and how near the viewer they are [mm]."""
+        turned = np.subtract(points, view.focus) @ view.axes.T
+        return np.array([width / 2, height / 2]) + 0.5 * height / view.scale * turned[:, :2], turned[:, 2]
+
     drawn: list[tuple[float, Mark]] = []
     for part in scene.parts:
-        seen = (part.points - view.focus) @ view.axes.T
-        flat = np.array([width / 2, height / 2]) + 0.5 * height / view.scale * seen[:, :2]
+        flat, near = seen(part.points)
         if part.kind == "lines":
             loops = [flat[line] for line in _split(part.cells)]
         else:
             loops = [flat[:AROUND], flat[AROUND:][::-1]] if part.kind == "ring" else [outline(flat)]
         x, y = xy(joined(loops))
         line = Line(x, y, part.colour, LINE_WIDTH * part.width * width / 576)
-        drawn.append((seen[:, 2].mean(), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
+        drawn.append((float(near.mean()), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
     marks = [mark for _, mark in sorted(drawn, key=lambda one: one[0])]
-    above = [name for name in scene.names if name.above]
+    above = [name for name in scene.names if name.at[1] > 0]
+    tops, _ = seen([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
-    places = [min(max(n.x * width, w / 2 + 2), width - w / 2 - 2) for n, w in zip(above, widths, strict=True)]
+    places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
     head = 0.0
-    for name, place, row in zip(above, places, rows_of_names(places, widths, 4.0), strict=True):
-        top, level = name.y * height, name.y * height + 12 + 16 * row
-        marks.append(Line([name.x * width] * 2, [top, level], "grey", 0.8))
+    for name, (x, y), place, row in zip(above, tops, places, rows_of_names(places, widths, 4.0), strict=True):
+        level = float(y) + 12 + 16 * row
+        marks.append(Line([x, x], [y, level], "grey", 0.8))
         marks.append(Text(place, level, name.text, anchor="middle", dy=-3))
         # Names in several rows may stand above the view.
         head = max(head, level + 14 - height)
-    marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if not name.above]
+    marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name not in above]
     hues = zip(("centre", "edge", "corner", "blocked"), (*FIELDS, "vermillion"), strict=True)
     keys = [line_key(label, hue, 2.0) for label, hue in hues]
     panel = Panel((0.0, head, width, height), Scale(0, width), Scale(0, height), tuple(marks), bare=True)
@@ -418,7 +414,7 @@ def scene_data(scene: Instrument) -> str:
         "up": first["viewUp"],
         "scale": scene.view.scale,
     }
-    names = [{"text": name.text, "at": name.at} for name in scene.names if name.above]
+    names = [{"text": name.text, "at": name.at} for name in scene.names if name.at[1] > 0]
     text = json.dumps({"data": packed(scene.parts, scene.view), "camera": camera, "names": names})
     return text.replace("<", "\\u003c")  # no end tag inside the page's script element
 

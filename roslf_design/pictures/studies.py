@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs, whiskers
+from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs
 from .picture import (
     Panel,
     Picture,
@@ -105,7 +105,7 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     for k, ((name, _), share) in enumerate(zip(result.grades, shares, strict=True)):
         at, own = ROW * (k + 0.5), name == result.grade
         marks.append(bars(0.0, 100 * share.value, at, ROW - 8, fill="blue" if own else "pale", testid=f"yield-{name}"))
-        marks.append(whiskers(100 * share.low, 100 * share.high, at))
+        marks.append(Line([100 * share.low, 100 * share.high], [at, at], "ink", 1.4, ends="|"))
         percent = f"{100 * share.value:.1f} %"
         marks.append(Text(100 * share.high, at, percent, "ink", SMALL, dx=8, dy=4, bold=own))
     if target is not None:

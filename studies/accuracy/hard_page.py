@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from roslf_design.pictures.axes import BLUE, VERMILLION, WIDTH, drawing, to_svg
+from roslf_design.pictures.marks import Dots
+from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
 from roslf_design.reporting.blocks import (
     Bullets,
     Code,
@@ -21,15 +21,11 @@ from roslf_design.reporting.blocks import (
 from .hard_cases import CaseResult, HardCases, run_trial
 from .hard_rows import ISSUE_RADII, SHAPES, tangent_trial
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
-
 FLOOR = 1e-17
 """Errors of exactly 0 are drawn here."""
 CEILING = 1e4
 """Errors above, and formulas that give no number, are drawn here."""
-COLUMNS = 4
+COLUMNS = 3
 
 
 def hard_cases_report(found: HardCases, command: str) -> Report:
@@ -222,8 +218,6 @@ def _method(found: HardCases) -> Paragraph:
 
 
 def _figure(found: HardCases) -> Figure:
-    with drawing():
-        svg = to_svg(plot_hard_cases(found), "hard-cases")
     return Figure(
         "hard-cases",
         "Relative error against the distance from the singular point",
@@ -233,44 +227,29 @@ def _figure(found: HardCases) -> Figure:
         "quantity is ill-conditioned: no formula can do better with rounded arguments. A pixel's coverage is right to "
         "the last digits of a whole pixel, and not of the little that is covered. Where crosses stay low the textbook "
         "formula fails at the point alone.",
-        svg,
+        plot_hard_cases(found).svg(),
         "Small panels, one a hard case, logarithmic in both directions; dots stay near 1e-16 where crosses rise to 1",
     )
 
 
 def plot_hard_cases(found: HardCases) -> Picture:
     """Small panels, one a case, error against gap."""
-    from matplotlib.figure import Figure as Picture
-
-    shown = [result for result in found.results if result.case.shown]
-    rows = -(-len(shown) // COLUMNS)
-    figure = Picture(figsize=(1.25 * WIDTH, 1.75 * rows), layout="constrained")
-    axes = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True)
-    for ax, result in zip(axes.flat, shown, strict=False):
-        _panel(ax, result)
-    for ax in axes.flat[len(shown) :]:
-        ax.set_axis_off()
-    for row in axes:
-        row[0].set_ylabel("relative error")
-    return figure
+    shown = [_panel(result) for result in found.results if result.case.shown]
+    rows = [shown[k : k + COLUMNS] for k in range(0, len(shown), COLUMNS)]
+    title = "Relative error against the distance from the singular point"
+    return beside("hard-cases", title, [beside("", "", row) for row in rows], down=True)
 
 
-def _panel(ax: Axes, result: CaseResult) -> None:
+def _panel(result: CaseResult) -> Picture:
     mine = result.shown
     gaps = [max(point.gap, 1e-17) for point in mine]
     naive = [min(max(point.naive, FLOOR), CEILING) for point in mine]
     ours = [min(max(point.ours.relative, FLOOR), CEILING) for point in mine]
-    ax.plot(gaps, naive, "x", color=VERMILLION, markersize=3.5, markeredgewidth=0.9, clip_on=False)
-    ax.plot(gaps, ours, "o", color=BLUE, markersize=2.6, markeredgewidth=0, clip_on=False)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(FLOOR, CEILING)
-    ax.set_yticks([1e-16, 1e-8, 1])
-    ax.minorticks_off()
-    ax.grid(True)
-    ax.set_title(result.case.name.replace("→", "to"), fontsize=8)
+    marks = Dots(gaps, naive, "vermillion", "x", 2.6, width=1.2), Dots(gaps, ours, "blue", size=2.2)
+    across, up = Scale(min(gaps) / 3, max(gaps) * 3, log=True), Scale(FLOOR, CEILING, log=True)
+    ticks = (1e-16, "10⁻¹⁶"), (1e-8, "10⁻⁸"), (1.0, "1")
     words = result.case.gap_means
-    ax.set_xlabel(
-        words if len(words) <= 34 else words.replace("relative distance from the", "distance from"), fontsize=7
-    )
-    ax.tick_params(labelsize=7)
+    words = words if len(words) <= 34 else words.replace("relative distance from the", "distance from")
+    title = result.case.name.replace("→", "to")
+    panel = Panel((0, 0, 1, 1), across, up, marks, words, "relative error", title, y_ticks=ticks)
+    return one_panel("case", title, (1.25 * PAGE / COLUMNS, 190.0), panel, top=26)

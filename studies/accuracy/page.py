@@ -4,23 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from roslf_design.accuracy.table import QUANTITIES, Choice
 from roslf_design.accuracy.table import AccuracyTable as Measured
-from roslf_design.pictures.axes import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WIDTH,
-    drawing,
-    to_svg,
-)
+from roslf_design.pictures.marks import Dots, Key, Line, Mark, joined, line_key, xy
+from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
 from roslf_design.reporting.blocks import (
     Bullets,
     Code,
@@ -36,10 +26,6 @@ from roslf_design.reporting.blocks import (
 
 from .jobs import LENS, Job
 from .promises import Answer, Tried, WorkDiagram, candidates, methods
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 Group = tuple[str, Sequence[WorkDiagram], Sequence[Answer]]
 """A quantity, its diagrams, and what was chosen for each."""
@@ -136,8 +122,6 @@ def _reading(accuracy: float) -> Paragraph:
 
 
 def _figure(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer], accuracy: float) -> Figure:
-    with drawing():
-        svg = to_svg(plot_diagrams(diagrams, answers), "work-" + quantity.replace(" ", "-"))
     chosen = dict.fromkeys(answer.choice.method for answer in answers)
     floors = [diagram.floor for diagram in diagrams if diagram.floor is not None]
     words = QUANTITIES.get(quantity, "pixels of the scene given; largest error, 1 is a fully lit pixel")
@@ -149,7 +133,8 @@ def _figure(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[An
     elif floors:
         caption += f" Rays miss the waves by {min(floors):.2g} to {max(floors):.2g} of a fully lit pixel here."
     words = f"Error against time of every method for {quantity}, both axes logarithmic"
-    return Figure("work-" + quantity.replace(" ", "-"), quantity.capitalize(), caption, svg, words)
+    name = "work-" + quantity.replace(" ", "-")
+    return Figure(name, quantity.capitalize(), caption, plot_diagrams(name, words, diagrams, answers).svg(), words)
 
 
 def choice_table(jobs: dict[str, Job], table: Measured) -> Table:
@@ -268,23 +253,23 @@ def scene_sentence(diagram: WorkDiagram, choice: Choice, method: str) -> str:
 # --- diagrams: error against time, both logarithmic, one line a method ------------------------------------------------
 
 LOOKS = {
-    "closed form": (INK, "D"),
-    "exact arc-pixel area": (INK, "D"),
-    "harmonic series": (INK, "s"),
-    "Gauss panels": (BLUE, "o"),
-    "arc integrals": (INK, "D"),
-    "adaptive quadrature": (SKY, "v"),
-    "grid": (ORANGE, "s"),
-    "Monte Carlo": (VERMILLION, "x"),
-    "scrambled Sobol": (GREEN, "^"),
-    "rays (Sobol)": (GREEN, "^"),
-    "FFT": (ORANGE, "P"),
-    "direct Huygens": (PURPLE, "o"),
-    "exact trace": (INK, "D"),
-    "polynomial surrogate": (BLUE, "o"),
-    "thin lens": (GREY, "*"),
-    "rays alone": (GREY, "*"),
-    "first order": (GREY, "*"),
+    "closed form": ("ink", "D"),
+    "exact arc-pixel area": ("ink", "D"),
+    "harmonic series": ("ink", "s"),
+    "Gauss panels": ("blue", "o"),
+    "arc integrals": ("ink", "D"),
+    "adaptive quadrature": ("sky", "v"),
+    "grid": ("orange", "s"),
+    "Monte Carlo": ("vermillion", "x"),
+    "scrambled Sobol": ("green", "^"),
+    "rays (Sobol)": ("green", "^"),
+    "FFT": ("orange", "+"),
+    "direct Huygens": ("purple", "o"),
+    "exact trace": ("ink", "D"),
+    "polynomial surrogate": ("blue", "o"),
+    "thin lens": ("grey", "*"),
+    "rays alone": ("grey", "*"),
+    "first order": ("grey", "*"),
 }
 """Colour and marker of each method: told apart by either."""
 
@@ -297,65 +282,48 @@ MOST = {LENS: 30.0}
 COLUMNS = 2
 
 
-def plot_diagrams(diagrams: Sequence[WorkDiagram], answers: Sequence[Answer]) -> Picture:
+TICKS = tuple((10.0**power, f"10{str(power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}" if power else "1")
+              for power in (-16, -12, -8, -4, 0))  # fmt: skip
+
+
+def plot_diagrams(name: str, title: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer]) -> Picture:
     """Panels side by side, one legend; what was chosen for each gets a ring, its accuracy a line."""
-    from matplotlib.figure import Figure as Picture
-
-    rows = -(-len(diagrams) // COLUMNS)
     columns = min(COLUMNS, len(diagrams))
-    figure = Picture(figsize=(WIDTH * (1.0 if columns > 1 else 0.75), 2.75 * rows + 0.5), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    for n, ax in enumerate(axes.flat):
-        if n >= len(diagrams):
-            ax.set_axis_off()
-            continue
-        _plot(ax, diagrams[n], answers[n])
-    for row in axes:
-        row[0].set_ylabel("error")
-    handles: dict[str, Any] = {}
-    for ax in axes.flat[: len(diagrams)]:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
-    return figure
+    width = PAGE / columns if columns > 1 else 0.75 * PAGE
+    keys: dict[str, Key] = {}
+    drawn = [_plot(f"{name}-{k}", width, *pair, keys) for k, pair in enumerate(zip(diagrams, answers, strict=True))]
+    rows = [drawn[k : k + columns] for k in range(0, len(drawn), columns)]
+    return beside(name, title, [beside("", "", row) for row in rows], list(keys.values()), down=True)
 
 
-def _plot(ax: Axes, diagram: WorkDiagram, answer: Answer) -> None:
-    most = MOST.get(diagram.job.quantity, 3.0)
+def _plot(name: str, width: float, diagram: WorkDiagram, answer: Answer, keys: dict[str, Key]) -> Picture:
+    most, choice = MOST.get(diagram.job.quantity, 3.0), answer.choice
     drawn = [point for point in diagram.points if point.error_range[1] <= most]
-    for name in dict.fromkeys(point.method for point in drawn):
-        mine = [point for point in drawn if point.method == name]
-        colour, marker = LOOKS[name]
-        seconds = [point.seconds for point in mine]
-        errors = [max(point.error, LEAST) for point in mine]
-        spread = [
-            [max(e, LEAST) - max(point.error_range[0], LEAST) for point, e in zip(mine, errors, strict=True)],
-            [max(point.error_range[1], LEAST) - e for point, e in zip(mine, errors, strict=True)],
+    ends = [second for point in drawn for second in point.seconds_range] or [1e-6, 1.0]
+    across, up = Scale(min(ends) / 2, max(ends) * 2, log=True), Scale(LEAST, most, log=True)
+    marks: list[Mark] = []
+    for method in dict.fromkeys(point.method for point in drawn):
+        colour, sign = LOOKS[method]
+        mine = [point for point in drawn if point.method == method]
+        places = [(point.seconds, max(point.error, LEAST)) for point in mine]
+        bars = [
+            np.array([(second, e) for second in point.seconds_range])
+            for point, (_, e) in zip(mine, places, strict=True)
         ]
-        across = [
-            [point.seconds - point.seconds_range[0] for point in mine],
-            [point.seconds_range[1] - point.seconds for point in mine],
-        ]
-        ax.errorbar(
-            seconds, errors, yerr=spread, xerr=across, color=colour, marker=marker, markersize=4, linewidth=1.0,
-            elinewidth=0.6, label=name, clip_on=False,
-        )  # fmt: skip
+        bars += [np.array([(point.seconds, max(error, LEAST)) for error in point.error_range]) for point in mine]
+        marks += [Line(*xy(places), colour), Line(*xy(joined(bars)), colour, 0.8), Dots(*xy(places), colour, sign, 3)]
+        keys.setdefault(method, line_key(method, colour, 1.3, "", Dots((0.0,), (0.0,), colour, sign, 3)))
+    lines = [(choice.accuracy, "accuracy asked for", "ink", "1.5 2.5")]
     if diagram.floor is not None:
-        name = FLOORS.get(diagram.job.quantity, "rays against waves")
-        ax.axhline(diagram.floor, color=GREY, linestyle="--", linewidth=1.0, label=name)
-    choice = answer.choice
-    ax.axhline(choice.accuracy, color=INK, linestyle=":", linewidth=1.0, label="accuracy asked for")
+        lines.append((diagram.floor, FLOORS.get(diagram.job.quantity, "rays against waves"), "grey", "6 3"))
+    for error, words, colour, dash in lines:
+        marks.append(Line(across[:2], [error, error], colour, 1.3, dash))
+        keys.setdefault(words, line_key(words, colour, 1.3, dash))
     for point in diagram.points:
         if (point.method, point.level) == (choice.method, choice.level):
-            ax.plot(
-                point.seconds, max(point.error, LEAST), "o", markersize=13, markerfacecolor="none",
-                markeredgecolor=INK, markeredgewidth=1.4, label="chosen", zorder=5, clip_on=False,
-            )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(LEAST, most)
-    ax.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
-    ax.minorticks_off()
-    ax.grid(True)
-    ax.set_xlabel("time [s]")
-    ax.set_title(f"{diagram.job.quantity}: {diagram.title}")
+            ring = Dots([point.seconds], [max(point.error, LEAST)], "none", size=8, edge="ink", width=1.8)
+            marks.append(ring)
+            keys.setdefault("chosen", Key("chosen", (Dots((0.0,), (0.0,), "none", size=6, edge="ink", width=1.8),)))
+    title = f"{diagram.job.quantity}: {diagram.title}"
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "time [s]", "error", title, y_ticks=TICKS)
+    return one_panel(name, title, (width, 264.0), panel, top=28)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above, whiskers
+from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
 from roslf_design.pictures.picture import Panel, Picture, Scale, beside, log_ticks, one_panel, round_ticks
 from roslf_design.pictures.svg import px, tag, with_subscripts
 from roslf_design.pictures.theme import SMALL, THEMES, rows_of_names, short, text_width, theme_named, wrapped
@@ -104,7 +104,7 @@ ONE_OF_EACH = (
     Area([1.0, 4.0, 4.0, np.nan, 1.0, 2.0, 2.0], [1.0, 1.0, 90.0, np.nan, 50.0, 50.0, 90.0], "green", 0.5, "ink"),
     Area([1.0, 2.0, 2.0], [1.0, 1.0, 3.0], "grey", hatch=True),
     bars([1.0, 1.0], [2.0, 3.0], [10.0, 20.0], 2.0),
-    whiskers(1.5, 2.5, 10.0),
+    Line([1.5, 2.5], [10.0, 10.0], ends="|"),
     *(Dots([2.0, 3.0], [5.0, 50.0], "orange", shape) for shape in "osD^v<>*x+|"),
     Text(2.0, 10.0, "d_3 & more", halo=True),
     Text(2.0, 20.0, "plate", plate=True, anchor="end"),
