@@ -53,9 +53,8 @@ def residuals(result: Outcome) -> Picture:
     shown = np.asarray(found.observations.seen.any(axis=1))
     mean = np.nansum(off, axis=1)[shown] / found.observations.seen.sum(axis=1)[shown][:, None]
     place = found.lines.central[shown]
-    span = float(np.ptp(place, axis=0).max())
     typical = float(np.sqrt(np.square(mean).sum(axis=1).mean())) or 1.0
-    gain = 0.03 * span / typical
+    gain = 0.03 * float(np.ptp(place, axis=0).max()) / typical
     marks: list[Mark] = []
     keys: list[Key] = []
     boards = np.repeat(np.arange(len(shown)), shown.sum(axis=1))

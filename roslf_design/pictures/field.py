@@ -175,21 +175,18 @@ def on_mla(design: Design, points: ArrayLike) -> Floats:
 def _panel(design: Design, size: Point, margins: tuple[float, float, float, float]) -> Panel:
     """The array and, where it is not much larger, the circle of Eq. 6; both axes on one scale."""
     left, top, right, below = margins
-    half_x, half_y = (side / 2 for side in design.microlens_array.size)
+    half = np.array(design.microlens_array.size) / 2
     x, y, radius = circle_of_eq_6(design)
-    if 0 < radius <= 1.2 * math.hypot(half_x, half_y):
-        half_x, half_y = max(half_x, radius + abs(x)), max(half_y, radius + abs(y))
-    half_x, half_y = 1.05 * half_x, 1.05 * half_y
-    room = max(size[0] - left - right, 60.0), max(size[1] - top - below, 60.0)
-    scale = min(room[0] / (2 * half_x), room[1] / (2 * half_y))
+    if 0 < radius <= 1.2 * np.hypot(*half):
+        half = np.maximum(half, radius + np.abs([x, y]))
+    room = np.maximum(np.subtract(size, (left + right, top + below)), 60.0)
+    scale = float(np.min(room / (2.1 * half)))
     # The rest of the room shows more of the plane rather than nothing.
-    half_x, half_y = min(room[0] / scale / 2, 1.6 * half_x), min(room[1] / scale / 2, 1.6 * half_y)
-    width, height = 2 * half_x * scale, 2 * half_y * scale
-    box = (left + (room[0] - width) / 2, top + (room[1] - height) / 2, width, height)
-    return Panel(
-        box, Scale(-half_x, half_x), Scale(-half_y, half_y), (), "x on the MLA [mm]", "y on the MLA [mm]", grid="",
-        equal=True,
-    )  # fmt: skip
+    half = np.minimum(room / scale / 2, 1.6 * 1.05 * half)
+    width, height = (2 * half * scale).tolist()
+    box = (left + float(room[0] - width) / 2, top + float(room[1] - height) / 2, width, height)
+    across, up = (Scale(-side, side) for side in half.tolist())
+    return Panel(box, across, up, (), "x on the MLA [mm]", "y on the MLA [mm]", grid="", equal=True)
 
 
 def _frames(design: Design) -> list[Mark]:
@@ -282,17 +279,22 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
     `curves` are those of `lens_curves` where they are known already.
     """
     c = lens_curves(design) if curves is None else curves
-    growth = c.diameter_px - c.thin_diameter_px
-    parts = (
-        ("microlens images", "real less thin [px]", ((c.shift_px, "blue", ""), (growth, "vermillion", ""))),
-        ("foci and colour", "blur on the array [pitches]",
-         ((c.tangential, "blue", ""), (c.sagittal, "green", ""), (c.colour, "purple", "2 3"))),
-        ("distortion", "image height against first order [%]", ((c.distortion, "orange", ""),)),
-    )  # fmt: skip
+    parts = {
+        ("microlens images", "real less thin [px]"): [
+            ("image centre, shift", c.shift_px, "blue", ""),
+            ("diameter, growth", c.diameter_px - c.thin_diameter_px, "vermillion", ""),
+        ],
+        ("foci and colour", "blur on the array [pitches]"): [
+            ("tangential focus", c.tangential, "blue", ""), ("sagittal focus", c.sagittal, "green", ""),
+            ("lateral colour, F to C", c.colour, "purple", "2 3"),
+        ],
+        ("distortion", "image height against first order [%]"): [("distortion", c.distortion, "orange", "")],
+    }  # fmt: skip
+    keys = [line_key("thin twin", "grey", 1.2, "6 4")]
     each = (width / 3, 290.0)
     pictures = []
-    for title, label, lines in parts:
-        values = np.concatenate([[0.0], *(line for line, _, _ in lines)])
+    for (title, label), lines in parts.items():
+        values = np.concatenate([[0.0], *(line for _, line, *_ in lines)])
         up, across = Scale.around(values, 0.06), Scale(0.0, float(c.x[-1]))
         marks: list[Mark] = []
         if title == "microlens images" and c.folded.any():
@@ -301,15 +303,10 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
         if title == "microlens images" and c.bound < across.high:
             marks.append(Line([c.bound, c.bound], up[:2], "ink", 1.2, "1.5 2"))
         marks.append(Line([0.0, across.high], [0.0, 0.0], "grey", 1.2, "6 4"))
-        marks += [Line(c.x, line, colour, 1.8, dash) for line, colour, dash in lines]
+        marks += [Line(c.x, line, colour, 1.8, dash) for _, line, colour, dash in lines]
+        keys += [line_key(name, colour, 1.8, dash) for name, _, colour, dash in lines]
         panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "microlens off axis [mm]", label, title)
         pictures.append(one_panel(f"lens-{title.split()[0]}", title, each, panel, left=64, top=28, right=10))
-    keys = [
-        line_key("thin twin", "grey", 1.2, "6 4"), line_key("image centre, shift", "blue", 1.8),
-        line_key("diameter, growth", "vermillion", 1.8), line_key("tangential focus", "blue", 1.8),
-        line_key("sagittal focus", "green", 1.8), line_key("lateral colour, F to C", "purple", 1.8, "2 3"),
-        line_key("distortion", "orange", 1.8),
-    ]  # fmt: skip
     if c.bound < c.x[-1]:
         keys.append(line_key("undistorted within", "ink", 1.2, "1.5 2"))
     if c.folded.any():

@@ -98,14 +98,12 @@ def image_view(design: Design, place: Point, most: float = math.inf) -> ImageVie
             window=(rows, columns),
         )  # fmt: skip
         shares = np.asarray(covered, float)
-    image = intersect(centres, radii)
-    on_sensor = 1.0 if not image.lit or min(design.pixels) > 0 else 0.0
-    if image.lit and min(design.pixels) > 0:
-        low = start - axis
-        inside = float(area_in_rectangle(centres, radii, low, low + np.multiply(design.pixels, q)))
+    image, on_sensor = intersect(centres, radii), 1.0
+    if image.lit:
+        low, size = start - axis, np.multiply(design.pixels, q)
+        inside = float(area_in_rectangle(centres, radii, low, low + size)) if size.min() > 0 else 0.0
         on_sensor = min(inside / float(image.area), 1.0)
-    edge = outline(centres, radii)
-    kept = float(image.kept_fraction)
+    edge, kept = outline(centres, radii), float(image.kept_fraction)
     return ImageView(centres, radii, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
 
 
@@ -119,9 +117,8 @@ def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> 
     """
     array = design.microlens_array
     if min(array.size) < array.pitch * (1 - 1e-9):
-        raise InputError(
-            (Problem("d", f"{array.pitch:g} mm is more than the microlens array is wide; make it smaller"),)
-        )
+        words = f"{array.pitch:g} mm is more than the microlens array is wide; make it smaller"
+        raise InputError((Problem("d", words),))
     if inward:
         x, y = (math.copysign(max(abs(side) - 0.499 * array.pitch, 0.0), side) for side in place)
         place = x, y
@@ -320,36 +317,29 @@ def preview(image: RawImage) -> Picture:
     small = np.asarray(kept.reshape(kept.shape[0] // step, step, -1, step).mean((1, 3)), float)
     about_five = round(5 * abs(float(microlens_image_pitch(Camera.of(image.design)))) / image.design.q)
     side = min(max(24, about_five), region.rows, region.columns)
-    middle_x, middle_y = (region.columns - side) // 2, (region.rows - side) // 2
-    places = {
-        "centre": (middle_x, middle_y),
-        "edge": (region.columns - side, middle_y),
-        "corner": (region.columns - side, region.rows - side),
-    }
+    right, upper = region.columns - side, region.rows - side
 
-    def panel(box: tuple[float, float, float, float], values: Floats, title: str, *start_and_size: int) -> Panel:
-        column, row, columns, rows = start_and_size
-        extent = (float(column), float(column + columns), float(row), float(row + rows))
-        shown = Image(np.asarray(values, float), extent, "grey", 0.0, top)
-        labels = ("column [px]", "row [px]", title)
-        return Panel(box, Scale(*extent[:2]), Scale(*extent[2:]), (shown,), *labels, grid="", equal=True)
+    def panel(at: Point, size: Point, values: Floats, title: str, start: Point, count: Point) -> Panel:
+        x, y = (Scale(low, low + high) for low, high in zip(start, count, strict=True))
+        shown = Image(values, (*x[:2], *y[:2]), "grey", 0.0, top)
+        return Panel((*at, *size), x, y, (shown,), "column [px]", "row [px]", title, grid="", equal=True)
 
     width = 1056.0
     scale = min((width - 70 - 90) / region.columns, 420 / region.rows)
     wide, high = scale * region.columns, scale * region.rows
-    left = 70 + (width - 160 - wide) / 2
-    size = region.column, region.row, region.columns, region.rows
-    whole = panel((left, 30, wide, high), small, f"{image.design.name}: {image.scene.name or 'scene'}", *size)
+    title, at = f"{image.design.name}: {image.scene.name or 'scene'}", (70 + (width - 160 - wide) / 2, 30.0)
+    whole = panel(at, (wide, high), small, title, (region.column, region.row), (region.columns, region.rows))
     below, each = high + 30 + 78, 220.0
     panels, frames = [], []  # type: list[Panel], list[Mark]
-    for k, ((name, (column, row)), colour) in enumerate(
-        zip(places.items(), ("blue", "vermillion", "green"), strict=True)
-    ):
+    for name, left, colour, column, row in (
+        ("centre", 70.0, "blue", right // 2, upper // 2), ("edge", 410.0, "vermillion", right, upper // 2),
+        ("corner", 750.0, "green", right, upper),
+    ):  # fmt: skip
         part = np.asarray(pixels[row : row + side, column : column + side], float)
         start = region.column + column, region.row + row
-        zoomed = panel((70 + k * 340.0, below, each, each), part, name, *start, side, side)
-        corners = [start[0] + side * i for i in (0, 1, 1, 0)], [start[1] + side * j for j in (0, 0, 1, 1)]
-        frame = Area(*corners, "none", 1.0, colour, 3.0, clip=False)
+        zoomed = panel((left, below), (each, each), part, name, start, (side, side))
+        (a, b, _), (c, d, _) = zoomed.x, zoomed.y
+        frame = Area([a, b, b, a], [c, c, d, d], "none", 1.0, colour, 3.0, clip=False)
         panels.append(zoomed.with_marks(frame))
         frames.append(frame)
     bar = colour_bar(whole, 0.0, top, "grey", "relative intensity")
