@@ -103,7 +103,8 @@ class Report:
     title: str
     subtitle: str
     sections: tuple[Section, ...]
-    footer: str = ""
+    footer: str = "roslf_design"
+    """No version where the same input is to give the same bytes for years."""
 
     @property
     def figures(self) -> tuple[Figure, ...]:

@@ -12,7 +12,7 @@ from ..pictures.microlens import microlens_images
 from ..pictures.rays import ray_diagrams
 from ..words import length
 from .blocks import Figure, Report, Section, Table
-from .design import FOOTER, making, misalignments, parameter_rows, verdicts
+from .design import making, misalignments, parameter_rows, verdicts
 from .sheets import PLACES, compose
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def comparison_report(
         making(command, (), stamp),
     )
     title = ", ".join(f"{letter}: {design.name}" for letter, design in named.items())
-    return Report(title, "Designs side by side; ≠ marks what differs.", sections, FOOTER)
+    return Report(title, "Designs side by side; ≠ marks what differs.", sections)
 
 
 def _ray_sheet(letter: str, design: Design) -> Figure:

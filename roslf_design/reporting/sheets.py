@@ -1,7 +1,8 @@
-"""The figures of a design report: each composed from plots, with a caption that says what to see and what follows."""
+"""The figures of a design report: each a picture with a caption that says what to see and what follows."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -103,7 +104,7 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
     return compose("images", "Microlens images on their pixels", caption, picture)
 
 
-def wave_sheet(design: Design) -> Figure:
+def wave_sheet(design: Design, _: Evaluation) -> Figure:
     """One microlens image by rays and by waves."""
     light = encircled(Camera.of(design))
     caption = (
@@ -194,7 +195,7 @@ def depth_sheet(design: Design, result: Evaluation) -> Figure:
     return compose("depth", "Depth precision over distance", caption, picture)
 
 
-def effects_sheet(result: Evaluation) -> Figure:
+def effects_sheet(_: Design, result: Evaluation) -> Figure:
     """Effects against their budgets."""
     caption = "No effect exceeds its budget for a white scene at the focal plane."
     on = [effect for effect in result.effects if effect.on and effect.estimate != 0 and effect.budget > 0]
@@ -210,7 +211,7 @@ def effects_sheet(result: Evaluation) -> Figure:
     return compose("effects-budget", "Effects against their budgets", caption, picture)
 
 
-def picture_sheet(design: Design) -> Figure:
+def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
     caption = (
@@ -226,7 +227,7 @@ def picture_sheet(design: Design) -> Figure:
     return replace(sheet, scene=scene_data(scene))
 
 
-def dimensions_sheet(design: Design) -> Figure:
+def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions."""
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
@@ -250,3 +251,18 @@ def history_sheet(answer: Answer) -> Figure:
 def compose(name: str, title: str, caption: str, picture: Picture) -> Figure:
     """A picture as a block of a report."""
     return Figure(name, title, caption, picture.svg(name=name), description=f"{title}. {caption}")
+
+
+SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
+    "dimensions": dimensions_sheet,
+    "rays": ray_sheet,
+    "cells": cells_sheet,
+    "view": picture_sheet,
+    "images": image_sheet,
+    "waves": wave_sheet,
+    "maps": map_sheet,
+    "plane": plane_sheet,
+    "depth": depth_sheet,
+    "effects": effects_sheet,
+}
+"""The figures of every design, by name."""

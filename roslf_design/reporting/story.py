@@ -26,8 +26,10 @@ study runs alone. What `calibration` leaves out is chosen to suit the design: `b
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,18 +41,26 @@ from ..design import Design, preset_names
 from ..design.files import load_beside
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
-from ..optimization.run import designs
-from ..tolerancing.study import StrictTable
+from ..evaluation import default_fields
+from ..optimization.run import designs, run
+from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.result import analyse
+from ..tolerancing.run import run_trials
+from ..tolerancing.study import StrictTable, make_plan, read_study
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
-from .design import FOOTER, Evidence, design_report, making
+from .design import Evidence, design_report, making
 from .optimization import optimization_section, statements
-from .studies import Tell, quick_tolerances, run_optimisation, run_tolerances
 
 if TYPE_CHECKING:
     from ..optimization.run import Result
+    from ..tolerancing.places import Grades
+    from ..tolerancing.result import StudyResult
+    from ..tolerancing.study import Study
+    from ..tolerancing.study import TolerancePlan as Plan
 
+Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""
@@ -94,6 +104,11 @@ class StoryPart(StrictTable):
         return self
 
     @property
+    def kind(self) -> str:
+        """Which study."""
+        return next(key for key in STUDIES if getattr(self, key) is not None)
+
+    @property
     def file(self) -> str | None:
         """The study's file."""
         return self.optimize or self.tolerance
@@ -112,19 +127,11 @@ class Story:
 
     table: StoryTable
     design: Design
-    studies: tuple[Mapping[str, Any], ...]
-    """What each part's file says; empty for a part without one."""
+    studies: Mapping[int, Mapping[str, Any]]
+    """What a part's file says, by the part's index; so for calibrations."""
     folder: Path
     origin: str
     calibrations: Mapping[int, Calibrated]
-    """By the part's index."""
-
-    def place_of(self, index: int) -> tuple[Path, str]:
-        """Where files named by a part's study are looked for, and what its errors are told of."""
-        file = self.table.parts[index].file
-        if file is None:
-            return self.folder, f"{self.origin}: parts.{index}"
-        return (self.folder / file).parent, str(self.folder / file)
 
 
 def load_story(path: str | os.PathLike[str]) -> Story:
@@ -140,13 +147,7 @@ def load_story(path: str | os.PathLike[str]) -> Story:
 
 
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
-    """What kind of file a path (or a preset's name) names, and the story where it is one.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, is none of the kinds, or is a story with faults.
-    """
+    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `load_story`."""
     if str(path) in preset_names() and not path.exists():
         return "design", None
     data = read_toml(path, str(path))
@@ -161,28 +162,127 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     except ValidationError as error:
         raise InputError(problems_of(error, StoryTable), origin) from None
     faults: list[Problem] = []
-    studies: list[Mapping[str, Any]] = []
+    studies: dict[int, Mapping[str, Any]] = {}
     calibrations: dict[int, Calibrated] = {}
-    design, name = None, table.story.design
+    design = None
     try:
-        design = load_beside(name, folder)
+        design = load_beside(table.story.design, folder)
     except InputError as error:
         faults += [Problem("story.design", str(fault)) for fault in error.problems]
     for index, part in enumerate(table.parts):
-        studies.append({})
+        place = f"parts.{index}.{part.kind}"
         try:
             if part.file is not None:
                 studies[index] = read_toml(folder / part.file, part.file)
             elif part.calibrated is not None:
                 calibrations[index] = read_calibration(folder / part.calibrated)
         except InputError as error:
-            key = next(key for key in STUDIES if getattr(part, key) is not None)
-            lead = "" if part.file is None else f"{part.file}: "
-            said = (fault.message if part.file is None else str(fault) for fault in error.problems)
-            faults += [Problem(f"parts.{index}.{key}", lead + text) for text in said]
+            told = [f"{part.file}: {fault}" if part.file else fault.message for fault in error.problems]
+            faults += [Problem(place, text) for text in told]
     if faults or design is None:
         raise InputError(tuple(faults), origin)
-    return Story(table, design, tuple(studies), folder, origin, calibrations)
+    return Story(table, design, studies, folder, origin, calibrations)
+
+
+# --- studies ----------------------------------------------------------------------------------------------------------
+
+TRIALS = 16384
+GRADE = "precision"
+FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
+"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth spread."""
+QUESTION = (
+    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
+    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
+    f"stays within {100 * FILL:g} % of the nominal, its depth spread grows by no more than {100 * DEPTH:g} %, no field "
+    f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
+    f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+)
+
+
+def tolerance_plan(
+    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
+) -> tuple[Plan, Study, Grades]:
+    """A tolerance study ready to run, from nested values; every fault of it at once as an InputError.
+
+    `design` takes the place of the study's own, `folder` holds files that it names, errors are told of `origin`.
+    """
+    study, own, grades = read_study(data, folder, origin, design)
+    return make_plan(study, own, grades, origin), study, grades
+
+
+def run_tolerances(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> StudyResult:
+    """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
+
+    As `tolerance_plan`; `progress` is told (trials done, trials in all).
+    """
+    plan, study, grades = tolerance_plan(data, design, folder, origin)
+    with tempfile.TemporaryDirectory() as scratch:
+        tally = run_trials(plan, Path(scratch), progress=progress)
+    return analyse(plan, study, grades, tally)
+
+
+def run_optimisation(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    tell: Tell = lambda _: None,
+    seed: int | None = None,
+) -> Result:
+    """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
+    study = read_optimisation(data, folder, origin, seed, design)
+    try:
+        return run(study, tell)
+    except InputError as error:
+        raise error if error.origin else InputError(error.problems, origin) from None
+
+
+def quick_tolerances(
+    design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
+) -> StudyResult:
+    """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
+    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress)
+
+
+def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
+    """The first look as its file would say it, without the design: limits relative to the nominal."""
+    data: dict[str, Any] = {
+        "name": f"first look, {GRADE} grade",
+        "question": QUESTION,
+        "grade": GRADE,
+        "seed": seed,
+        "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
+        "report": ["fill_factor", "kept_fraction", "sigma_z_mm"],
+        "goals": [{"metric": "centre_error_px", "max": CENTRE}],
+        "compensators": [{"place": "calibration"}],
+        "sobol_samples": 0,
+        "keep_worst": 0,
+        "keep_trials": 0,
+    }
+    plan, *_ = tolerance_plan(data, design)
+    goals: list[dict[str, Any]] = []
+    for column, nominal in zip(plan.columns, plan.nominal.tolist(), strict=True):
+        if not math.isfinite(nominal):
+            continue  # a field without light
+        low, high = sorted(((1 - FILL) * nominal, (1 + FILL) * nominal))
+        limits = {
+            "centre_error_px": {"max": CENTRE},
+            "fill_factor": {"min": low, "max": high},
+            "kept_fraction": {"min": max(0.0, nominal - KEPT)},
+            "sigma_z_mm": {"max": (1 + DEPTH) * abs(nominal)},
+        }
+        at = {} if column.field is None else {"fields": [column.field]}
+        goals.append({"metric": column.metric, **limits[column.metric], **at})
+    return data | {"goals": goals, "report": []}
+
+
+# --- reports ----------------------------------------------------------------------------------------------------------
 
 
 def full_report(
@@ -221,21 +321,8 @@ def study_report(
 ) -> Report:
     """A study's report: the design it is about, with what the study found and all else that a design's report has.
 
-    Parameters
-    ----------
-    kind : {"optimize", "tolerance"}
-        What the file holds.
-    path : Path
-        The study's file.
-    seed : int, optional
-        Instead of the study's.
-    progress, **options
-        As `full_report` takes them.
-
-    Raises
-    ------
-    InputError
-        Every fault of the file.
+    `kind` is "optimize" or "tolerance", `path` the study's file, `seed` counts instead of the study's; the rest as for
+    `full_report`. Every fault of the file is told by an InputError.
     """
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "optimize":
@@ -254,15 +341,9 @@ def study_report(
 
 
 def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
-    """Run a story, part by part, and report on the design it ends with.
+    """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
 
-    Parameters
-    ----------
-    story : Story
-    seed : int, optional
-        Of all parts, instead of their own.
-    progress, **options
-        As `full_report` takes them.
+    The rest as for `full_report`.
 
     Raises
     ------
@@ -272,10 +353,10 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     design, evidence, steps = story.design, Evidence(), []
     for index, part in enumerate(story.table.parts):
         where = f"part {index + 1} of {len(story.table.parts)}"
-        data, (folder, origin) = story.studies[index], story.place_of(index)
-        if part.optimize is not None:
+        file, data = story.folder / (part.file or ""), story.studies.get(index, {})
+        if part.kind == "optimize":
             told = _prefixed(progress, f"{where}, optimisation")
-            result = run_optimisation(data, design, folder, origin, told, seed)
+            result = run_optimisation(data, design, file.parent, str(file), told, seed)
             taken = _taken(result, part.take)
             if taken is None:
                 raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
@@ -283,10 +364,10 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
                 f"Optimisation ({data['name']}), from {design.name}; what goes on: {_chosen(part.take, taken)}."
             )
             design, evidence = taken, replace(evidence, optimisation=result)
-        elif part.tolerance is not None:
+        elif part.kind == "tolerance":
             seeded = data if seed is None else {**data, "seed": seed}
             counted = _counted(progress, f"{where}, tolerances")
-            evidence = replace(evidence, tolerances=run_tolerances(seeded, design, folder, origin, counted))
+            evidence = replace(evidence, tolerances=run_tolerances(seeded, design, file.parent, str(file), counted))
             steps.append(f"Tolerances ({data['name']}), of {design.name}.")
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
@@ -300,9 +381,8 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    return design_report(
-        design, evidence=evidence, opening=opening, title=story.table.story.title, progress=progress, **options
-    )
+    title = story.table.story.title
+    return design_report(design, evidence=evidence, opening=opening, title=title, progress=progress, **options)
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Evidence) -> Evidence:
@@ -317,12 +397,10 @@ def _first_look(design: Design, seed: int, progress: Tell, known: Evidence) -> E
 
 
 def _taken(result: Result, name: str) -> Design | None:
-    """A design of an optimisation by its name; None where it was not found."""
     return dict(designs(result)).get(f"{name}.toml")
 
 
 def _chosen(take: str, design: Design) -> str:
-    """What of an optimisation goes on, in words."""
     if take == "best":
         return "its optimum"
     if take == "robust":
@@ -348,7 +426,7 @@ def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...]
         Section("Optimisation", optimization_section(result).blocks, "optimisation"),
         making(command, tuple(Evidence(result).seeds()), stamp),
     )
-    return Report(asked.name, f"from {result.answer.problem.design.name}", sections, FOOTER)
+    return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 
 
 def _prefixed(progress: Tell, what: str) -> Tell:

@@ -256,7 +256,7 @@ def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, capture
         (["--plan", "paper", "--boards", "1"], "one image of the board"),
         (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
         (["--plan", "paper", "--noise=-1"], "noise must be positive"),
-        (["--plan", "paper", "--range=-1 mm"], "range of distances"),
+        (["--plan", "paper", "--range=-1 mm"], '--range: "-1.0" must not be negative'),
         (["--plan", "none.toml"], "none.toml: no such file"),
     ],
 )

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from roslf_design.commands import progress
+from roslf_design.commands import terminal as progress
 
 
 class Terminal(io.StringIO):

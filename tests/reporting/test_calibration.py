@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from pydantic import ValidationError
 
 from roslf_design.calibration.planning import field_at
 from roslf_design.cli import main
@@ -18,7 +19,7 @@ from roslf_design.reporting.calibration import (
     captures_for,
     read_calibration,
 )
-from roslf_design.reporting.html import render_html
+from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
@@ -122,5 +123,5 @@ def test_a_plan_tells_boards_too_large_and_captures_that_determine_nothing():
     flat = calibration_plan(paper, CalibrationPart(boards=2, tilt=1e-9, range=1e-9))
     assert isinstance(flat, str)
     assert calibration_section(paper, flat, "1 %").blocks[0].items[0].text == f"No plan: {flat}."
-    with pytest.raises(InputError, match='f_sigma: "sharp" is not understood'):
-        calibration_plan(paper, CalibrationPart(f_sigma="sharp"))
+    with pytest.raises(ValidationError, match=r'f_sigma\n.*"sharp" is not understood'):
+        CalibrationPart(f_sigma="sharp")

@@ -15,8 +15,8 @@ from roslf_design.pictures import solid
 from roslf_design.reporting.blocks import Figure, Report, Section, Table
 from roslf_design.reporting.compare import comparison_report
 from roslf_design.reporting.design import design_report
-from roslf_design.reporting.html import render_html
 from roslf_design.reporting.parts_list import array_match, lens_match, parts_section, sensor_match
+from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheets import picture_sheet
 from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS

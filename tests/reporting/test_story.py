@@ -11,10 +11,18 @@ from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
-from roslf_design.reporting.html import render_html
-from roslf_design.reporting.pdf import render_pdf
-from roslf_design.reporting.story import load_story, load_story_or_study, story_report, study_report
-from roslf_design.reporting.studies import CENTRE, FILL, quick_study, run_optimisation, tolerance_plan
+from roslf_design.reporting.printers import render_html, render_pdf
+from roslf_design.reporting.story import (
+    CENTRE,
+    FILL,
+    load_story,
+    load_story_or_study,
+    quick_study,
+    run_optimisation,
+    story_report,
+    study_report,
+    tolerance_plan,
+)
 
 OPTIMIZE = """
 name = "shorter"
