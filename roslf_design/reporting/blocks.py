@@ -60,7 +60,7 @@ class Figure:
     description: str = ""
     """For those who cannot see it."""
     scene: str = ""
-    """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
+    """As of `pictures.solid.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
 
 
 @dataclass(frozen=True)
