@@ -6,6 +6,7 @@ Content passes into the PDF's document as JSON and files, never as markup: no te
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import tempfile
@@ -85,7 +86,24 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             ignore_system_fonts=True,
             timestamp=0,
         )
-    return pdf
+    return _packed(pdf)
+
+
+def _packed(pdf: bytes) -> bytes:
+    """The same document, its tags for screen readers packed as well: nearly half as large; as it is without pikepdf."""
+    try:
+        import pikepdf
+    except ModuleNotFoundError:
+        return pdf
+    stream = io.BytesIO()
+    with pikepdf.open(io.BytesIO(pdf)) as document:
+        document.save(
+            stream,
+            object_stream_mode=pikepdf.ObjectStreamMode.generate,
+            recompress_flate=True,
+            deterministic_id=True,
+        )
+    return stream.getvalue()
 
 
 def _block(block: Block, root: Path) -> dict[str, Any]:
