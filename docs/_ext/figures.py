@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable
+from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,13 +13,14 @@ import numpy as np
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.imaging.render import render
-from roslf_design.pictures.axes import BLUE, GREY, ORANGE, VERMILLION, drawing, standalone, to_svg
+from roslf_design.pictures.axes import BLUE, GREY, ORANGE, SETTINGS, VERMILLION, drawing
 from roslf_design.pictures.depth import depth_precision
 from roslf_design.pictures.effects import effects_budget
 from roslf_design.pictures.matching import matching_plane
 from roslf_design.pictures.microlens import microlens_images
 from roslf_design.pictures.picture import PAGE, Picture
 from roslf_design.pictures.rays import ray_diagrams
+from roslf_design.pictures.svg import with_subscripts
 from roslf_design.theory.disparity import epi_slope
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
 
@@ -123,13 +127,58 @@ def epi() -> Figure:
     return figure
 
 
+def to_svg(figure: Figure, name: str) -> str:
+    """A figure that was drawn with matplotlib itself, within `drawing`, as SVG text to put into a page.
+
+    Parameters
+    ----------
+    figure : Figure
+    name : str
+        Unique on the page; keeps identifiers of different figures apart.
+
+    Returns
+    -------
+    str
+        With selectable text and no date, the same for the same figure.
+    """
+    import matplotlib
+
+    stream = io.StringIO()
+    with matplotlib.rc_context({**SETTINGS, "svg.hashsalt": name}):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # A style element inside the page would reach beyond its figure; the page's own style sheet says the same.
+    text = re.sub(r"\s*<defs>\s*<style.*?</style>\s*</defs>", "", text, count=1, flags=re.DOTALL)
+    text = re.sub(r"font: [^;\"]*?([\d.]+)px[^;\"]*", _font, text)
+    text = re.sub(r" font-family: [^;\"]*;?", "", text)
+    # Identifiers that nothing refers to would only clash with those of other figures.
+    text = re.sub(r' id="([^"]+)"', lambda match: match[0] if f"#{match[1]}" in text else "", text)
+    text = re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + with_subscripts(unescape(m[2])) + m[3], text)
+    text = re.sub(r" +\n|\n +", "\n", text)
+    return text.strip()
+
+
+def standalone(svg: str) -> str:
+    """What `to_svg` gives, as a file of its own."""
+    look = "<style>svg { font-family: sans-serif; } * { stroke-linejoin: round; stroke-linecap: butt; }</style>"
+    head, rest = svg.split(">", 1)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}>\n{look}{rest}\n'
+
+
+def _font(match: re.Match[str]) -> str:
+    weight = "font-weight: 700; " if re.search(r"\b(bold|700)\b", match[0]) else ""
+    return f"{weight}font-size: {match[1]}px"
+
+
 def _svg(name: str, draw: Callable[[], Figure | Picture]) -> Callable[[], str]:
     def made() -> str:
         with drawing():
             figure = draw()
             if isinstance(figure, Picture):
                 return figure.svg_file().decode()
-            return standalone(to_svg(figure, name)).decode()
+            return standalone(to_svg(figure, name))
 
     return made
 

@@ -7,10 +7,8 @@ made with matplotlib itself.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,15 +16,13 @@ import numpy as np
 from ..words import SYMBOL, typographic
 from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text
 from .panel import Panel, Scale
-from .svg import HEAD, STROKES, with_subscripts
+from .svg import HEAD, STROKES
 from .theme import THEMES, Theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH = 8.0
-"""Width of a figure that fills the page [inch]."""
 POINTS = 0.75
 """Points a pixel."""
 INK, GREY, PALE = THEMES["light"].ink, THEMES["light"].grey, THEMES["light"].pale
@@ -214,51 +210,6 @@ def _mathtext(text: str) -> str:
     return SYMBOL.sub(lambda m: f"${m[1]}_{{{m[2]}}}${m[3] or ''}", plain)
 
 
-def to_svg(figure: Figure, name: str) -> str:
-    """A figure that was drawn with matplotlib itself, within `drawing`, as SVG text to put into a page.
-
-    Parameters
-    ----------
-    figure : Figure
-    name : str
-        Unique on the page; keeps identifiers of different figures apart.
-
-    Returns
-    -------
-    str
-        With selectable text and no date, the same for the same figure.
-    """
-    import matplotlib
-
-    stream = io.StringIO()
-    with matplotlib.rc_context({**SETTINGS, "svg.hashsalt": name}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = stream.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # A style element inside the page would reach beyond its figure; the page's own style sheet says the same.
-    text = re.sub(r"\s*<defs>\s*<style.*?</style>\s*</defs>", "", text, count=1, flags=re.DOTALL)
-    text = re.sub(r"font: [^;\"]*?([\d.]+)px[^;\"]*", _font, text)
-    text = re.sub(r" font-family: [^;\"]*;?", "", text)
-    # Identifiers that nothing refers to would only clash with those of other figures.
-    text = re.sub(r' id="([^"]+)"', lambda match: match[0] if f"#{match[1]}" in text else "", text)
-    text = re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + with_subscripts(unescape(m[2])) + m[3], text)
-    text = re.sub(r" +\n|\n +", "\n", text)
-    return text.strip()
-
-
-def standalone(svg: str) -> bytes:
-    """What `to_svg` gives, as a file of its own."""
-    look = "<style>svg { font-family: sans-serif; } * { stroke-linejoin: round; stroke-linecap: butt; }</style>"
-    head, rest = svg.split(">", 1)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{head}>\n{look}{rest}\n'.encode()
-
-
-def _font(match: re.Match[str]) -> str:
-    weight = "font-weight: 700; " if re.search(r"\b(bold|700)\b", match[0]) else ""
-    return f"{weight}font-size: {match[1]}px"
-
-
 def to_png(figure: Figure, dpi: int = 150) -> bytes:
     """A figure as PNG bytes."""
     stream = io.BytesIO()
@@ -268,6 +219,6 @@ def to_png(figure: Figure, dpi: int = 150) -> bytes:
 
 
 __all__ = [
-    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILLION", "WIDTH", "Floats", "Scale", "draw",
-    "drawing", "figure_of", "handles", "standalone", "to_png", "to_svg",
+    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILLION", "Floats", "Scale", "draw",
+    "drawing", "figure_of", "handles", "to_png",
 ]  # fmt: skip

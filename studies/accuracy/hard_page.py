@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from roslf_design.pictures.axes import BLUE, VERMILLION, WIDTH, drawing, to_svg
+from roslf_design.pictures.marks import Dots
+from roslf_design.pictures.panel import Panel, Scale
+from roslf_design.pictures.picture import Picture
 from roslf_design.reporting.blocks import (
     Bullets,
     Code,
@@ -20,16 +21,14 @@ from roslf_design.reporting.blocks import (
 
 from .hard_cases import CaseResult, HardCases, run_trial
 from .hard_rows import ISSUE_RADII, SHAPES, tangent_trial
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
+from .page import powers
 
 FLOOR = 1e-17
 """Errors of exactly 0 are drawn here."""
 CEILING = 1e4
 """Errors above, and formulas that give no number, are drawn here."""
-COLUMNS = 4
+COLUMNS, WIDE, HIGH = 3, 300.0, 200.0
+"""Panels in a row, room for one [px]."""
 
 
 def hard_cases_report(found: HardCases, command: str) -> Report:
@@ -222,8 +221,7 @@ def _method(found: HardCases) -> Paragraph:
 
 
 def _figure(found: HardCases) -> Figure:
-    with drawing():
-        svg = to_svg(plot_hard_cases(found), "hard-cases")
+    svg = plot_hard_cases(found).svg()
     return Figure(
         "hard-cases",
         "Relative error against the distance from the singular point",
@@ -240,37 +238,22 @@ def _figure(found: HardCases) -> Figure:
 
 def plot_hard_cases(found: HardCases) -> Picture:
     """Small panels, one a case, error against gap."""
-    from matplotlib.figure import Figure as Picture
-
     shown = [result for result in found.results if result.case.shown]
-    rows = -(-len(shown) // COLUMNS)
-    figure = Picture(figsize=(1.25 * WIDTH, 1.75 * rows), layout="constrained")
-    axes = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True)
-    for ax, result in zip(axes.flat, shown, strict=False):
-        _panel(ax, result)
-    for ax in axes.flat[len(shown) :]:
-        ax.set_axis_off()
-    for row in axes:
-        row[0].set_ylabel("relative error")
-    return figure
+    panels = tuple(_panel(result, *divmod(n, COLUMNS)) for n, result in enumerate(shown))
+    size = (62 + COLUMNS * WIDE, HIGH * -(-len(shown) // COLUMNS))
+    return Picture("hard-cases", "Relative errors on the way to every singular point", size, panels)
 
 
-def _panel(ax: Axes, result: CaseResult) -> None:
-    mine = result.shown
-    gaps = [max(point.gap, 1e-17) for point in mine]
-    naive = [min(max(point.naive, FLOOR), CEILING) for point in mine]
-    ours = [min(max(point.ours.relative, FLOOR), CEILING) for point in mine]
-    ax.plot(gaps, naive, "x", color=VERMILLION, markersize=3.5, markeredgewidth=0.9, clip_on=False)
-    ax.plot(gaps, ours, "o", color=BLUE, markersize=2.6, markeredgewidth=0, clip_on=False)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(FLOOR, CEILING)
-    ax.set_yticks([1e-16, 1e-8, 1])
-    ax.minorticks_off()
-    ax.grid(True)
-    ax.set_title(result.case.name.replace("→", "to"), fontsize=8)
-    words = result.case.gap_means
-    ax.set_xlabel(
-        words if len(words) <= 34 else words.replace("relative distance from the", "distance from"), fontsize=7
-    )
-    ax.tick_params(labelsize=7)
+def _panel(result: CaseResult, row: int, column: int) -> Panel:
+    gaps = [max(point.gap, 1e-17) for point in result.shown]
+    naive = [min(max(point.naive, FLOOR), CEILING) for point in result.shown]
+    ours = [min(max(point.ours.relative, FLOOR), CEILING) for point in result.shown]
+    marks = (Dots(gaps, naive, "vermillion", "x", 2.4, width=1.2), Dots(gaps, ours, "blue", size=1.8))
+    box = (62 + WIDE * column, 24 + HIGH * row, WIDE - 18, HIGH - 78)
+    x, words = Scale(min(gaps) / 2, 2 * max(gaps), log=True), result.case.gap_means
+    if len(words) > 34:
+        words = words.replace("relative distance from the", "distance from")
+    label, decades = "" if column else "relative error", (1e-16, 1e-8, 1.0)
+    ticks = tuple((value, "") for value in decades) if column else powers(decades)
+    title = result.case.name.replace("→", "to")
+    return Panel(box, x, Scale(FLOOR, CEILING, log=True), marks, words, label, title, powers(x.ticks(4)), ticks)

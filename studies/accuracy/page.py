@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from statistics import median
-from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from roslf_design.accuracy.table import QUANTITIES, Choice
 from roslf_design.accuracy.table import AccuracyTable as Measured
-from roslf_design.pictures.axes import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WIDTH,
-    drawing,
-    to_svg,
-)
+from roslf_design.pictures.lettering import short
+from roslf_design.pictures.marks import Box, Dots, Key, Line, Mark, dot_key, line_key, parted
+from roslf_design.pictures.panel import Panel, Scale, Tick
+from roslf_design.pictures.picture import PAGE, Picture, legend_height
 from roslf_design.reporting.blocks import (
     Bullets,
     Code,
@@ -36,10 +29,6 @@ from roslf_design.reporting.blocks import (
 
 from .jobs import LENS, Job
 from .promises import Answer, Tried, WorkDiagram, candidates, methods
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
 
 Group = tuple[str, Sequence[WorkDiagram], Sequence[Answer]]
 """A quantity, its diagrams, and what was chosen for each."""
@@ -136,8 +125,8 @@ def _reading(accuracy: float) -> Paragraph:
 
 
 def _figure(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer], accuracy: float) -> Figure:
-    with drawing():
-        svg = to_svg(plot_diagrams(diagrams, answers), "work-" + quantity.replace(" ", "-"))
+    name = "work-" + quantity.replace(" ", "-")
+    svg = plot_diagrams(quantity, diagrams, answers).svg(name=name)
     chosen = dict.fromkeys(answer.choice.method for answer in answers)
     floors = [diagram.floor for diagram in diagrams if diagram.floor is not None]
     words = QUANTITIES.get(quantity, "pixels of the scene given; largest error, 1 is a fully lit pixel")
@@ -149,7 +138,7 @@ def _figure(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[An
     elif floors:
         caption += f" Rays miss the waves by {min(floors):.2g} to {max(floors):.2g} of a fully lit pixel here."
     words = f"Error against time of every method for {quantity}, both axes logarithmic"
-    return Figure("work-" + quantity.replace(" ", "-"), quantity.capitalize(), caption, svg, words)
+    return Figure(name, quantity.capitalize(), caption, svg, words)
 
 
 def choice_table(jobs: dict[str, Job], table: Measured) -> Table:
@@ -268,23 +257,23 @@ def scene_sentence(diagram: WorkDiagram, choice: Choice, method: str) -> str:
 # --- diagrams: error against time, both logarithmic, one line a method ------------------------------------------------
 
 LOOKS = {
-    "closed form": (INK, "D"),
-    "exact arc-pixel area": (INK, "D"),
-    "harmonic series": (INK, "s"),
-    "Gauss panels": (BLUE, "o"),
-    "arc integrals": (INK, "D"),
-    "adaptive quadrature": (SKY, "v"),
-    "grid": (ORANGE, "s"),
-    "Monte Carlo": (VERMILLION, "x"),
-    "scrambled Sobol": (GREEN, "^"),
-    "rays (Sobol)": (GREEN, "^"),
-    "FFT": (ORANGE, "P"),
-    "direct Huygens": (PURPLE, "o"),
-    "exact trace": (INK, "D"),
-    "polynomial surrogate": (BLUE, "o"),
-    "thin lens": (GREY, "*"),
-    "rays alone": (GREY, "*"),
-    "first order": (GREY, "*"),
+    "closed form": ("ink", "D"),
+    "exact arc-pixel area": ("ink", "D"),
+    "harmonic series": ("ink", "s"),
+    "Gauss panels": ("blue", "o"),
+    "arc integrals": ("ink", "D"),
+    "adaptive quadrature": ("sky", "v"),
+    "grid": ("orange", "s"),
+    "Monte Carlo": ("vermillion", "x"),
+    "scrambled Sobol": ("green", "^"),
+    "rays (Sobol)": ("green", "^"),
+    "FFT": ("orange", "<"),
+    "direct Huygens": ("purple", "o"),
+    "exact trace": ("ink", "D"),
+    "polynomial surrogate": ("blue", "o"),
+    "thin lens": ("grey", "*"),
+    "rays alone": ("grey", "*"),
+    "first order": ("grey", "*"),
 }
 """Colour and marker of each method: told apart by either."""
 
@@ -295,67 +284,67 @@ LEAST = 1e-17
 MOST = {LENS: 30.0}
 """Errors above this are not drawn; of most quantities 3, where 1 is everything."""
 COLUMNS = 2
+ROW, SIDE, GAP = 250.0, 62.0, 26.0
+"""Height of a row of panels, room at their left and between them [px]."""
 
 
-def plot_diagrams(diagrams: Sequence[WorkDiagram], answers: Sequence[Answer]) -> Picture:
+def plot_diagrams(quantity: str, diagrams: Sequence[WorkDiagram], answers: Sequence[Answer]) -> Picture:
     """Panels side by side, one legend; what was chosen for each gets a ring, its accuracy a line."""
-    from matplotlib.figure import Figure as Picture
-
-    rows = -(-len(diagrams) // COLUMNS)
     columns = min(COLUMNS, len(diagrams))
-    figure = Picture(figsize=(WIDTH * (1.0 if columns > 1 else 0.75), 2.75 * rows + 0.5), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    for n, ax in enumerate(axes.flat):
-        if n >= len(diagrams):
-            ax.set_axis_off()
-            continue
-        _plot(ax, diagrams[n], answers[n])
-    for row in axes:
-        row[0].set_ylabel("error")
-    handles: dict[str, Any] = {}
-    for ax in axes.flat[: len(diagrams)]:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
-    return figure
+    width = (PAGE - SIDE - 16 - GAP) / COLUMNS if columns > 1 else 0.75 * PAGE - SIDE
+    panels: list[Panel] = []
+    keys: dict[str, Key] = {}
+    for n, (diagram, answer) in enumerate(zip(diagrams, answers, strict=True)):
+        row, column = divmod(n, columns)
+        box = (SIDE + column * (width + GAP), 26 + ROW * row, width, ROW - 68)
+        panel, own = _panel(diagram, answer, box, column == 0)
+        panels.append(panel)
+        keys |= {key.text: key for key in own}
+    bottom = ROW * -(-len(diagrams) // columns)
+    tall = bottom + legend_height(list(keys.values()), PAGE - 28) + 6
+    title = f"Error against time of every method for {quantity}"
+    return Picture("work", title, (PAGE, tall), tuple(panels), tuple(keys.values()), (14.0, bottom, PAGE - 28))
 
 
-def _plot(ax: Axes, diagram: WorkDiagram, answer: Answer) -> None:
-    most = MOST.get(diagram.job.quantity, 3.0)
+def _panel(diagram: WorkDiagram, answer: Answer, box: Box, first: bool) -> tuple[Panel, list[Key]]:
+    """One diagram, and what its legend tells."""
+    most, choice = MOST.get(diagram.job.quantity, 3.0), answer.choice
     drawn = [point for point in diagram.points if point.error_range[1] <= most]
+    times = [time for point in diagram.points for time in (point.seconds, *point.seconds_range)]
+    x = Scale(min(times, default=1e-6) / 1.5, 1.5 * max(times, default=1.0), log=True)
+    marks: list[Mark] = []
+    keys = []
     for name in dict.fromkeys(point.method for point in drawn):
         mine = [point for point in drawn if point.method == name]
-        colour, marker = LOOKS[name]
-        seconds = [point.seconds for point in mine]
-        errors = [max(point.error, LEAST) for point in mine]
-        spread = [
-            [max(e, LEAST) - max(point.error_range[0], LEAST) for point, e in zip(mine, errors, strict=True)],
-            [max(point.error_range[1], LEAST) - e for point, e in zip(mine, errors, strict=True)],
-        ]
-        across = [
-            [point.seconds - point.seconds_range[0] for point in mine],
-            [point.seconds_range[1] - point.seconds for point in mine],
-        ]
-        ax.errorbar(
-            seconds, errors, yerr=spread, xerr=across, color=colour, marker=marker, markersize=4, linewidth=1.0,
-            elinewidth=0.6, label=name, clip_on=False,
-        )  # fmt: skip
+        colour, sign = LOOKS[name]
+        seconds, errors = [p.seconds for p in mine], [max(p.error, LEAST) for p in mine]
+        across = parted([p.seconds_range for p in mine]), parted(np.transpose([errors, errors]))
+        up = parted(np.transpose([seconds, seconds])), parted(np.maximum([p.error_range for p in mine], LEAST))
+        marks += [Line(*ends, colour, 0.8, clip=False) for ends in (across, up)]
+        marks += [Line(seconds, errors, colour, 1.3, clip=False), Dots(seconds, errors, colour, sign, 3.2)]
+        keys.append(line_key(name, colour, 1.3, "", Dots((0.0,), (0.0,), colour, sign, 3.2)))
     if diagram.floor is not None:
-        name = FLOORS.get(diagram.job.quantity, "rays against waves")
-        ax.axhline(diagram.floor, color=GREY, linestyle="--", linewidth=1.0, label=name)
-    choice = answer.choice
-    ax.axhline(choice.accuracy, color=INK, linestyle=":", linewidth=1.0, label="accuracy asked for")
+        marks.append(Line([x.low, x.high], [diagram.floor] * 2, "grey", 1.3, "5 3"))
+        keys.append(line_key(FLOORS.get(diagram.job.quantity, "rays against waves"), "grey", 1.3, "5 3"))
+    marks.append(Line([x.low, x.high], [choice.accuracy] * 2, "ink", 1.3, "1.5 2.5"))
+    keys.append(line_key("accuracy asked for", "ink", 1.3, "1.5 2.5"))
     for point in diagram.points:
         if (point.method, point.level) == (choice.method, choice.level):
-            ax.plot(
-                point.seconds, max(point.error, LEAST), "o", markersize=13, markerfacecolor="none",
-                markeredgecolor=INK, markeredgewidth=1.4, label="chosen", zorder=5, clip_on=False,
-            )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(LEAST, most)
-    ax.set_yticks([1e-16, 1e-12, 1e-8, 1e-4, 1])
-    ax.minorticks_off()
-    ax.grid(True)
-    ax.set_xlabel("time [s]")
-    ax.set_title(f"{diagram.job.quantity}: {diagram.title}")
+            marks.append(Dots([point.seconds], [max(point.error, LEAST)], "none", size=8.5, edge="ink", width=1.8))
+            keys.append(dot_key("chosen", "none", size=6.0, edge="ink", width=1.8))
+    decades = [1e-16, 1e-12, 1e-8, 1e-4, 1.0]
+    title, label = f"{diagram.job.quantity}: {diagram.title}", "error" if first else ""
+    ticks = powers(decades) if first else tuple((value, "") for value in decades)
+    every = powers(x.ticks(6))
+    return Panel(box, x, Scale(LEAST, most, log=True), tuple(marks), "time [s]", label, title, every, ticks), keys
+
+
+def powers(values: Sequence[float]) -> tuple[Tick, ...]:
+    """Ticks at powers of ten, written as such; others by their numbers."""
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    ticks = []
+    for value in values:
+        power = round(math.log10(value))
+        exact = math.isclose(value, 10.0**power, rel_tol=1e-9)
+        ticks.append((value, "10" + str(power).translate(raised) if exact else short(value)))
+    return tuple(ticks)
