@@ -254,4 +254,4 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: b
 
     console = Console()
     console.print(f"[bold]Plan of a calibration of {loaded.name}[/bold]", highlight=False)
-    print_blocks(pages.calibration_section(loaded, plan, asked.f_sigma).blocks, console)
+    print_blocks(pages.plan_blocks(loaded, plan, asked.f_sigma), console)

@@ -6,9 +6,12 @@ In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from ..tables import Table as Table
+
+if TYPE_CHECKING:
+    from ..pictures.picture import Picture
 
 Tone = Literal["good", "bad", "caution", "plain"]
 """How a statement is meant; always shown by a sign and a word as well as by colour."""
@@ -62,6 +65,11 @@ class Figure:
     scene: str = ""
     """As of `pictures.solid.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
 
+    @classmethod
+    def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:
+        """A picture as a figure, described by its title and caption."""
+        return cls(name, title, caption, picture.svg(name=name), f"{title}. {caption}")
+
 
 @dataclass(frozen=True)
 class Bullets:
@@ -94,6 +102,16 @@ class Section:
     def anchor(self) -> str:
         """Where links to this section lead."""
         return self.name or "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
+
+
+class Finding(NamedTuple):
+    """What a study found of a design, for that design's report."""
+
+    section: Section
+    statement: Statement | None = None
+    """The answer, for the summary."""
+    seed: str = ""
+    """Of what chance had a part in, as a sentence."""
 
 
 @dataclass(frozen=True)

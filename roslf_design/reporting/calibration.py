@@ -24,7 +24,7 @@ from ..pictures.picture import Picture
 from ..tolerancing.study import StrictTable
 from ..units import Angle, Distance, Length
 from ..words import length, rounded, sentence
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
@@ -153,17 +153,12 @@ def read_calibration(place: Path) -> Calibrated:
     return Calibrated(data, {name: text[text.index("<svg") :].strip() for name, text in texts.items()})
 
 
-def calibrated_statement(found: Calibrated) -> Statement:
-    """What was found, in one sentence."""
-    warned = bool(found.data.get("warnings")) or found.data.get("converged") is False
-    images = len(found.data.get("images_used", ()))
-    return Statement("caution" if warned else "good", f"Calibrated from {images} images: {_pair(found.data)}.")
-
-
-def calibrated_section(design: Design, found: Calibrated) -> Section:
+def calibrated_finding(design: Design, found: Calibrated) -> Finding:
     """Estimates with their intervals, where their variance comes from, drawings and warnings."""
     data = found.data
-    said = [calibrated_statement(found)]
+    warned = bool(data.get("warnings")) or data.get("converged") is False
+    text = f"Calibrated from {len(data.get('images_used', ()))} images: {_pair(data)}."
+    said = [Statement("caution" if warned else "good", text)]
     if data.get("posterior"):
         text = f"Posterior {data['posterior']['message']}."
         said.append(Statement("good" if data.get("converged") else "bad", text))
@@ -175,7 +170,7 @@ def calibrated_section(design: Design, found: Calibrated) -> Section:
     blocks += _drawings(found.drawings)
     if data.get("warnings"):
         blocks.append(Bullets(tuple(data["warnings"])))
-    return Section("Calibration", tuple(blocks))
+    return Finding(Section("Calibration", tuple(blocks)), said[0])
 
 
 def calibration_pictures(result: Outcome) -> dict[str, Picture]:
@@ -315,12 +310,21 @@ def captures_for(design: Design, asked: CalibrationPart) -> Captures:
     )
 
 
-def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> Section:
-    """A plan as a section, f as well known as `known` says; a text tells why captures cannot determine the camera."""
+def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
+    """A plan in a design's report; or why captures cannot determine the camera."""
+    plan = calibration_plan(design, asked)
+    seed = f"Seed of the calibration boards' poses: {asked.seed}."
     if isinstance(plan, str):
-        none = Statement("caution", f"No plan: {plan}.")
-        return Section("Calibration plan", (Statements((none,)),))
-    c = plan.captures
+        none = Statements((Statement("caution", f"No plan: {plan}."),))
+        return Finding(Section("Calibration plan", (none,)), None, seed)
+    blocks = plan_blocks(design, plan, asked.f_sigma)
+    assert isinstance(blocks[1], Statements)
+    return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
+
+
+def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, ...]:
+    """A plan with its promise and its changes; f as well known as `known` says."""
+    c, before = plan.captures, plan.expected
     text = (
         f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
@@ -329,38 +333,30 @@ def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> 
         f"to {known}, microlens pitch and board to 0.1 %. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
-    answers = [plan_statement(plan)]
+    sigma = before.sigma
+    promise = (
+        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
+        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
+    )
+    answers = [Statement("plain", promise, plan.advice)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     board = f"{c.board.columns}x{c.board.rows} {c.board.cell:g} mm"
     command = f'roslf calibrate CAPTURES --design design.toml --board "{board}" -o calibration'
-    again = Code(command, "Once images are captured, with the design below as design.toml")
-    return Section("Calibration plan", (Paragraph(text), Statements(tuple(answers)), *_plan_blocks(plan), again))
-
-
-def plan_statement(plan: CapturePlan) -> Statement:
-    """What the plan promises, in one sentence."""
-    sigma = plan.expected.sigma
-    text = (
-        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
-        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
-    )
-    return Statement("plain", text, plan.advice)
-
-
-def _plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
-    before = plan.expected
-    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
         for c in plan.changes
     )
     return (
+        Paragraph(text),
+        Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
         shares_table(before.shares),
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
         Bullets((plan.advice,)),
+        Code(command, "Once images are captured, with the design below as design.toml"),
     )
 
 

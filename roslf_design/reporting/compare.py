@@ -13,7 +13,7 @@ from ..pictures.rays import ray_diagrams
 from ..words import length
 from .blocks import Figure, Report, Section, Table
 from .design import making, misalignments, parameter_rows, verdicts
-from .sheets import PLACES, compose
+from .sheets import PLACES
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -68,7 +68,7 @@ def comparison_report(
 def _ray_sheet(letter: str, design: Design) -> Figure:
     """The meridional section of one of the designs."""
     caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
-    return compose(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
+    return Figure.of(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
 
 
 def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]) -> Figure:
@@ -78,7 +78,7 @@ def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]
         "discs cut away. Images as wide as the green cell use every pixel once."
     )
     shown = {letter: (design, place) for (letter, design), place in zip(named.items(), places, strict=True)}
-    return compose("images", "Microlens images at the sensor's corner", caption, microlens_images(shown)[0])
+    return Figure.of("images", "Microlens images at the sensor's corner", caption, microlens_images(shown)[0])
 
 
 def _depth_sheet(named: dict[str, Design]) -> Figure:
@@ -87,7 +87,7 @@ def _depth_sheet(named: dict[str, Design]) -> Figure:
         "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
         "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
     )
-    return compose("depth", "Depth precision", caption, depth_comparison(named))
+    return Figure.of("depth", "Depth precision", caption, depth_comparison(named))
 
 
 def _parameters(designs: Sequence[Design]) -> Table:

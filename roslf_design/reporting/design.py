@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
@@ -26,26 +25,25 @@ from ..evaluation.show import (
 from ..units import format_quantity
 from ..words import length, listed, number, sentence, spaced
 from . import sheets
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
-from .calibration import (
-    Calibrated,
-    CalibrationPart,
-    calibrated_section,
-    calibrated_statement,
-    calibration_section,
-    plan_statement,
+from .blocks import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
 )
-from .optimization import optimization_section
-from .optimization import statements as optimization_statements
 from .parts_list import parts_section
-from .tolerance import tolerance_section, yield_statement
 
 if TYPE_CHECKING:
-    from ..calibration import CapturePlan
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
-    from ..optimization.run import Result
-    from ..tolerancing.result import StudyResult
 
 FACTS = (18, 15, 0)
 """Widths of the columns of the evaluation's tables."""
@@ -73,58 +71,14 @@ MODEL = (
 """True of every report."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What studies found of a design; None where nothing of the kind was done."""
-
-    optimisation: Result | None = None
-    tolerances: StudyResult | None = None
-    calibration: CapturePlan | Calibrated | str | None = None
-    """A plan, what was calibrated, or why there is no plan."""
-    planned: CalibrationPart = field(default_factory=CalibrationPart)
-    """What was asked of the plan."""
-
-    def statements(self) -> Iterator[Statement]:
-        """The answers of each, for the summary."""
-        if self.optimisation is not None:
-            first = next(optimization_statements(self.optimisation))
-            yield replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
-        if self.tolerances is not None:
-            yield yield_statement(self.tolerances, self.tolerances.plan.name)
-        if isinstance(self.calibration, Calibrated):
-            yield calibrated_statement(self.calibration)
-        elif self.calibration is not None and not isinstance(self.calibration, str):
-            yield plan_statement(self.calibration)
-
-    def sections(self, design: Design) -> Iterator[Section]:
-        """A section of each."""
-        if self.optimisation is not None:
-            blocks = optimization_section(self.optimisation).blocks
-            answer = self.optimisation.answer
-            history = (sheets.history_sheet(answer),) if answer.feasible else ()
-            yield Section("Optimisation", (*blocks, *history), "optimisation")
-        if self.tolerances is not None:
-            yield Section("Tolerances and yield", tolerance_section(self.tolerances).blocks, "tolerances")
-        if isinstance(self.calibration, Calibrated):
-            yield calibrated_section(design, self.calibration)
-        elif self.calibration is not None:
-            yield calibration_section(design, self.calibration, self.planned.f_sigma)
-
-    def seeds(self) -> Iterator[str]:
-        """Of everything that chance had a part in."""
-        if self.optimisation is not None:
-            yield f"Seed of the optimisation's starts: {self.optimisation.study.settings.seed}."
-        if self.tolerances is not None:
-            plan = self.tolerances.plan
-            yield f"Seed of the {plan.trials} builds: {plan.draws.seed}."
-        if self.calibration is not None and not isinstance(self.calibration, Calibrated):
-            yield f"Seed of the calibration boards' poses: {self.planned.seed}."
+STUDIES = ("optimisation", "tolerances", "calibration")
+"""What a report may hold findings of, in their order."""
 
 
 def design_report(
     design: Design,
     *,
-    evidence: Evidence | None = None,
+    findings: Mapping[str, Finding] | None = None,
     opening: tuple[Block, ...] = (),
     title: str = "",
     command: str = "",
@@ -137,8 +91,8 @@ def design_report(
     Parameters
     ----------
     design : Design
-    evidence : Evidence, optional
-        What studies found of it.
+    findings : mapping, optional
+        What studies found of it, by `STUDIES`.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
     title : str
@@ -158,15 +112,16 @@ def design_report(
         A design that cannot be evaluated.
     """
     progress("evaluating")
-    evidence = evidence or Evidence()
+    found = [findings[name] for name in STUDIES if name in findings] if findings else []
     result = evaluate(design, accuracy=accuracy)
     figures = design_figures(design, result, progress)
     progress("sections")
-    answers = Statements((*verdicts(result).items, *evidence.statements()))
+    answers = Statements((*verdicts(result).items, *(one.statement for one in found if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
+    parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     sections = (
         Section("Summary", (*opening, answers, key_figures(design, result))),
-        Section("The design", (figures["dimensions"], _parameters(design), *_stops(design))),
+        Section("The design", (figures["dimensions"], parameters, *_stops(design))),
         parts_section(design),
         Section("Evaluation", _tables(result)),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
@@ -174,10 +129,10 @@ def design_report(
         *_real_lens(design, result, progress),
         Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
-        *evidence.sections(design),
+        *(one.section for one in found),
         accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
-        making(command, tuple(evidence.seeds()), stamp, design),
+        making(command, tuple(one.seed for one in found if one.seed), stamp, design),
     )
     return Report(title or design.name, design.source, sections)
 
@@ -323,10 +278,6 @@ def _pose(part: MainLens | MicrolensArray | Sensor | Stop) -> str:
         if pair != (0.0, 0.0)
     ]
     return "; ".join(pairs) or "-"
-
-
-def _parameters(design: Design) -> Table:
-    return Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
 
 
 def _stops(design: Design) -> Iterator[Table]:

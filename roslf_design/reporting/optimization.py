@@ -13,17 +13,23 @@ from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
 from ..optimization.run import Result
 from ..optimization.solve import Active, Answer, optimum_accuracy
-from ..pictures.optimise import bore_and_stop, goal_front, robust_yields
+from ..pictures.optimise import bore_and_stop, ends_of, goal_front, robust_yields, search_history
 from ..pictures.picture import Picture
 from ..tables import Column
 from ..words import in_words, number, sentence
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
     "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
     "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
 }
+
+HISTORY = (
+    "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
+    "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
+    "that found none better."
+)
 
 
 def optimization_report(result: Result, command: str) -> Report:
@@ -42,12 +48,24 @@ def optimization_section(result: Result, command: str = "") -> Section:
         rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
         blocks.append(replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings)))
     for name, picture in optimisation_pictures(result).items():
-        blocks.append(Figure(f"optimize-{name}", *TITLES[name], picture.svg(name=f"optimize-{name}")))
+        blocks.append(Figure.of(f"optimize-{name}", *TITLES[name], picture))
     if notes:
         blocks.append(Bullets(notes))
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
+
+
+def optimization_finding(result: Result) -> Finding:
+    """A study in a design's report, with how its searches went."""
+    answer, (first, *_) = result.answer, statements(result)
+    said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    history = search_history(ends_of(answer), (576, 290))
+    blocks = optimization_section(result).blocks
+    if answer.feasible:
+        blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, history))
+    seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
+    return Finding(Section("Optimisation", blocks, "optimisation"), said, seed)
 
 
 # --- answers ----------------------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -48,10 +48,11 @@ from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import StrictTable, make_plan, read_study
 from ..toml_files import problems_of, read_toml
-from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
-from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
-from .design import Evidence, design_report, making
-from .optimization import optimization_section, statements
+from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
+from .calibration import Calibrated, CalibrationPart, calibrated_finding, plan_finding, read_calibration
+from .design import design_report, making
+from .optimization import optimization_finding, statements
+from .tolerance import tolerance_finding
 
 if TYPE_CHECKING:
     from ..optimization.run import Result
@@ -312,8 +313,9 @@ def full_report(
     InputError
         A design that cannot be evaluated.
     """
-    evidence = _first_look(design, seed, progress, Evidence(calibration=calibrated))
-    return design_report(design, evidence=evidence, progress=progress, **options)
+    known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
+    findings = _first_look(design, seed, progress, known)
+    return design_report(design, findings=findings, progress=progress, **options)
 
 
 def study_report(
@@ -330,14 +332,14 @@ def study_report(
         best = _taken(result, "best")
         if best is None:
             return _without_design(result, **options)
-        design, evidence = best, Evidence(result)
+        design, findings = best, {"optimisation": optimization_finding(result)}
     else:
         seeded = data if seed is None else {**data, "seed": seed}
         tolerances = run_tolerances(seeded, None, path.parent, origin, _counted(progress, "tolerances"))
-        design, evidence = tolerances.plan.question.design, Evidence(tolerances=tolerances)
-    evidence = _first_look(design, seed or 0, progress, evidence)
+        design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
+    findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
-    return design_report(design, evidence=evidence, title=title, progress=progress, **options)
+    return design_report(design, findings=findings, title=title, progress=progress, **options)
 
 
 def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
@@ -350,7 +352,8 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     InputError
         A fault of a part's study, or a part that has nothing to pass on.
     """
-    design, evidence, steps = story.design, Evidence(), []
+    design, steps = story.design, []
+    findings: dict[str, Finding] = {}
     for index, part in enumerate(story.table.parts):
         where = f"part {index + 1} of {len(story.table.parts)}"
         file, data = story.folder / (part.file or ""), story.studies.get(index, {})
@@ -363,37 +366,39 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
             steps.append(
                 f"Optimisation ({data['name']}), from {design.name}; what goes on: {_chosen(part.take, taken)}."
             )
-            design, evidence = taken, replace(evidence, optimisation=result)
+            design, findings["optimisation"] = taken, optimization_finding(result)
         elif part.kind == "tolerance":
             seeded = data if seed is None else {**data, "seed": seed}
             counted = _counted(progress, f"{where}, tolerances")
-            evidence = replace(evidence, tolerances=run_tolerances(seeded, design, file.parent, str(file), counted))
+            tolerances = run_tolerances(seeded, design, file.parent, str(file), counted)
+            findings["tolerances"] = tolerance_finding(tolerances)
             steps.append(f"Tolerances ({data['name']}), of {design.name}.")
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
             asked = part.calibration if seed is None else part.calibration.model_copy(update={"seed": seed})
-            evidence = replace(evidence, calibration=calibration_plan(design, asked), planned=asked)
+            findings["calibration"] = plan_finding(design, asked)
             steps.append(f"Calibration plan, for {design.name}.")
         else:
             calibrated = story.calibrations[index]
-            evidence = replace(evidence, calibration=calibrated)
+            findings["calibration"] = calibrated_finding(design, calibrated)
             steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
     title = story.table.story.title
-    return design_report(design, evidence=evidence, opening=opening, title=title, progress=progress, **options)
+    return design_report(design, findings=findings, opening=opening, title=title, progress=progress, **options)
 
 
-def _first_look(design: Design, seed: int, progress: Tell, known: Evidence) -> Evidence:
+def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
     """What is known of a design, with a first look at tolerances and a calibration plan where these are not."""
-    if known.tolerances is None:
-        known = replace(known, tolerances=quick_tolerances(design, seed, _counted(progress, "tolerances")))
-    if known.calibration is None:
+    findings = dict(known)
+    if "tolerances" not in known:
+        look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
+        findings["tolerances"] = tolerance_finding(look)
+    if "calibration" not in known:
         progress("calibration plan")
-        asked = CalibrationPart(seed=seed)
-        known = replace(known, calibration=calibration_plan(design, asked), planned=asked)
-    return known
+        findings["calibration"] = plan_finding(design, CalibrationPart(seed=seed))
+    return findings
 
 
 def _taken(result: Result, name: str) -> Design | None:
@@ -420,12 +425,9 @@ def _nothing(result: Result, name: str) -> str:
 
 def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...] = ()) -> Report:
     """Of an optimisation that found no design: what stands in the way."""
-    asked = result.answer.asked
-    sections = (
-        Section("Summary", (Statements(tuple(statements(result))),)),
-        Section("Optimisation", optimization_section(result).blocks, "optimisation"),
-        making(command, tuple(Evidence(result).seeds()), stamp),
-    )
+    asked, finding = result.answer.asked, optimization_finding(result)
+    summary = Section("Summary", (Statements(tuple(statements(result))),))
+    sections = (summary, finding.section, making(command, (finding.seed,), stamp))
     return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 
 

@@ -27,7 +27,7 @@ from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
 from ..words import in_words
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 TOP = 12
 """Rows of a ranking."""
@@ -76,14 +76,20 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     weakest = in_words(result.final.weakest.label)
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
-        own = f"tolerance-{name}"
-        blocks.append(Figure(own, title, caption.format(weakest=weakest), picture.svg(name=own)))
+        blocks.append(Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest), picture))
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
+
+
+def tolerance_finding(result: StudyResult) -> Finding:
+    """A study in a design's report."""
+    plan = result.plan
+    section = Section("Tolerances and yield", tolerance_section(result).blocks, "tolerances")
+    return Finding(section, yield_statement(result, plan.name), f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
 def headline(result: StudyResult) -> str:

@@ -14,7 +14,7 @@ from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.reporting.blocks import Figure, Table
 from roslf_design.reporting.compare import comparison_report
 from roslf_design.reporting.design import design_report
-from roslf_design.reporting.parts_list import array_match, lens_match, parts_section, sensor_match
+from roslf_design.reporting.parts_list import catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS
@@ -178,9 +178,9 @@ def test_parts_of_the_catalogue_are_found_again():
         )
         for sensor in known.sensors:
             both = changed.replace({"sensor.pixel": sensor.pixel, "sensor.size": sensor.size})
-            assert array_match(both, known)[1] == array
-            assert sensor_match(both, known)[1] == sensor
-            assert "the same as" in array_match(both, known)[0]
+            assert catalogue_match(both, known, "microlens_arrays")[1] == array
+            assert catalogue_match(both, known, "sensors")[1] == sensor
+            assert "the same as" in catalogue_match(both, known, "microlens_arrays")[0]
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_parts_of_the_catalogue_are_found_again():
     ],
 )
 def test_what_differs_from_the_nearest_part_is_named(changes, said):
-    text, nearest = array_match(load("paper").replace(changes), load_catalogue())
+    text, nearest = catalogue_match(load("paper").replace(changes), load_catalogue(), "microlens_arrays")
     assert text.startswith("to be made; nearest is paper 63 um / 2 mm: ")
     assert said in text
     assert nearest.part == "paper 63 um / 2 mm"
@@ -202,11 +202,13 @@ def test_what_differs_from_the_nearest_part_is_named(changes, said):
 def test_larger_sensors_far_parts_and_real_lenses():
     known = load_catalogue()
     design = load("mismatched-borescope")  # IMX250; a larger one, read out in part, is the same
-    assert sensor_match(design.replace({"sensor.size": (4.0, 3.0)}), known)[0] == "the same as Sony IMX250"
-    assert "only 2448 x 2048 px" in sensor_match(design.replace({"sensor.size": (8.6, 7.2)}), known)[0]
-    assert lens_match(load("rigid-scope"), known) == ("to be made; the catalogue has nothing near", None)
-    assert lens_match(load("paper-singlet"), known) == ("LA1050-A reversed, as prescribed", None)
-    assert lens_match(load("paper"), Catalogue()) == ("the catalogue has none", None)
+    assert (
+        catalogue_match(design.replace({"sensor.size": (4.0, 3.0)}), known, "sensors")[0] == "the same as Sony IMX250"
+    )
+    assert "only 2448 x 2048 px" in catalogue_match(design.replace({"sensor.size": (8.6, 7.2)}), known, "sensors")[0]
+    assert catalogue_match(load("rigid-scope"), known, "lenses") == ("to be made; the catalogue has nothing near", None)
+    assert catalogue_match(load("paper-singlet"), known, "lenses") == ("LA1050-A reversed, as prescribed", None)
+    assert catalogue_match(load("paper"), Catalogue(), "lenses") == ("the catalogue has none", None)
 
 
 def differences(designs):
