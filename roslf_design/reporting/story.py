@@ -1,27 +1,10 @@
 """Reports made whole: a design with a first look at tolerances and calibration, a study, or a story of several.
 
-A story carries a design through optimisation, tolerances and a calibration plan, in one TOML file::
-
-    [story]
-    title = "A rigid borescope of 5.8 mm"
-    question = "What it must see, and how well."
-    design = "start.toml"            # a file beside the story, or a preset
-
-    [[parts]]
-    optimize = "optimize.toml"       # a study of roslf optimize
-    take = "best"                    # what goes on: best, robust, or parts-01 and so on of a catalogue search
-
-    [[parts]]
-    tolerance = "tolerance.toml"     # a study of roslf tolerance
-
-    [[parts]]
-    calibration = { board = "8x6 1 mm", boards = 12, tilt = "20 deg" }
-
-Parts run in their order. The first gets the story's design, each later one what the part before it passes on: an
-optimisation what it found, the others what they were given. A `design` in a study's own file counts only where that
-study runs alone. What `calibration` leaves out is chosen to suit the design: `board`, `boards`, `tilt`, `distance`,
-`range`, `noise` (of a corner, in microlens pitches), `f_sigma` (how well f is known) and `seed`. Instead of a plan,
-`calibrated = "FOLDER"` takes what `roslf calibrate` found.
+A story (docs/reference/story-file.md) carries a design through optimisation, tolerances and a calibration plan. Parts
+run in their order. The first gets the story's design, each later one what the part before it passes on: an optimisation
+what it found, the others what they were given. A `design` in a study's own file counts only where that study runs
+alone. What `calibration` leaves out is chosen to suit the design; instead of a plan, `calibrated = "FOLDER"` takes what
+`roslf calibrate` found.
 """
 
 from __future__ import annotations
@@ -136,13 +119,7 @@ class Story:
 
 
 def load_story(path: str | os.PathLike[str]) -> Story:
-    """Read a story with its design and its studies.
-
-    Raises
-    ------
-    InputError
-        Names the file and every fault in it; also a study or a design that is not there.
-    """
+    """Read a story with its design and its studies; an InputError names the file and every fault in it and in these."""
     place = Path(path)
     return read_story(read_toml(place, str(path)), place.parent, str(path))
 
@@ -217,12 +194,14 @@ def run_tolerances(
     folder: Path = Path(),
     origin: str = "",
     progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
 ) -> StudyResult:
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
-    As `tolerance_plan`; `progress` is told (trials done, trials in all).
+    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's.
     """
-    plan, study, grades = tolerance_plan(data, design, folder, origin)
+    seeded = data if seed is None else {**data, "seed": seed}
+    plan, study, grades = tolerance_plan(seeded, design, folder, origin)
     with tempfile.TemporaryDirectory() as scratch:
         tally = run_trials(plan, Path(scratch), progress=progress)
     return analyse(plan, study, grades, tally)
@@ -294,24 +273,9 @@ def full_report(
     progress: Tell = lambda _: None,
     **options: Any,
 ) -> Report:
-    """A design's report with a first look at tolerances and a calibration plan.
+    """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
 
-    Parameters
-    ----------
-    design : Design
-    seed : int
-        Of builds and boards' poses.
-    calibrated : Calibrated, optional
-        What a calibration found, instead of the plan of one.
-    progress : callable
-        Told what is being made.
-    **options
-        As `design_report` takes them.
-
-    Raises
-    ------
-    InputError
-        A design that cannot be evaluated.
+    `seed` is of builds and boards' poses, `progress` is told what is being made; options as `design_report` takes them.
     """
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings = _first_look(design, seed, progress, known)
@@ -334,8 +298,7 @@ def study_report(
             return _without_design(result, **options)
         design, findings = best, {"optimisation": optimization_finding(result)}
     else:
-        seeded = data if seed is None else {**data, "seed": seed}
-        tolerances = run_tolerances(seeded, None, path.parent, origin, _counted(progress, "tolerances"))
+        tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
     findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
@@ -363,14 +326,12 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
             taken = _taken(result, part.take)
             if taken is None:
                 raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
-            steps.append(
-                f"Optimisation ({data['name']}), from {design.name}; what goes on: {_chosen(part.take, taken)}."
-            )
+            onwards = _chosen(part.take, taken)
+            steps.append(f"Optimisation ({data['name']}), from {design.name}; what goes on: {onwards}.")
             design, findings["optimisation"] = taken, optimization_finding(result)
         elif part.kind == "tolerance":
-            seeded = data if seed is None else {**data, "seed": seed}
             counted = _counted(progress, f"{where}, tolerances")
-            tolerances = run_tolerances(seeded, design, file.parent, str(file), counted)
+            tolerances = run_tolerances(data, design, file.parent, str(file), counted, seed)
             findings["tolerances"] = tolerance_finding(tolerances)
             steps.append(f"Tolerances ({data['name']}), of {design.name}.")
         elif part.calibration is not None:

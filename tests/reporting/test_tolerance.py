@@ -16,7 +16,7 @@ def result():
         "name": "section",
         "design": "paper",
         "grade": "precision",
-        "trials": 4000,
+        "trials": 1000,
         "goals": [{"metric": "fill_factor", "min": 0.99, "max": 1.02}],
         "report": ["depth_error_mm"],
         "compensators": [{"place": "sensor.distance"}],
