@@ -355,7 +355,6 @@ def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, .
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
         shares_table(before.shares),
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
-        Bullets((plan.advice,)),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
 
