@@ -6,7 +6,6 @@ The work is the study `studies/accuracy`; in a wheel it lies in the package.
 from __future__ import annotations
 
 import json as json_module
-import shlex
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -25,7 +24,7 @@ from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
 from .report import PAGE, check_folder
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, write_files
+from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
@@ -113,10 +112,11 @@ def diagrams(
         "random_jobs": len(trials),
         "promises_kept": sum(trial.kept for trial in trials),
     }
-    words = ["roslf", "accuracy", design, "--accuracy", f"{accuracy:g}", "-o", str(output)]
-    words += ["--scene", scene] if scene else []
-    words += ["--jobs", str(jobs)] if jobs else []
-    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, shlex.join(words), accuracy)
+    command = typed(
+        "accuracy", design, accuracy=accuracy, scene=scene, quantity=quantity, field=field, jobs=jobs or None,
+        output=output, seed=seed or None,
+    )  # fmt: skip
+    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy)
     said = [scene_text] if scene_text else []
     said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
     finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
@@ -185,7 +185,7 @@ def hard_cases(
     rows, page = study("hard_rows"), study("hard_page")
     with StatusLine("accuracy") as progress:
         cases = study("hard_cases").run_hard_cases(loaded, rows.all_cases(), seed=seed, progress=progress.tell)
-    command = shlex.join(["roslf", "accuracy", "hard-cases", design, "-o", str(output)])
+    command = typed("accuracy", "hard-cases", design, output=output, seed=seed or None)
     said = [f"Near {one.case} (at {one.distance:.2g}): {one.says}" for one in cases.near if one.near]
     report = partial(page.hard_cases_report, cases, command)
     finish(cases.to_dict(), "hard-cases.json", report, output, json, page.case_table(cases), said)

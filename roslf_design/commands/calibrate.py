@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -25,7 +24,17 @@ from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.printers import render_html
 from ..toml_files import problems_of
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, json_text, print_blocks, refusal, write_files
+from .terminal import (
+    Flag,
+    OptionalOutput,
+    StatusLine,
+    check_options,
+    json_text,
+    print_blocks,
+    refusal,
+    typed,
+    write_files,
+)
 
 
 def calibrate(
@@ -125,10 +134,10 @@ def calibrate(
         result = calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy)
     except CalibrationError as error:
         raise InputError((Problem("", " ".join(str(error).split())),), str(folder)) from None
-    words = ["roslf", "calibrate", str(folder), "--design", design, "--board", board, "-o", str(output)]
-    words += ["--f-sigma", f_sigma, "--distortion", str(distortion), "--seed", str(seed), "--diffraction", diffraction]
-    words += ["--no-posterior"] if no_posterior else []
-    words += ["--accuracy", f"{accuracy:g}"] if accuracy is not None else []
+    command = typed(
+        "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, distortion=distortion,
+        seed=seed, diffraction=diffraction, no_posterior=no_posterior, accuracy=accuracy,
+    )  # fmt: skip
     seconds = time.perf_counter() - began
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
@@ -139,7 +148,7 @@ def calibrate(
     for name, picture in pages.calibration_pictures(result).items():
         drawings[name] = picture.svg(name=f"calibration-{name}")
         files |= {f"{name}.svg": file_of(drawings[name]), f"{name}.png": picture.to_png()}
-    report = pages.calibration_report(result, drawings, shlex.join(words))
+    report = pages.calibration_report(result, drawings, command)
     write_files(output, files | {"index.html": render_html(report).encode()})
     if json:
         print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 from ..accuracy.statement import check_accuracy
@@ -13,7 +12,7 @@ from ..optimization.search import QUICK
 from ..optimization.study import load_study
 from ..reporting.optimization import optimisation_pictures, optimization_report
 from ..reporting.printers import render_html
-from .terminal import Flag, Output, StatusLine, check_options, json_text, print_blocks, write_files
+from .terminal import Flag, Output, StatusLine, check_options, json_text, print_blocks, typed, write_files
 
 
 def optimize(
@@ -50,10 +49,7 @@ def optimize(
             result = run(posed, status.tell)
         except InputError as error:
             raise error if error.origin else InputError(error.problems, str(study)) from None
-    words = ["roslf", "optimize", str(study), "-o", str(output)]
-    words += [] if seed is None else ["--seed", str(seed)]
-    words += [] if accuracy is None else ["--accuracy", f"{accuracy:g}"]
-    report = optimization_report(result, shlex.join(words))
+    report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
         "results.json": f"{json_text(to_dict(result, timings=False))}\n".encode(),
         **{name: dumps(design).encode() for name, design in designs(result)},

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import platform
 import re
-import shlex
 import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -26,7 +25,7 @@ from ..reporting.calibration import read_calibration
 from ..reporting.compare import comparison_report
 from ..reporting.printers import render_html, render_pdf
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, write_files
+from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
@@ -98,12 +97,10 @@ def report(
     check_folder(folder)
     if pdf and importlib.util.find_spec("typst") is None:
         raise refusal("--pdf", "a PDF needs the typst package; install it: pip install typst")
-    options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
-    options += [part for name in wanted for part in ("--figure", name)]
-    options += [] if calibration is None else ["--calibration", str(calibration)]
-    options += [] if seed is None else ["--seed", str(seed)]
-    options += [] if accuracy is None else ["--accuracy", f"{accuracy:g}"]
-    command = shlex.join(["roslf", "report", *names, *options])
+    command = typed(
+        "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
+        calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,
+    )  # fmt: skip
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
         files = figure_files(content, [name for name in wanted if name not in SOLID])

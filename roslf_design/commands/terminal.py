@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -119,6 +120,19 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     for name, content in files.items():
         write_atomically(folder / name, content)
     return [folder / name for name in files]
+
+
+def typed(*words: object, **options: object) -> str:
+    """A command as it is typed again; options that are None or off are left out, lists given once for each."""
+    parts = ["roslf", *map(str, words)]
+    for name, value in options.items():
+        flag = "-o" if name == "output" else f"--{name.replace('_', '-')}"
+        for one in value if isinstance(value, list) else [value]:
+            if one is True:
+                parts.append(flag)
+            elif one is not None and one is not False:
+                parts += [flag, f"{one:g}" if isinstance(one, float) else str(one)]
+    return shlex.join(parts)
 
 
 def refusal(key: str, message: str) -> InputError:

@@ -21,7 +21,7 @@ from ..tolerancing.run import ChunkLostError, Where, run_trials
 from ..tolerancing.study import load_plan
 from ..tolerancing.tally import npz_bytes
 from ..words import sentence
-from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, write_files
+from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, typed, write_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -87,7 +87,7 @@ def tolerance(
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started
     result = replace(result, precision=precision(plan, tally, result.final, output, accuracy, seconds))
-    command = f"roslf tolerance {study} --trials {plan.trials} --seed {plan.draws.seed} -o out"
+    command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, output="out")
     files = {
         "results.json": f"{_lines(result.to_dict())}\n".encode(),
         "summary.txt": summary(result).encode(),
