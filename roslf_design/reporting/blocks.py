@@ -63,7 +63,7 @@ class Figure:
     description: str = ""
     """For those who cannot see it."""
     scene: str = ""
-    """As of `pictures.solid.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
+    """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
 
     @classmethod
     def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..pictures.picture import PAGE
+from ..pictures.solid import library
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
 
@@ -31,7 +32,7 @@ DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 def render_html(report: Report) -> str:
     """The page as text; the same report gives the same text."""
     turned = any(figure.scene for figure in report.figures)
-    return _environment().get_template("report.html.j2").render(report=report, turned=turned)
+    return _environment().get_template("report.html.j2").render(report=report, viewer=library() if turned else "")
 
 
 @cache

@@ -20,7 +20,7 @@ from ..pictures.microlens import microlens_images, rays_and_waves
 from ..pictures.picture import PAGE
 from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
 from ..pictures.scene3d import instrument_scene, outlines
-from ..pictures.solid import scene_data
+from ..pictures.solid import NoViewerError, library, scene_data
 from ..words import number, spaced
 from .blocks import Figure
 
@@ -199,14 +199,19 @@ def _effects_sheet(_: Design, result: Evaluation) -> Figure:
 
 
 def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
-    """The 3D view, with the scene to turn."""
+    """The 3D view, with the scene to turn where the library for that is installed."""
+    scene = instrument_scene(design)
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
         "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
         "orientation and is not part of the design."
     )
-    sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(instrument_scene(design)))
-    return replace(sheet, scene=scene_data(design))
+    sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
+    try:
+        library()
+    except NoViewerError as reason:
+        return replace(sheet, caption=f"{sheet.caption} It cannot be turned in this page: {reason}.")
+    return replace(sheet, scene=scene_data(scene))
 
 
 def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:

@@ -1,11 +1,14 @@
 """The 3D scene: geometry against formulas, names that stay, small changes for small moves, and what is packed."""
 
 import base64
+import gzip
+import io
 import json
 import math
+import re
 import subprocess
 import sys
-import zlib
+import zipfile
 
 import numpy as np
 import pytest
@@ -25,7 +28,7 @@ from roslf_design.pictures.scene3d import (
     scene,
     tube,
 )
-from roslf_design.pictures.solid import scene_data
+from roslf_design.pictures.solid import library, packed, scene_data
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -176,11 +179,30 @@ def test_outlines_hold_every_point_and_turn_left_throughout():
 
 
 def test_the_packed_scene_is_the_scene_and_always_the_same():
-    text = scene_data(PAPER)
-    assert text == scene_data(PAPER)
-    assert "<" not in text  # it cannot end its script element
-    found = json.loads(zlib.decompress(base64.b64decode(text)))
-    wanted = scene(PAPER)
-    assert [mesh["points"] for mesh in found["meshes"]] == [mesh.points for mesh in wanted.meshes.values()]
-    assert found["camera"] == wanted.camera
-    assert [name["text"] for name in found["names"]] == ["FAP", "main lens", "MLA and sensor"]
+    parts, view, _ = instrument_scene(PAPER)
+    text = packed(parts, view)
+    assert text == packed(parts, view)
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(text))) as archive:
+        index = json.loads(archive.read("index.json"))
+    (renderer,) = index["scene"]["dependencies"]
+    actors = [child for child in renderer["dependencies"] if child["type"] == "vtkActor"]
+    for actor, part in zip(actors, parts, strict=True):
+        (geometry,) = actor["dependencies"][0]["dependencies"]
+        stored = index["hashes"][geometry["properties"]["points"]["hash"]]["content"]
+        points = np.frombuffer(base64.b64decode(stored), np.float32).reshape(-1, 3)
+        np.testing.assert_array_equal(points, part.mesh.points.astype(np.float32))
+    near, far = renderer["dependencies"][0]["properties"]["clippingRange"]
+    assert 0 < near < far
+
+
+def test_a_scene_cannot_end_its_script_element():
+    named = instrument_scene(PAPER)
+    nasty = named._replace(names=(named.names[-1]._replace(text="</script><b>"),))
+    assert "</script" not in scene_data(nasty)
+    assert json.loads(scene_data(nasty))["names"][0]["text"] == "</script><b>"
+
+
+def test_the_library_refers_to_no_other_place():
+    page = gzip.decompress(base64.b64decode(library())).decode()
+    assert not re.search(r"<(link|script|img)[^>]+(href|src)=", page)
+    assert "kitware.github.io/vtk-js/icon" not in page

@@ -11,11 +11,13 @@ from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.optimization.parts import Catalogue, load_catalogue
-from roslf_design.reporting.blocks import Figure, Table
+from roslf_design.pictures import solid
+from roslf_design.reporting.blocks import Figure, Report, Section, Table
 from roslf_design.reporting.compare import comparison_report
 from roslf_design.reporting.design import design_report
 from roslf_design.reporting.parts_list import catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
+from roslf_design.reporting.sheets import picture_sheet
 from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS
 
@@ -119,6 +121,19 @@ def test_figures_as_files(tmp_path, monkeypatch):
     root = ElementTree.parse(tmp_path / "out" / "rays.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert "main lens" in "".join(root.itertext())
+
+
+def test_a_missing_library_leaves_the_picture_and_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(solid, "find_spec", lambda name: None)
+    solid.library.cache_clear()
+    try:
+        sheet = picture_sheet(load("paper"))
+        page = render_html(Report("a", "", (Section("Rays", (sheet,)),)))
+    finally:
+        solid.library.cache_clear()
+    assert "pip install trame-vtk" in sheet.caption
+    assert "<script" not in page
+    assert sheet.content.startswith("<svg")
 
 
 @pytest.mark.parametrize(
