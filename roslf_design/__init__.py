@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
-    from .reporting.html import render_html
-    from .reporting.pdf import render_pdf
+    from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
 
 __version__ = "0.1.0"
@@ -58,8 +57,7 @@ __getattr__, __dir__, _ = lazy.attach(
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
-        "reporting.html": ["render_html"],
-        "reporting.pdf": ["render_pdf"],
+        "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
     },
 )

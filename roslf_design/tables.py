@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -13,6 +14,10 @@ NUMBER = re.compile(r"([-+−]?\d[\d ]*|[-−]?∞)(.*)", re.DOTALL)
 """What stands before the decimal point, and the rest with its unit."""
 LEAST_WORDS = 16
 """Letters that a column of words keeps on a narrow terminal."""
+
+
+Column = tuple[str, str, Callable[[Any], str]]
+"""Heading, letter of `Table.align`, and what it says of a thing."""
 
 
 class Cell(NamedTuple):
@@ -58,6 +63,13 @@ class Table:
         if self.widths and len(self.widths) != len(self.align):
             raise ValueError(f"table {self.title!r}: {len(self.align)} columns have {len(self.widths)} widths")
 
+    @classmethod
+    def of(cls, things: Iterable[Any], columns: Iterable[Column], title: str = "", caption: str = "") -> Table:
+        """A row for each thing, its cells as the columns say them."""
+        headings, align, say = zip(*columns, strict=True)
+        rows = tuple(tuple(tell(thing) for tell in say) for thing in things)
+        return cls(rows, "".join(align), headings if any(headings) else (), title, caption)
+
     def cells(self) -> tuple[tuple[Cell, ...], ...]:
         """The body, ready to be set; what is no number in a column of numbers stands left."""
         splits = [
@@ -80,21 +92,12 @@ class Table:
         )
 
 
-def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ()) -> None:
-    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
-
-    Parameters
-    ----------
-    block : Table
-    console : Console
-    leave_out : tuple of str
-        Headings of columns that a terminal has no room for.
-    """
+def print_table(block: Table, console: Console) -> None:
+    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers."""
     from rich.table import Table as Grid
     from rich.text import Text
 
     headings = block.headings or ("",) * len(block.align)
-    kept = [index for index, heading in enumerate(headings) if heading not in leave_out or not heading]
     grid = Grid(
         title=block.title or None,
         title_justify="left",
@@ -103,18 +106,18 @@ def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ())
         pad_edge=False,
         show_header=bool(block.headings),
     )
-    needed = 2 * len(kept)
-    for index in kept:
+    needed = 2 * len(headings)
+    for index, (heading, align) in enumerate(zip(headings, block.align, strict=True)):
         cells = [row[index] for row in block.rows]
         # Numbers and names stay whole; headings and sentences wrap between their words.
-        words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]
+        words = [word for cell in cells for word in (cell.split() if align == "l" else [cell])]
         widest = max(map(len, cells), default=1)
-        longest = max(map(len, [*words, *headings[index].split()]), default=1)
+        longest = max(map(len, [*words, *heading.split()]), default=1)
         least = max(longest, min(widest, LEAST_WORDS))
-        side: Literal["left", "right"] = "left" if block.align[index] == "l" else "right"
-        grid.add_column(Text(headings[index]), justify=side, min_width=least)
+        side: Literal["left", "right"] = "left" if align == "l" else "right"
+        grid.add_column(Text(heading), justify=side, min_width=least)
         needed += least
     for row in block.rows:
-        grid.add_row(*(Text(row[index]) for index in kept))
+        grid.add_row(*map(Text, row))
     console.print()
     console.print(grid, width=max(console.width, needed), crop=False)

@@ -5,26 +5,29 @@ The work is the study `studies/accuracy`; in a wheel it lies in the package.
 
 from __future__ import annotations
 
-import json as json_text
-import shlex
+import json as json_module
 import sys
+from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
-from ..design.write import write_atomically
-from ..errors import InputError, Problem
-from ..reporting.html import render_html
+from ..errors import Problem
+from ..reporting.printers import render_html
 from ..scenes import load_scene
-from ..tables import print_table
+from ..tables import Table, print_table
 from .evaluate import parse_field
-from .progress import StatusLine
 from .report import PAGE, check_folder
+from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
+
+if TYPE_CHECKING:
+    from ..reporting.blocks import Report
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -46,8 +49,8 @@ def diagrams(
     quantity: str | None = None,
     field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     jobs: int = 0,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    output: OptionalOutput = None,
+    json: Flag = False,
     seed: int = 0,
 ) -> None:
     """What each digit costs in time on a design, and which method is chosen.
@@ -76,9 +79,7 @@ def diagrams(
         Of random methods and jobs.
     """
     check_accuracy(accuracy)
-    wrong = {"--seed": seed < 0, "--jobs": jobs < 0}
-    if any(wrong.values()):
-        raise InputError(tuple(Problem(key, "must not be negative") for key, bad in wrong.items() if bad))
+    check_options(seed, None, *([Problem("--jobs", "must not be negative")] if jobs < 0 else []))
     if quantity is not None:
         check_quantity(quantity)
     loaded = load(design)
@@ -111,25 +112,14 @@ def diagrams(
         "random_jobs": len(trials),
         "promises_kept": sum(trial.kept for trial in trials),
     }
-    text = json_text.dumps(short(data), allow_nan=False, ensure_ascii=False) + "\n"
-    if output is not None:
-        words = ["roslf", "accuracy", design, "--accuracy", f"{accuracy:g}", "-o", str(output)]
-        words += ["--scene", scene] if scene else []
-        words += ["--jobs", str(jobs)] if jobs else []
-        report = page.accuracy_report(loaded.name, groups, current_table(), trials, shlex.join(words), accuracy)
-        write_page(output, "accuracy.json", text, report)
-    if json:
-        print(text, end="")
-        return
-    from rich.console import Console
-
-    print_table(page.answers_table(groups), Console())
-    if scene_text:
-        print(f"\n{scene_text}")
-    if trials:
-        print(f"\n{data['promises_kept']} of {len(trials)} random jobs within what was promised")
-    if output is not None:
-        print(f"\n{output / PAGE}")
+    command = typed(
+        "accuracy", design, accuracy=accuracy, scene=scene, quantity=quantity, field=field, jobs=jobs or None,
+        output=output, seed=seed or None,
+    )  # fmt: skip
+    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy)
+    said = [scene_text] if scene_text else []
+    said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
+    finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
 
 
 @accuracy.command(name="calibrate")
@@ -137,7 +127,7 @@ def calibrate(
     design: str = "paper",
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OptionalOutput = None,
     seed: int = 0,
 ) -> None:
     """Measure on this machine what every method costs and how far off it is; choices then go by that.
@@ -158,8 +148,7 @@ def calibrate(
     promises = study("promises")
     with StatusLine("accuracy") as progress:
         table = promises.calibrate(loaded, seed=max(seed, 0), progress=progress.tell)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, table.to_json().encode())
+    write_files(path.parent, {path.name: table.to_json().encode()})
     print(path)
 
 
@@ -168,8 +157,8 @@ def hard_cases(
     design: str = "paper",
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    output: OptionalOutput = None,
+    json: Flag = False,
     seed: int = 0,
 ) -> int:
     """Walk from a design to every place where formulas break, and compare each result with 60 digits.
@@ -189,29 +178,17 @@ def hard_cases(
     seed
         Of the walks; the same seed gives the same bytes.
     """
-    if seed < 0:
-        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0 on"),))
+    check_options(seed)
     loaded = load(design)
     if output is not None:
         check_folder(output)
     rows, page = study("hard_rows"), study("hard_page")
     with StatusLine("accuracy") as progress:
         cases = study("hard_cases").run_hard_cases(loaded, rows.all_cases(), seed=seed, progress=progress.tell)
-    text = json_text.dumps(short(cases.to_dict()), allow_nan=False, ensure_ascii=False) + "\n"
-    if output is not None:
-        command = shlex.join(["roslf", "accuracy", "hard-cases", design, "-o", str(output)])
-        write_page(output, "hard-cases.json", text, page.hard_cases_report(cases, command))
-    if json:
-        print(text, end="")
-    else:
-        from rich.console import Console
-
-        print_table(page.case_table(cases), Console())
-        for one in cases.near:
-            if one.near:
-                print(f"\nNear {one.case} (at {one.distance:.2g}): {one.says}")
-        if output is not None:
-            print(f"\n{output / PAGE}")
+    command = typed("accuracy", "hard-cases", design, output=output, seed=seed or None)
+    said = [f"Near {one.case} (at {one.distance:.2g}): {one.says}" for one in cases.near if one.near]
+    report = partial(page.hard_cases_report, cases, command)
+    finish(cases.to_dict(), "hard-cases.json", report, output, json, page.case_table(cases), said)
     return 0 if cases.held else 1
 
 
@@ -232,14 +209,30 @@ def study(name: str) -> Any:
         if error.name != "mpmath":
             raise
         message = "references at 60 digits need mpmath; install it with: pip install mpmath"
-        raise InputError((Problem("accuracy", message),)) from None
+        raise refusal("accuracy", message) from None
 
 
-def write_page(folder: Path, data_name: str, data: str, page: Any) -> None:
-    """A folder with the page and the numbers behind it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / data_name, data.encode())
-    write_atomically(folder / PAGE, render_html(page).encode())
+def finish(
+    data: dict[str, Any],
+    name: str,
+    report: Callable[[], Report],
+    output: Path | None,
+    json: bool,
+    table: Table,
+    said: Sequence[str],
+) -> None:
+    """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
+    text = json_module.dumps(short(data), allow_nan=False, ensure_ascii=False)
+    if output is not None:
+        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(report()).encode()})
+    if json:
+        print(text)
+        return
+    from rich.console import Console
+
+    print_table(table, Console())
+    for line in said if output is None else (*said, output / PAGE):
+        print(f"\n{line}")
 
 
 def short(value: Any) -> Any:

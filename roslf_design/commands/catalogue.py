@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
+from .terminal import Flag, json_text
 
 Kinds = Literal["lenses", "microlens_arrays", "sensors"]
 
@@ -27,7 +27,7 @@ def catalogue(
     kind: Annotated[list[Kinds] | None, Parameter(negative=())] = None,
     where: Annotated[list[str] | None, Parameter(negative=())] = None,
     file: Annotated[list[Path] | None, Parameter(negative=())] = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    json: Flag = False,
 ) -> None:
     """Parts that can be bought, with where their figures come from and how sure they are.
 
@@ -45,13 +45,11 @@ def catalogue(
     json
         Print JSON instead of tables.
     """
-    # Here, so that `roslf --help` starts without it.
-
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])
     found = [row for row in rows(parts, kind or KINDS) if all(condition.holds(row) for condition in conditions)]
     if json:
-        print(json_text.dumps({"schema": "roslf.catalogue/1", "parts": found}, indent=1, ensure_ascii=False))
+        print(json_text({"schema": "roslf.catalogue/1", "parts": found}))
         return
     from rich.console import Console
 
@@ -70,10 +68,10 @@ def catalogue(
         if lines:
             heads = ("part", "maker", *(key.replace("_", " ") for key in SHOWN[name]), "confidence", "note")
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
-    console.print()
+    print()
     for number, note in enumerate(notes, 1):
-        console.print(f"{number}  {note}", highlight=False, soft_wrap=True)
-    console.print(f"\n{len(found)} parts. Add your own with --file, or in a study.", highlight=False)
+        print(f"{number}  {note}")
+    print(f"\n{len(found)} parts. Add your own with --file, or in a study.")
 
 
 def _cell(row: Mapping[str, Any], key: str) -> str:

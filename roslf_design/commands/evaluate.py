@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import math
 import time
 from dataclasses import replace
@@ -12,10 +11,11 @@ from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
-from ..design.errors import InputError, Problem
+from ..errors import InputError
 from ..evaluation import evaluate as compute
 from ..evaluation.precision import evaluation_accuracy
 from ..evaluation.show import print_evaluation
+from .terminal import Flag, json_text, refusal
 
 
 def evaluate(
@@ -23,7 +23,7 @@ def evaluate(
     /,
     *,
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    json: Flag = False,
     accuracy: float | None = None,
 ) -> None:
     """Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.
@@ -49,36 +49,26 @@ def evaluate(
     try:
         result = compute(loaded, fields, accuracy)
     except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError((Problem("--accuracy", str(error)),)) from None
+        raise error if isinstance(error, InputError) else refusal("--accuracy", str(error)) from None
     worth = evaluation_accuracy(loaded, result, accuracy)
     worth = replace(worth, seconds=time.perf_counter() - began)
     if json:
         # Without an accuracy asked for, nothing that differs from run to run.
-        values = result.to_dict() | {"accuracy": worth.to_dict(times=accuracy is not None)}
-        print(json_text.dumps(values, indent=1, allow_nan=False, ensure_ascii=False))
+        print(json_text(result.to_dict() | {"accuracy": worth.to_dict(times=accuracy is not None)}))
         return
     from rich.console import Console
 
-    console = Console()
-    print_evaluation(result, console)
+    print_evaluation(result, Console())
     if accuracy is not None:
-        console.print(f"\n{worth.sentence()}", highlight=False, soft_wrap=True)
+        print(f"\n{worth.sentence()}")
 
 
 def parse_field(text: str) -> tuple[float, float]:
-    """Read "11.15" or "x,y" as a position on the MLA [mm].
-
-    Raises
-    ------
-    InputError
-        Neither one nor two finite numbers.
-    """
+    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is neither one nor two finite numbers."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(map(math.isfinite, numbers)):
-        raise InputError((Problem("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"'),))
+        raise refusal("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

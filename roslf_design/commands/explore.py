@@ -12,10 +12,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..design import load
-from ..errors import InputError, Problem
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.patch import warm_up
+from .terminal import refusal
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""
@@ -44,7 +44,6 @@ def explore(
     """
     check_packages()
     loaded = load(design)
-    # Only now: the packages that these import may be missing.
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)
@@ -60,15 +59,8 @@ def explore(
 
 
 def check_packages() -> None:
-    """Tell what to install where the web app's packages are missing.
-
-    Raises
-    ------
-    InputError
-        Names them, and the command.
-    """
+    """Tell what to install where the web app's packages are missing."""
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         names = " ".join(name.replace("_", "-") for name in missing)
-        message = f"needs packages that are not installed; install them: pip install {names}"
-        raise InputError((Problem("explore", message),))
+        raise refusal("explore", f"needs packages that are not installed; install them: pip install {names}")

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_text
-from typing import Annotated
-
-from cyclopts import Parameter
-
 from ..design import load, preset_names, preset_path
+from ..tables import Table, print_table
+from .terminal import Flag, json_text
 
 
-def presets(*, json: Annotated[bool, Parameter(negative=())] = False) -> None:
+def presets(*, json: Flag = False) -> None:
     """The designs that ship, and where their files are.
 
     Parameters
@@ -24,15 +21,11 @@ def presets(*, json: Annotated[bool, Parameter(negative=())] = False) -> None:
             {"preset": name, "name": d.name, "source": d.source, "file": str(preset_path(name))}
             for name, d in designs.items()
         ]
-        print(json_text.dumps({"schema": "roslf.presets/1", "presets": rows}, indent=1))
+        print(json_text({"schema": "roslf.presets/1", "presets": rows}))
         return
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table("preset", "design", "source", box=None, header_style="bold", pad_edge=False)
-    for name, design in designs.items():
-        table.add_row(name, design.name, design.source)
-    console = Console()
-    console.print(table)
-    console.print(f"\nFiles: {preset_path('paper').parent}", soft_wrap=True)
-    console.print("Use a name wherever a design file is asked for, e.g.: roslf evaluate paper")
+    table = tuple((name, design.name, design.source) for name, design in designs.items())
+    print_table(Table(table, "lll", ("preset", "design", "source")), Console())
+    print(f"\nFiles: {preset_path('paper').parent}")
+    print("Use a name wherever a design file is asked for, e.g.: roslf evaluate paper")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import math
 import time
 from dataclasses import replace
@@ -11,18 +10,17 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from ..accuracy.picture import Settled, settle, stated
-from ..accuracy.statement import Accuracy
+from ..accuracy.picture import settle, stated
 from ..design import load
 from ..design.write import write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem
 from ..imaging.files import check_target, write_image
-from ..imaging.render import RawImage
 from ..imaging.render import render as compute
 from ..pictures.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
-from .progress import StatusLine, bar
+from ..tables import Table, print_table
+from .terminal import Flag, StatusLine, bar, check_options, json_text, refusal
 
 
 def render(
@@ -38,9 +36,9 @@ def render(
     region: str | None = None,
     depth: Literal["float", "16"] = "float",
     seed: int = 0,
-    preview: Annotated[bool, Parameter(negative=())] = False,
-    plan_only: Annotated[bool, Parameter(negative=())] = False,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    preview: Flag = False,
+    plan_only: Flag = False,
+    json: Flag = False,
 ) -> None:
     """The raw light-field image that the sensor would record, with only the physics that the scene calls for.
 
@@ -82,31 +80,35 @@ def render(
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
     if accuracy is not None and (budget_px is not None or budget_intensity is not None):
-        raise InputError((Problem("--accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it"),))
+        raise refusal("--accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
     px, intensity = _number("--budget-px", budget_px or "0.1"), _number("--budget-intensity", budget_intensity or "1%")
     budget = Budget(px=px, intensity=intensity, pitch=px)
     overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
     piece = None if region is None else _region(region)
-    if seed < 0:
-        raise InputError((Problem("--seed", f"{seed} is negative; give a whole number from 0 on"),))
-    settled: list[Settled | None] = [None] * len(scenes)
+    check_options(seed)
     began = time.perf_counter()
-    if accuracy is not None:
-        with StatusLine("render") as status:
-            settled = [
-                settle(loaded, each, accuracy, overrides, seed=seed, region=piece, progress=status.tell)
-                for each in scenes
-            ]
+    with StatusLine("render") as status:
+        settled = [
+            None
+            if accuracy is None
+            else settle(loaded, each, accuracy, overrides, seed=seed, region=piece, progress=status.tell)
+            for each in scenes
+        ]
     settling = (time.perf_counter() - began) / len(scenes)
     plans = [
         plan(loaded, each, budget, overrides) if way is None else way.plan
         for each, way in zip(scenes, settled, strict=True)
     ]
+    if plan_only and json:
+        rows = [{"scene": each.name, "effects": on.as_dicts()} for each, on in zip(scenes, plans, strict=True)]
+        print(json_text({"schema": "roslf.plan/1", "plans": rows}))
+    elif plan_only:
+        for each, effects_on in zip(scenes, plans, strict=True):
+            print(f"Effects for {each.name or 'the scene'}")
+            _print_plan(effects_on)
     if plan_only:
-        _show_plans(plans, [each.name for each in scenes], json)
         return
-    names = [path.stem for path in scene or []] or ["white"]
-    targets = _targets(output, names)
+    targets = _targets(output, [path.stem for path in scene or []] or ["white"])
     for target in targets:
         check_target(target)
 
@@ -117,94 +119,61 @@ def render(
             image = compute(
                 loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
             )
-        worth = stated(image, way, accuracy, budget)
-        worth = replace(worth, seconds=time.perf_counter() - began)
+        worth = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
         image = replace(image, accuracy=worth.to_dict())
-        beside = write_image(image, target, depth)
-        written = [target, beside]
+        written = [target, write_image(image, target, depth)]
         if preview:
-            written.append(_preview(image, target))
-        _show(image, worth, written, json)
+            written.append(target.with_name(f"{target.stem}-preview.png"))
+            write_atomically(written[-1], zooms(image).to_png(110))
+        if json:
+            values = {**image.metadata(), "files": [str(path) for path in written], "seconds": image.seconds}
+            print(json_text(values | {"accuracy": worth.to_dict(times=True)}))
+            continue
+        _print_plan(image.plan)
+        height, width = image.pixels.shape
+        traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
+        print(f"\n{width} x {height} pixels by {image.method} in {image.seconds:.2f} s{traced}")
+        words = worth.sentence()
+        print(words[0].upper() + words[1:], *written, sep="\n")
 
 
 def _number(option: str, text: str) -> float:
-
     share = text.strip().endswith("%")
     try:
         value = float(text.strip().removesuffix("%")) / (100 if share else 1)
     except ValueError:
         value = math.nan
     if not (value >= 0 and math.isfinite(value)):
-        raise InputError((Problem(option, f'"{text}" is no budget; give a number that is not negative, as 0.1 or 1%'),))
+        raise refusal(option, f'"{text}" is no budget; give a number that is not negative, as 0.1 or 1%')
     return value
 
 
 def _region(text: str) -> tuple[int, int, int, int]:
-
     try:
         column, row, columns, rows = (int(part) for part in text.split(","))
     except ValueError:
-        raise InputError(
-            (Problem("--region", f'cannot read "{text}"; write column,row,columns,rows, as 0,0,512,512'),)
-        ) from None
+        message = f'cannot read "{text}"; write column,row,columns,rows, as 0,0,512,512'
+        raise refusal("--region", message) from None
     return column, row, columns, rows
 
 
 def _targets(output: Path | None, names: list[str]) -> list[Path]:
-
     if len(names) == 1:
         return [output or Path(f"{names[0]}.tif")]
     folder = output or Path("renders")
     if folder.suffix or folder.is_file():
         raise InputError((Problem("", "several scenes make several images; name a folder with -o"),), str(folder))
     if len(set(names)) < len(names):
-        raise InputError((Problem("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file"),))
+        raise refusal("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
     folder.mkdir(parents=True, exist_ok=True)
     return [folder / f"{name}.tif" for name in names]
 
 
-def _preview(image: RawImage, target: Path) -> Path:
-
-    place = target.with_name(f"{target.stem}-preview.png")
-    write_atomically(place, zooms(image).to_png(110))
-    return place
-
-
-def _show_plans(plans: list[Plan], names: list[str], json: bool) -> None:
-    if json:
-        rows = [{"scene": name, "effects": lines.as_dicts()} for name, lines in zip(names, plans, strict=True)]
-        print(json_text.dumps({"schema": "roslf.plan/1", "plans": rows}, indent=1, allow_nan=False, ensure_ascii=False))
-        return
-    for name, lines in zip(names, plans, strict=True):
-        print(f"Effects for {name or 'the scene'}")
-        _print_plan(lines)
-
-
-def _show(image: RawImage, worth: Accuracy, written: list[Path], json: bool) -> None:
-    if json:
-        values = {**image.metadata(), "files": [str(path) for path in written], "seconds": image.seconds}
-        values["accuracy"] = worth.to_dict(times=True)
-        print(json_text.dumps(values, indent=1, allow_nan=False, ensure_ascii=False))
-        return
-    _print_plan(image.plan)
-    rows, columns = image.pixels.shape
-    traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
-    print(f"\n{columns} x {rows} pixels by {image.method} in {image.seconds:.2f} s{traced}")
-    words = worth.sentence()
-    print(words[0].upper() + words[1:])
-    for path in written:
-        print(path)
-
-
 def _print_plan(lines: Plan) -> None:
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("effect", "", "estimate", "budget"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("why")
-    for line in lines:
-        size = f"{line.estimate:.3g} {line.unit}"
-        table.add_row(line.name, "on" if line.on else "-", size, f"{line.budget:g}", line.reason)
-    Console().print(table)
+    rows = tuple(
+        (line.name, "on" if line.on else "-", f"{line.estimate:.3g} {line.unit}", f"{line.budget:g}", line.reason)
+        for line in lines
+    )
+    print_table(Table(rows, "lllll", ("effect", "", "estimate", "budget", "why")), Console())

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
+import platform
 import re
-import shlex
 import sys
 from collections.abc import Callable, Sequence
+from datetime import datetime
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,41 +17,39 @@ from cyclopts import Parameter
 
 from ..design import load
 from ..design.kinds import CALLED
-from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from ..evaluation.precision import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
 from ..reporting.calibration import read_calibration
 from ..reporting.compare import comparison_report
-from ..reporting.html import render_html
-from ..reporting.pdf import render_pdf
+from ..reporting.printers import render_html, render_pdf
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
-from .options import folder_faults, seed_faults
-from .progress import StatusLine
+from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
 
 if TYPE_CHECKING:
-    from ..design import Design
     from ..reporting.blocks import Report
 
-PAGE, DOCUMENT = "index.html", "report.pdf"
+PAGE = "index.html"
 SOLID = {"model": "model.vtp", "3d": "3d.png"}
 """Name of a 3D file to its file name."""
+LIBRARIES = ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
+"""Whose versions a stamp tells."""
 
 
 def report(
     design: str,
     /,
     *others: str,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    pdf: Annotated[bool, Parameter(negative=())] = False,
+    output: OptionalOutput = None,
+    pdf: Flag = False,
     paper: Literal["a4", "letter"] = "a4",
-    compare: Annotated[bool, Parameter(negative=())] = False,
+    compare: Flag = False,
     figure: Annotated[list[str] | None, Parameter(negative=())] = None,
     calibration: Path | None = None,
     seed: int | None = None,
     accuracy: float | None = None,
-    stamp: Annotated[bool, Parameter(negative=())] = False,
+    stamp: Flag = False,
 ) -> None:
     """A report on a design, a study, or a story of several studies: one self-contained HTML page, and a PDF.
 
@@ -87,34 +88,36 @@ def report(
     stamp
         Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
     """
-    names = (design, *others)
-    solid = [name for name in figure or () if name in SOLID]
+    names, wanted = (design, *others), figure or []
     make = maker(names, compare, seed, accuracy, calibration)
-    subject = design_in_3d(names, compare) if solid else None
+    solid = [name for name in wanted if name in SOLID]
+    if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
+        raise refusal("--figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
-    if pdf:
-        check_typst()
-    options = ["--compare"] * compare + ["-o", str(folder)] + ["--pdf", "--paper", paper] * pdf
-    options += [part for name in figure or () for part in ("--figure", name)]
-    options += [] if calibration is None else ["--calibration", str(calibration)]
-    options += [] if seed is None else ["--seed", str(seed)]
-    options += [] if accuracy is None else ["--accuracy", f"{accuracy:g}"]
-    command = shlex.join(["roslf", "report", *names, *options])
+    if pdf and importlib.util.find_spec("typst") is None:
+        raise refusal("--pdf", "a PDF needs the typst package; install it: pip install typst")
+    command = typed(
+        "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
+        calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,
+    )  # fmt: skip
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
-        files = figure_files(content, [name for name in figure or () if name not in SOLID])
+        files = figure_files(content, [name for name in wanted if name not in SOLID])
         files[PAGE] = render_html(content).encode()
-        if subject is not None:
+        if "model" in solid:
+            files[SOLID["model"]] = vtp_bytes(load(design))
+        if "3d" in solid:
             progress.tell("3D")
-            files |= solid_files(subject, solid)
+            try:
+                files[SOLID["3d"]] = picture(load(design))
+            except NoPictureError as error:
+                print(f"roslf: {SOLID['3d']} is left out: {error}", file=sys.stderr)
         if pdf:
             progress.tell("PDF")
-            files[DOCUMENT] = render_pdf(content, paper)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, data in files.items():
-        write_atomically(folder / name, data)
-        print(folder / name)
+            files["report.pdf"] = render_pdf(content, paper)
+    for path in write_files(folder, files):
+        print(path)
 
 
 def maker(
@@ -136,36 +139,24 @@ def maker(
         raise refusal("--compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:
         raise refusal("report", "one design at a time; add --compare to set several side by side")
-    if seed_faults(seed):
-        raise InputError(tuple(seed_faults(seed)))
-    misplaced = "goes with the report of one design; leave it out, or name it in the story"
-    if compare:
-        if calibration is not None:
-            raise refusal("--calibration", misplaced)
+    check_options(seed)
+    kind, story = ("design", None) if compare else load_story_or_study(Path(names[0]))
+    if calibration is not None and (compare or kind != "design"):
+        raise refusal("--calibration", "goes with the report of one design; leave it out, or name it in the story")
+    if kind == "design":
         designs = [load(name) for name in names]
         for each in designs:
             check_evaluation_accuracy(each, accuracy)
-        return partial(comparison_report, designs, accuracy=accuracy)
-    (name,) = names
-    known = None if calibration is None else read_calibration(calibration)
-    kind, story = load_story_or_study(Path(name))
-    if kind == "design":
-        design = load(name)
-        check_evaluation_accuracy(design, accuracy)
-        return partial(full_report, design, seed=seed or 0, accuracy=accuracy, calibrated=known)
+        if compare:
+            return partial(comparison_report, designs, accuracy=accuracy)
+        known = None if calibration is None else read_calibration(calibration)
+        return partial(full_report, designs[0], seed=seed or 0, accuracy=accuracy, calibrated=known)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise refusal("--accuracy", f"goes with designs, and {name} is {CALLED[kind][0]}; {remedy}")
-    if known is not None:
-        raise refusal("--calibration", misplaced)
-    return (
-        partial(study_report, kind, Path(name), seed=seed) if story is None else partial(story_report, story, seed=seed)
-    )
-
-
-def refusal(key: str, message: str) -> InputError:
-    """An option that cannot be had."""
-    return InputError((Problem(key, message),))
+        raise refusal("--accuracy", f"goes with designs, and {names[0]} is {CALLED[kind][0]}; {remedy}")
+    if story is not None:
+        return partial(story_report, story, seed=seed)
+    return partial(study_report, kind, Path(names[0]), seed=seed)
 
 
 def folder_name(design: str) -> str:
@@ -174,92 +165,28 @@ def folder_name(design: str) -> str:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse, before any work, a place that cannot become a folder.
-
-    Raises
-    ------
-    InputError
-        A file is in the way.
-    """
-    faults = folder_faults(folder)
-    if faults:
-        raise InputError(tuple(faults))
+    """Refuse, before any work, a place that cannot become a folder with a page."""
+    check_options(None, folder)
     if (folder / PAGE).is_dir():
         raise refusal("-o", f"{folder / PAGE} is a folder; name another place")
 
 
-def check_typst() -> None:
-    """Tell before any work where a PDF cannot be made.
-
-    Raises
-    ------
-    InputError
-        The typst package is not installed.
-    """
-    from importlib.util import find_spec
-
-    if find_spec("typst") is None:
-        raise refusal("--pdf", "a PDF needs the typst package; install it: pip install typst")
-
-
 def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
-    """Figures as files of their own.
-
-    Raises
-    ------
-    InputError
-        The report has no figure of that name; says which it has.
-    """
+    """Figures as files of their own; refused where the report has none of that name, with those that it has."""
     known = {figure.name: figure for figure in content.figures}
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
         there = f"there are all, {', '.join((*known, *SOLID))}"
         raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
-    chosen = known if "all" in wanted else {name: known[name] for name in wanted}
     return {
-        f"{name}.svg" if isinstance(figure.content, str) else f"{name}.png": file_of(figure.content)
-        for name, figure in chosen.items()
+        f"{name}.{'svg' if isinstance(figure.content, str) else 'png'}": file_of(figure.content)
+        for name, figure in known.items()
+        if name in wanted or "all" in wanted
     }
-
-
-def design_in_3d(names: Sequence[str], compare: bool) -> Design:
-    """The one design that a 3D model can be made of.
-
-    Raises
-    ------
-    InputError
-        Several designs, or a study.
-    """
-    (name, *others) = names
-    if not others and not compare and load_story_or_study(Path(name))[0] == "design":
-        return load(name)
-    raise refusal("--figure", "3d and model are of one design; name its file alone")
-
-
-def solid_files(design: Design, wanted: Sequence[str]) -> dict[str, bytes]:
-    """The model and its picture; a picture that cannot be drawn here is told on stderr and left out."""
-    files = {}
-    if "model" in wanted:
-        files[SOLID["model"]] = vtp_bytes(design)
-    if "3d" in wanted:
-        try:
-            files[SOLID["3d"]] = picture(design)
-        except NoPictureError as error:
-            print(f"roslf: {SOLID['3d']} is left out: {error}", file=sys.stderr)
-    return files
 
 
 def stamp_lines() -> tuple[str, ...]:
     """Date, and versions of what the page was made with."""
-    import platform
-    from datetime import datetime
-    from importlib.metadata import version
-
-    libraries = ", ".join(
-        f"{name} {version(name)}" for name in ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
-    )
-    return (
-        datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
-        f"Python {platform.python_version()}",
-        libraries,
-    )
+    made = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    return made, f"Python {platform.python_version()}", libraries

@@ -20,7 +20,7 @@ from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Y
 from ..pictures.theme import short
 from ..reporting.blocks import Statement
 from ..reporting.optimization import statements
-from ..reporting.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
+from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable

@@ -6,9 +6,12 @@ In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from ..tables import Table as Table
+
+if TYPE_CHECKING:
+    from ..pictures.picture import Picture
 
 Tone = Literal["good", "bad", "caution", "plain"]
 """How a statement is meant; always shown by a sign and a word as well as by colour."""
@@ -62,6 +65,11 @@ class Figure:
     scene: str = ""
     """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
 
+    @classmethod
+    def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:
+        """A picture as a figure, described by its title and caption."""
+        return cls(name, title, caption, picture.svg(name=name), f"{title}. {caption}")
+
 
 @dataclass(frozen=True)
 class Bullets:
@@ -96,6 +104,16 @@ class Section:
         return self.name or "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
 
 
+class Finding(NamedTuple):
+    """What a study found of a design, for that design's report."""
+
+    section: Section
+    statement: Statement | None = None
+    """The answer, for the summary."""
+    seed: str = ""
+    """Of what chance had a part in, as a sentence."""
+
+
 @dataclass(frozen=True)
 class Report:
     """A whole report, before it is written in any format."""
@@ -103,7 +121,8 @@ class Report:
     title: str
     subtitle: str
     sections: tuple[Section, ...]
-    footer: str = ""
+    footer: str = "roslf_design"
+    """No version where the same input is to give the same bytes for years."""
 
     @property
     def figures(self) -> tuple[Figure, ...]:

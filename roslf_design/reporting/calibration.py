@@ -4,67 +4,72 @@ from __future__ import annotations
 
 import json
 import math
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
+from .. import __version__
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
 from ..calibration.datasheet import QUANTITIES, SHOWN, UNITS, relative_sigma
-from ..calibration.planning import too_large
+from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
+from ..pictures import calibration as pictures
+from ..pictures.picture import Picture
 from ..tolerancing.study import StrictTable
-from ..units import Angle, Length
+from ..units import Angle, Distance, Length
 from ..words import length, rounded, sentence
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .study_figures import CALIBRATION as FIGURES
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
     from ..design import Design
 
 FILE, SCHEMA = "calibration.json", "roslf.calibration/"
-SOURCES = {
-    "images": "images",
-    "f": "f",
-    "q": "pixel pitch",
-    "d": "microlens pitch",
-    "board": "board's scale",
-    "systematic": "systematic",
+SOURCES: dict[str, tuple[str, str, str]] = {
+    "images": ("images", "the images", "show more boards, tilted further and over more distances"),
+    "f": ("f", "the data sheet's f", "have the focal length measured"),
+    "q": ("pixel pitch", "the data sheet's pixel pitch", "have the pixel pitch measured"),
+    "d": ("microlens pitch", "the data sheet's microlens pitch", "have the microlens pitch measured"),
+    "board": ("board's scale", "the board's scale", "have the board's cells measured"),
+    "systematic": (
+        "systematic",
+        "systematic errors of the corners",
+        "show the boards nearer the focal plane, where corners hardly move from view to view",
+    ),
 }
-"""Where variance comes from, in words."""
-FROM = {"images": "the images", "board": "the board's scale", "systematic": "systematic errors of the corners"}
-"""Sources that are not of the data sheet."""
-ADVICE = {
-    "images": "show more boards, tilted further and over more distances",
-    "f": "have the focal length measured",
-    "q": "have the pixel pitch measured",
-    "d": "have the microlens pitch measured",
-    "board": "have the board's cells measured",
-    "systematic": "show the boards nearer the focal plane, where corners hardly move from view to view",
-}
-CAPTIONS = {
-    "residuals": "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+"""Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
+FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
+    "residuals": (
+        "What the joint fit leaves over",
+        "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+        pictures.residuals,
+    ),
     "epi-lines": (
+        "Epipolar slopes against inverse depth",
         "Slopes of all corners in the epipolar-plane images. The line's slope gives d_2, its zero the focal plane, m/A;"
-        " points far off it are corners badly placed or a board badly posed."
+        " points far off it are corners badly placed or a board badly posed.",
+        pictures.epi_lines,
     ),
     "posterior": (
+        "How sure: the posterior",
         "Dark and light regions hold 68 % and 95 %; dashed lines hold 68 %. A narrow ridge is a pair that the images"
-        " cannot tell apart: better knowledge of one is better knowledge of the other."
+        " cannot tell apart: better knowledge of one is better knowledge of the other.",
+        lambda result: pictures.posterior(result, UNITS),
     ),
     "depth": (
+        "What it means for measured depths",
         "Error that this calibration puts into every depth measured with it, the same in all images: averaging does not"
-        " take it away. Ticks mark the boards; beyond them the calibration extrapolates."
+        " take it away. Ticks mark the boards; beyond them the calibration extrapolates.",
+        pictures.depth_errors,
     ),
 }
-"""Of the drawings that a calibration leaves in its folder."""
+"""Title, caption and what draws it, of each picture that a calibration leaves in its folder."""
 
 
 class CalibrationPart(StrictTable):
@@ -72,15 +77,15 @@ class CalibrationPart(StrictTable):
 
     board: str | None = None
     """Cells across, cells down, size of one."""
-    boards: Annotated[int, Field(ge=2)] = 12
+    boards: int = 12
     """Images of the board."""
-    tilt: Annotated[Angle, Field(gt=0, lt=1.5)] = math.radians(20)
+    tilt: Angle = math.radians(20)
     """Largest tilt [rad]."""
     distance: Length | None = None
     """Mean distance of the boards from the main lens [mm]."""
-    range: Length | None = None
+    range: Distance | None = None
     """Farthest minus nearest [mm]."""
-    noise: Annotated[float, Field(gt=0)] = 0.06
+    noise: float = 0.06
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
@@ -90,11 +95,22 @@ class CalibrationPart(StrictTable):
     @classmethod
     def _readable(cls, text: str | None) -> str | None:
         if text is not None:
-            try:
-                Board.parse(text)
-            except CalibrationError as error:
-                raise ValueError(str(error)) from None
+            Board.parse(text)
         return text
+
+    @field_validator("f_sigma")
+    @classmethod
+    def _understood(cls, text: str) -> str:
+        try:
+            relative_sigma(text, 1.0)
+        except ValueError:
+            raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
+        return text
+
+    @model_validator(mode="after")
+    def _possible(self) -> CalibrationPart:
+        Captures(boards=self.boards, tilt=self.tilt, noise=self.noise)
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,21 +148,17 @@ def read_calibration(place: Path) -> Calibrated:
             message = f"{file} is no calibration (schema {schema!r}); name the folder that roslf calibrate wrote"
     if message:
         raise InputError((Problem("calibration", message),))
-    drawings = {name: file.with_name(f"{name}.svg") for name in CAPTIONS}
-    return Calibrated(data, {name: _inline(path.read_text()) for name, path in drawings.items() if path.is_file()})
+    files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
+    texts = {name: path.read_text() for name, path in files.items() if path.is_file()}
+    return Calibrated(data, {name: text[text.index("<svg") :].strip() for name, text in texts.items()})
 
 
-def calibrated_statement(found: Calibrated) -> Statement:
-    """What was found, in one sentence."""
-    warned = bool(found.data.get("warnings")) or found.data.get("converged") is False
-    images = len(found.data.get("images_used", ()))
-    return Statement("caution" if warned else "good", f"Calibrated from {images} images: {_pair(found.data)}.")
-
-
-def calibrated_section(design: Design, found: Calibrated) -> Section:
+def calibrated_finding(design: Design, found: Calibrated) -> Finding:
     """Estimates with their intervals, where their variance comes from, drawings and warnings."""
     data = found.data
-    said = [calibrated_statement(found)]
+    warned = bool(data.get("warnings")) or data.get("converged") is False
+    text = f"Calibrated from {len(data.get('images_used', ()))} images: {_pair(data)}."
+    said = [Statement("caution" if warned else "good", text)]
     if data.get("posterior"):
         text = f"Posterior {data['posterior']['message']}."
         said.append(Statement("good" if data.get("converged") else "bad", text))
@@ -158,10 +170,15 @@ def calibrated_section(design: Design, found: Calibrated) -> Section:
     blocks += _drawings(found.drawings)
     if data.get("warnings"):
         blocks.append(Bullets(tuple(data["warnings"])))
-    return Section("Calibration", tuple(blocks))
+    return Finding(Section("Calibration", tuple(blocks)), said[0])
 
 
-def calibration_report(result: Outcome, drawings: Mapping[str, str], command: str, version: str) -> Report:
+def calibration_pictures(result: Outcome) -> dict[str, Picture]:
+    """Every picture that a calibration has."""
+    return {name: draw(result) for name, (_, _, draw) in FIGURES.items()}
+
+
+def calibration_report(result: Outcome, drawings: Mapping[str, str], command: str) -> Report:
     """The page: answers, tables, figures (SVG text by name), how to run it again."""
     board = result.board
     answers = (Statements(tuple(statements(result))), quantities_table(result.to_dict()))
@@ -175,7 +192,7 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
             Section("Evidence", evidence, "evidence"),
             Section("How it was done", (Paragraph(_method(result)), Code(command, "Run again")), "how"),
         ),
-        f"roslf_design {version}",
+        f"roslf_design {__version__}",
     )
 
 
@@ -194,9 +211,9 @@ def statements(result: Outcome) -> Iterator[Statement]:
         yield _diffraction(result, result.diffraction)
     parts = {source: result.shares["d_3"][source] for source in SOURCES}
     worst = max(parts, key=lambda source: parts[source])
-    source = FROM.get(worst, f"the data sheet's {SOURCES[worst]}")
+    _, source, advice = SOURCES[worst]
     text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
-    yield Statement("plain", text, f"To do better, {ADVICE[worst]}.")
+    yield Statement("plain", text, f"To do better, {advice}.")
     if result.posterior is not None:
         yield Statement("good" if result.posterior.converged else "bad", f"Posterior {result.posterior.message}.")
     words = sentence(result.accuracy.sentence(times=False))
@@ -245,7 +262,7 @@ def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
     rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
     note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
-    heads = ("", *(SOURCES[source] for source in sources))
+    heads = ("", *(SOURCES[source][0] for source in sources))
     caption = note if "systematic" in sources else ""
     return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
 
@@ -266,18 +283,18 @@ def ways_table(result: Outcome) -> Table:
     return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
 
 
-def calibration_plan(design: Design, asked: CalibrationPart) -> CapturePlan | str:
+def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0) -> CapturePlan | str:
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
-    captures = captures_for(design, asked)
     try:
-        relative = relative_sigma(asked.f_sigma, design.f)
-    except ValueError:
-        told = f'"{asked.f_sigma}" is not understood; give "1 %" or "0.5 mm"'
-        raise InputError((Problem("f_sigma", told),)) from None
-    try:
-        return planned(camera_of(design), sheet_of(design, relative), captures, seed=asked.seed)
+        captures = captures_for(design, asked)
+        sheet = sheet_of(design, relative_sigma(asked.f_sigma, design.f))
     except CalibrationError as error:
         return " ".join(str(error).split())
+    try:
+        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed)
+    except CalibrationError as error:
+        text, why = " ".join(str(error).split()), reason(captures)
+        return text if why in text or "into the bore" in text else f"{text}: {why}"
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
@@ -288,58 +305,57 @@ def captures_for(design: Design, asked: CalibrationPart) -> Captures:
         boards=asked.boards,
         tilt=asked.tilt,
         distance=asked.distance,
-        distance_range=(design.d_f - design.d_3) / 4 if asked.range is None else asked.range,
+        distance_range=asked.range,
         noise=asked.noise,
     )
 
 
-def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> Section:
-    """A plan as a section, f as well known as `known` says; a text tells why captures cannot determine the camera."""
+def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
+    """A plan in a design's report; or why captures cannot determine the camera."""
+    plan = calibration_plan(design, asked)
+    seed = f"Seed of the calibration boards' poses: {asked.seed}."
     if isinstance(plan, str):
-        none = Statement("caution", f"No plan: {plan}.")
-        return Section("Calibration plan", (Statements((none,)),))
-    c = plan.captures
+        none = Statements((Statement("caution", f"No plan: {plan}."),))
+        return Finding(Section("Calibration plan", (none,)), None, seed)
+    blocks = plan_blocks(design, plan, asked.f_sigma)
+    assert isinstance(blocks[1], Statements)
+    return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
+
+
+def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, ...]:
+    """A plan with its promise and its changes; f as well known as `known` says."""
+    c, before = plan.captures, plan.expected
     text = (
-        f"Before any capture: {c.boards} images of a {c.board.columns} x {c.board.rows} board of "
+        f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
         f"to {known}, microlens pitch and board to 0.1 %. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
-    answers = [plan_statement(plan)]
+    sigma = before.sigma
+    promise = (
+        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
+        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
+    )
+    answers = [Statement("plain", promise, plan.advice)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     board = f"{c.board.columns}x{c.board.rows} {c.board.cell:g} mm"
     command = f'roslf calibrate CAPTURES --design design.toml --board "{board}" -o calibration'
-    again = Code(command, "Once images are captured, with the design below as design.toml")
-    return Section("Calibration plan", (Paragraph(text), Statements(tuple(answers)), *plan_blocks(plan), again))
-
-
-def plan_statement(plan: CapturePlan) -> Statement:
-    """What the plan promises, in one sentence."""
-    sigma = plan.expected.sigma
-    text = (
-        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
-        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
-    )
-    return Statement("plain", text, plan.advice)
-
-
-def plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
-    """A plan's promise and its changes, as tables."""
-    before = plan.expected
-    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
         for c in plan.changes
     )
     return (
+        Paragraph(text),
+        Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
         shares_table(before.shares),
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
-        Bullets((plan.advice,)),
+        Code(command, "Once images are captured, with the design below as design.toml"),
     )
 
 
@@ -381,9 +397,4 @@ def _method(result: Outcome) -> str:
 
 
 def _drawings(drawings: Mapping[str, str]) -> list[Figure]:
-    return [Figure(f"calibration-{name}", FIGURES[name][0], CAPTIONS[name], svg) for name, svg in drawings.items()]
-
-
-def _inline(svg: str) -> str:
-    """A drawing of a file of its own as text for a page."""
-    return re.sub(r"\s*<style>.*?</style>", "", svg[svg.index("<svg") :], count=1, flags=re.DOTALL).strip()
+    return [Figure(f"calibration-{name}", *FIGURES[name][:2], svg) for name, svg in drawings.items()]

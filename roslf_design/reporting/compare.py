@@ -12,8 +12,8 @@ from ..pictures.microlens import microlens_images
 from ..pictures.rays import ray_diagrams
 from ..words import length
 from .blocks import Figure, Report, Section, Table
-from .design import FOOTER, making, misalignments, parameter_rows, verdicts
-from .sheets import PLACES, compose
+from .design import making, misalignments, parameter_rows, verdicts
+from .sheets import PLACES
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -32,14 +32,7 @@ def comparison_report(
     accuracy: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
-    """Compare designs.
-
-    Parameters
-    ----------
-    designs : sequence of Design
-        Two or three, called A, B, C in their order.
-    command, stamp, accuracy, progress
-        As for `design_report`.
+    """Compare two or three designs, called A, B, C in their order; the rest as for `design_report`.
 
     Raises
     ------
@@ -52,42 +45,42 @@ def comparison_report(
     results = [evaluate(design, accuracy=accuracy) for design in designs]
     named = dict(zip(LETTERS, designs, strict=False))
     progress("figures")
+    rays, images, depth = _figures(named, results)
     tables = (_parameters(designs), *_numbers(results), *_fields(results), _effects(results))
     sections = (
         Section("Verdicts", tuple(verdicts(r, f"{letter}: ") for letter, r in zip(named, results, strict=True))),
         Section("What differs", tables),
-        Section("Rays", tuple(_ray_sheet(letter, design) for letter, design in named.items())),
-        Section("Microlens images", (_image_sheet(named, [result.fields[-1].x_ml_mm for result in results]),)),
-        Section("Depth", (_depth_sheet(named),)),
+        Section("Rays", rays),
+        Section("Microlens images", (images,)),
+        Section("Depth", (depth,)),
         making(command, (), stamp),
     )
     title = ", ".join(f"{letter}: {design.name}" for letter, design in named.items())
-    return Report(title, "Designs side by side; ≠ marks what differs.", sections, FOOTER)
+    return Report(title, "Designs side by side; ≠ marks what differs.", sections)
 
 
-def _ray_sheet(letter: str, design: Design) -> Figure:
-    """The meridional section of one of the designs."""
+def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[tuple[Figure, ...], Figure, Figure]:
+    """Each design's rays, the microlens image of each at its sensor's corner, depth precision of all."""
     caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
-    return compose(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
-
-
-def _image_sheet(named: dict[str, Design], places: Sequence[tuple[float, float]]) -> Figure:
-    """The microlens image of each design at its sensor's corner."""
+    rays = tuple(
+        Figure.of(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
+        for letter, design in named.items()
+    )
     caption = (
         "Ray-optics images on their pixels. A full disc sees the whole pupil; a cat's eye has lost what the dashed "
         "discs cut away. Images as wide as the green cell use every pixel once."
     )
-    shown = {letter: (design, place) for (letter, design), place in zip(named.items(), places, strict=True)}
-    return compose("images", "Microlens images at the sensor's corner", caption, microlens_images(shown)[0])
-
-
-def _depth_sheet(named: dict[str, Design]) -> Figure:
-    """Depth precision of all designs."""
+    corners = {
+        letter: (design, result.fields[-1].x_ml_mm)
+        for (letter, design), result in zip(named.items(), results, strict=True)
+    }
+    title = "Microlens images at the sensor's corner"
+    images = Figure.of("images", title, caption, microlens_images(corners)[0])
     caption = (
         "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
         "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
     )
-    return compose("depth", "Depth precision", caption, depth_comparison(named))
+    return rays, images, Figure.of("depth", "Depth precision", caption, depth_comparison(named))
 
 
 def _parameters(designs: Sequence[Design]) -> Table:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
@@ -26,31 +25,28 @@ from ..evaluation.show import (
 from ..units import format_quantity
 from ..words import length, listed, number, sentence, spaced
 from . import sheets
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
-from .calibration import (
-    Calibrated,
-    CalibrationPart,
-    calibrated_section,
-    calibrated_statement,
-    calibration_section,
-    plan_statement,
+from .blocks import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
 )
-from .optimization import optimization_section
-from .optimization import statements as optimization_statements
 from .parts_list import parts_section
-from .tolerance import tolerance_section, yield_statement
 
 if TYPE_CHECKING:
-    from ..calibration import CapturePlan
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
-    from ..optimization.run import Result
-    from ..tolerancing.result import StudyResult
 
 FACTS = (18, 15, 0)
 """Widths of the columns of the evaluation's tables."""
-FOOTER = "roslf_design"
-"""No version: the same design gives the same bytes."""
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
 """How each level of verdict is shown."""
 WANTED = 1e-6
@@ -75,64 +71,14 @@ MODEL = (
 """True of every report."""
 
 
-CAREFUL = CalibrationPart()
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What studies found of a design; None where nothing of the kind was done."""
-
-    optimisation: Result | None = None
-    tolerances: StudyResult | None = None
-    calibration: CapturePlan | Calibrated | str | None = None
-    """A plan, what was calibrated, or why there is no plan."""
-    planned: CalibrationPart = CAREFUL
-    """What was asked of the plan."""
-
-    def statements(self) -> Iterator[Statement]:
-        """The answers of each, for the summary."""
-        if self.optimisation is not None:
-            first = next(optimization_statements(self.optimisation))
-            yield replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
-        if self.tolerances is not None:
-            yield yield_statement(self.tolerances, self.tolerances.plan.name)
-        if isinstance(self.calibration, Calibrated):
-            yield calibrated_statement(self.calibration)
-        elif self.calibration is not None and not isinstance(self.calibration, str):
-            yield plan_statement(self.calibration)
-
-    def sections(self, design: Design) -> Iterator[Section]:
-        """A section of each."""
-        if self.optimisation is not None:
-            blocks = optimization_section(self.optimisation).blocks
-            answer = self.optimisation.answer
-            history = (sheets.history_sheet(answer),) if answer.feasible else ()
-            yield Section("Optimisation", (*blocks, *history), "optimisation")
-        if self.tolerances is not None:
-            yield Section("Tolerances and yield", tolerance_section(self.tolerances).blocks, "tolerances")
-        if isinstance(self.calibration, Calibrated):
-            yield calibrated_section(design, self.calibration)
-        elif self.calibration is not None:
-            yield calibration_section(design, self.calibration, self.planned.f_sigma)
-
-    def seeds(self) -> Iterator[str]:
-        """Of everything that chance had a part in."""
-        if self.optimisation is not None:
-            yield f"Seed of the optimisation's starts: {self.optimisation.study.settings.seed}."
-        if self.tolerances is not None:
-            plan = self.tolerances.plan
-            yield f"Seed of the {plan.trials} builds: {plan.draws.seed}."
-        if self.calibration is not None and not isinstance(self.calibration, Calibrated):
-            yield f"Seed of the calibration boards' poses: {self.planned.seed}."
-
-
-NONE = Evidence()
+STUDIES = ("optimisation", "tolerances", "calibration")
+"""What a report may hold findings of, in their order."""
 
 
 def design_report(
     design: Design,
     *,
-    evidence: Evidence = NONE,
+    findings: Mapping[str, Finding] | None = None,
     opening: tuple[Block, ...] = (),
     title: str = "",
     command: str = "",
@@ -145,8 +91,8 @@ def design_report(
     Parameters
     ----------
     design : Design
-    evidence : Evidence
-        What studies found of it.
+    findings : mapping, optional
+        What studies found of it, by `STUDIES`.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
     title : str
@@ -166,14 +112,16 @@ def design_report(
         A design that cannot be evaluated.
     """
     progress("evaluating")
+    found = [findings[name] for name in STUDIES if name in findings] if findings else []
     result = evaluate(design, accuracy=accuracy)
     figures = design_figures(design, result, progress)
     progress("sections")
-    answers = Statements((*verdicts(result).items, *evidence.statements()))
+    answers = Statements((*verdicts(result).items, *(one.statement for one in found if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
+    parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     sections = (
         Section("Summary", (*opening, answers, key_figures(design, result))),
-        Section("The design", (figures["dimensions"], _parameters(design), *_stops(design))),
+        Section("The design", (figures["dimensions"], parameters, *_stops(design))),
         parts_section(design),
         Section("Evaluation", _tables(result)),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
@@ -181,32 +129,20 @@ def design_report(
         *_real_lens(design, result, progress),
         Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
-        *evidence.sections(design),
+        *(one.section for one in found),
         accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
-        making(command, tuple(evidence.seeds()), stamp, design),
+        making(command, tuple(one.seed for one in found if one.seed), stamp, design),
     )
-    return Report(title or design.name, design.source, sections, FOOTER)
+    return Report(title or design.name, design.source, sections)
 
 
 def design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
     """The figures of every design, by name."""
-    makers: dict[str, tuple[str, Callable[[], Figure]]] = {
-        "dimensions": ("drawing", lambda: sheets.dimensions_sheet(design)),
-        "rays": ("ray diagram", lambda: sheets.ray_sheet(design, result)),
-        "cells": ("zoom on the microlens array", lambda: sheets.cells_sheet(design, result)),
-        "view": ("3D view", lambda: sheets.picture_sheet(design)),
-        "images": ("microlens images", lambda: sheets.image_sheet(design, result)),
-        "waves": ("microlens image by waves", lambda: sheets.wave_sheet(design)),
-        "maps": ("maps over the array", lambda: sheets.map_sheet(design, result)),
-        "plane": ("design space", lambda: sheets.plane_sheet(design, result)),
-        "depth": ("depth precision", lambda: sheets.depth_sheet(design, result)),
-        "effects": ("effects", lambda: sheets.effects_sheet(result)),
-    }
     figures = {}
-    for name, (label, make) in makers.items():
-        progress(label)
-        figures[name] = make()
+    for name, make in sheets.SHEETS.items():
+        progress(f"figure {name}")
+        figures[name] = make(design, result)
     return figures
 
 
@@ -218,21 +154,18 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 
 def key_figures(design: Design, result: Evaluation) -> Table:
     """What the camera is and does, in a handful of numbers."""
-    field, sampled, depth = result.non_distortion, result.sampling, result.depth
+    seen, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, *(stop.distance for stop in design.all_stops))
     widest = max(design.D, *(stop.diameter for stop in design.all_stops), math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {depth.sigma_disparity_pitches:g} pitches of disparity error"
+    pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
     rows = (
         ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
-        ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
-        ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
+        ("field there, half width", f"{number(seen.field_half_width_mm)} mm", "seen by the sensor's half width"),
+        ("room at the corner", f"{number(seen.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
         ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
         ("depth spread σ_Z", f"{number(depth.sigma_z_mm)} mm", error),
-        (
-            "views across",
-            number(sampled.views_independent, 3),
-            f"independent, of {number(sampled.views_geometric, 3)} pixels",
-        ),
+        ("views across", number(sampled.views_independent, 3), pixels),
         ("length", length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
         ("widest part", length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
     )
@@ -282,13 +215,7 @@ def misalignments(design: Design) -> list[tuple[str, str]]:
 def accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
     """How far the numbers can be trusted: the method behind each, its expected error, and hard cases near by.
 
-    Parameters
-    ----------
-    design : Design
-    result : Evaluation
-        Of the design, at its default fields.
-    asked : float, optional
-        Accuracy that it was evaluated to.
+    `result` is of the design at its default fields, evaluated to the accuracy `asked`.
     """
     table = shipped_table()
     rows = []
@@ -317,14 +244,13 @@ def accuracy_section(design: Design, result: Evaluation, asked: float | None = N
         "number).",
     )
     own = evaluation_accuracy(design, result, asked)
+    closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
     said = [Statement("caution" if own.kept is False else "plain", sentence(own.sentence()))]
-    near = [
+    said += [
         Statement("caution", f"Near a hard case, {case.case} (relative distance {case.distance:.2g}): {case.says}.")
         for case in cases
         if case.near
-    ]
-    closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
-    said += near or [Statement("good", f"The design is near no hard case; {closest}.")]
+    ] or [Statement("good", f"The design is near no hard case; {closest}.")]
     return Section("Accuracy", (Paragraph(result.method), Statements(tuple(said)), methods, distances))
 
 
@@ -352,10 +278,6 @@ def _pose(part: MainLens | MicrolensArray | Sensor | Stop) -> str:
         if pair != (0.0, 0.0)
     ]
     return "; ".join(pairs) or "-"
-
-
-def _parameters(design: Design) -> Table:
-    return Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
 
 
 def _stops(design: Design) -> Iterator[Table]:

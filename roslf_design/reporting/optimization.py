@@ -1,19 +1,23 @@
-"""An optimisation as a page and as a section of a design's report; the terminal shares its words."""
+"""An optimisation as a page and as a section of a design's report; the terminal shares its words and pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..optimization.conflicts import Conflict
+import numpy as np
+
+from .. import __version__
 from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
 from ..optimization.run import Result
-from ..optimization.solve import Answer, optimum_accuracy
+from ..optimization.solve import Active, Answer, optimum_accuracy
+from ..pictures.picture import Picture
+from ..pictures.studies import bore_and_stop, ends_of, goal_front, robust_yields, search_history
+from ..tables import Column
 from ..words import in_words, number, sentence
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .study_figures import optimisation_pictures
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -21,26 +25,50 @@ TITLES = {
     "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
 }
 
+HISTORY = (
+    "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
+    "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
+    "that found none better."
+)
 
-def optimization_report(result: Result, command: str, version: str) -> Report:
+
+def optimization_report(result: Result, command: str) -> Report:
     """A study as a page of its own."""
     answer = result.answer
     section = optimization_section(result, command)
-    return Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {version}")
+    return Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
 
 
 def optimization_section(result: Result, command: str = "") -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     asked, notes = result.answer.asked, result.answer.notes
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
-    blocks += [Statements(tuple(statements(result))), *tables(result)]
-    for name, figure in optimisation_pictures(result).items():
-        blocks.append(Figure(f"optimize-{name}", *TITLES[name], figure.svg(name=f"optimize-{name}")))
+    blocks.append(Statements(tuple(statements(result))))
+    for table in _tables(result):
+        rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
+        blocks.append(replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings)))
+    for name, picture in optimisation_pictures(result).items():
+        blocks.append(Figure.of(f"optimize-{name}", *TITLES[name], picture))
     if notes:
         blocks.append(Bullets(notes))
     if command:
         blocks.append(Code(command, "Run again"))
     return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
+
+
+def optimization_finding(result: Result) -> Finding:
+    """A study in a design's report, with how its searches went."""
+    answer, (first, *_) = result.answer, statements(result)
+    said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    history = search_history(ends_of(answer), (576, 290))
+    blocks = optimization_section(result).blocks
+    if answer.feasible:
+        blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, history))
+    seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
+    return Finding(Section("Optimisation", blocks, "optimisation"), said, seed)
+
+
+# --- answers ----------------------------------------------------------------------------------------------------------
 
 
 def statements(result: Result) -> Iterator[Statement]:
@@ -54,11 +82,20 @@ def _statements(result: Result) -> Iterator[Statement]:
     if answer.feasible:
         yield from _about_optimum(result)
     elif answer.conflict is not None:
-        yield _about_conflict(answer.conflict)
+        yield _about_conflict(answer)
     if result.bore is not None:
         yield _about_bore(result)
     if result.robust is not None:
-        yield _price(result)
+        robust, problem = result.robust, answer.problem
+        costs = [
+            f"{goal.label} {number(answer.number(goal), 4)} → {goal.with_unit(problem.number(goal, robust.unit), 4)}"
+            for goal in answer.asked.goals
+        ]
+        text = (
+            f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
+            f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
+        )
+        yield Statement("plain", text)
     if result.front is not None:
         yield from _about_front(result.front)
     if result.ranking is not None:
@@ -75,7 +112,7 @@ def _statements(result: Result) -> Iterator[Statement]:
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
     answer = result.answer
-    reached = ", ".join(f"{goal.label} = {number(answer.number(goal))}{_unit(goal)}" for goal in answer.asked.goals)
+    reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
     yield Statement("good", f"A design holds every limit; best found: {reached}.")
     yield _agreement(answer)
     accuracy = optimum_accuracy(answer, result.study.settings)
@@ -87,7 +124,9 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
         yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
 
 
-def _about_conflict(conflict: Conflict) -> Statement:
+def _about_conflict(answer: Answer) -> Statement:
+    conflict = answer.conflict
+    assert conflict is not None
     ways = [
         f"{r.label} {number(r.needed)} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
         for r in conflict.relaxations
@@ -145,104 +184,83 @@ def _about_bore(result: Result) -> Statement:
     return Statement("plain" if good and result.bore.settled else "caution", f"{text}.", remedy.strip())
 
 
-def _price(result: Result) -> Statement:
-    robust, answer = result.robust, result.answer
-    assert robust is not None
-    costs = [
-        f"{goal.label} {number(answer.number(goal), 4)} → "
-        f"{number(answer.problem.number(goal, robust.unit), 4)}{_unit(goal)}"
-        for goal in answer.asked.goals
-    ]
-    text = (
-        f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
-        f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
-    )
-    return Statement("plain", text)
-
-
-def tables(result: Result) -> Iterator[Table]:
-    """The tables of a study."""
-    for table in _tables(result):
-        rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
-        yield replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings))
+# --- tables -----------------------------------------------------------------------------------------------------------
 
 
 def _tables(result: Result) -> Iterator[Table]:
-    answer = result.answer
-    yield _variables(result)
+    answer, robust = result.answer, result.robust
+    values = answer.variables()
+    moved = {} if robust is None else answer.problem.named(robust.unit)
+    columns: tuple[Column, ...] = (
+        ("variable", "l", lambda variable: variable.name),
+        ("from [mm]", "d", lambda variable: f"{variable.low:.5g}"),
+        ("value [mm]", "d", lambda variable: f"{values[variable.name]:.5g}"),
+        ("to [mm]", "d", lambda variable: f"{variable.high:.5g}"),
+        ("robust [mm]", "d", lambda variable: f"{moved[variable.name]:.5g}"),
+    )
+    title = "The design" if answer.feasible else "The least-violating point"
+    yield Table.of(answer.problem.variables, columns if moved else columns[:-1], title)
     yield _held(answer)
     if answer.conditions is not None and answer.conditions.active:
-        yield _active(answer)
+        single = len(answer.problem.goals) == 1
+        of = answer.problem.goals[0].label if single else "the goals together"
+        columns = (
+            ("limit", "l", lambda active: active.limit),
+            ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
+            (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
+        )
+        yield Table.of(answer.conditions.active, columns, "Limits that the optimum rests on")
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
     if answer.conflict is not None:
-        yield _ways(answer.conflict)
+        missed = {violation.limit: f"{violation.value:.6g}" for violation in answer.conflict.violations}
+        columns = (
+            ("limit", "l", lambda way: way.label),
+            ("asked", "r", lambda way: f"{way.limit:.6g}"),
+            ("at the least-violating point", "r", lambda way: missed.get(way.label, "")),
+            (
+                "moved alone, feasible from",
+                "r",
+                lambda way: "does not help alone" if way.needed is None else f"{way.needed:.6g}",
+            ),
+            ("unit", "l", lambda way: way.unit),
+        )
+        yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
     if result.ranking is not None and result.ranking.best:
         yield _parts(result.ranking)
-
-
-def _variables(result: Result) -> Table:
-    answer, robust = result.answer, result.robust
-    values = answer.variables()
-    moved = {} if robust is None else answer.problem.named(robust.unit)
-    rows = tuple(
-        (
-            variable.name,
-            *(f"{value:.5g}" for value in (variable.low, values[variable.name], variable.high)),
-            *(() if robust is None else (f"{moved[variable.name]:.5g}",)),
-        )
-        for variable in answer.problem.variables
-    )
-    heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(() if robust is None else ("robust [mm]",)))
-    title = "The design" if answer.feasible else "The least-violating point"
-    return Table(rows, "l" + "d" * (len(heads) - 1), heads, title)
 
 
 def _held(answer: Answer) -> Table:
     wanted = {goal.label: "least" if goal.direction == "min" else "most" for goal in answer.asked.goals}
     limited = {constraint.label for constraint in answer.asked.constraints}
-    parts: list[Goal | Constraint] = [goal for goal in answer.asked.goals if goal.label not in limited]
-    rows = []
-    for part in [*parts, *answer.asked.constraints]:
-        limits = (part.low, part.high) if isinstance(part, Constraint) else (None, None)
-        low, high = ("" if limit is None else f"{limit:.6g}" for limit in limits)
-        value = number(answer.number(part), zero=1e-9)
-        rows.append((part.label, low, value, high, part.quantity.unit, wanted.get(part.label, "")))
-    return Table(tuple(rows), "ldddll", ("quantity", "min", "value", "max", "unit", "goal"), "Goals and limits")
+    goals = [goal for goal in answer.asked.goals if goal.label not in limited]
 
+    def limit(part: Goal | Constraint, side: str) -> str:
+        value = getattr(part, side, None)
+        return "" if value is None else f"{value:.6g}"
 
-def _active(answer: Answer) -> Table:
-    assert answer.conditions is not None
-    single = len(answer.problem.goals) == 1
-    rows = []
-    for active in answer.conditions.active:
-        fine = active.unit == "mm" and active.merit_gain_per_unit > 1
-        per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
-        size = 1e-3 if fine else 1.0
-        if active.multiplier < 1e-9:
-            buys = "nothing: touched, not pressed"
-        elif single and active.goal_gain_per_unit is not None:
-            goal = answer.problem.goals[0]
-            buys = f"{size * active.goal_gain_per_unit:.4g}{_unit(goal)} {per}"
-        else:
-            buys = f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
-        rows.append((active.limit, f"{active.multiplier:.4g}", buys))
-    of = answer.problem.goals[0].label if single else "the goals together"
-    return Table(
-        tuple(rows), "ldl", ("limit", "multiplier", f"relaxing it buys, of {of}"), "Limits that the optimum rests on"
+    columns: tuple[Column, ...] = (
+        ("quantity", "l", lambda part: part.label),
+        ("min", "d", lambda part: limit(part, "low")),
+        ("value", "d", lambda part: number(answer.number(part), zero=1e-9)),
+        ("max", "d", lambda part: limit(part, "high")),
+        ("unit", "l", lambda part: part.quantity.unit),
+        ("goal", "l", lambda part: wanted.get(part.label, "")),
     )
+    return Table.of((*goals, *answer.asked.constraints), columns, "Goals and limits")
 
 
-def _ways(conflict: Conflict) -> Table:
-    missed = {violation.limit: violation for violation in conflict.violations}
-    rows = []
-    for r in conflict.relaxations:
-        own = missed.get(r.label)
-        needed = "does not help alone" if r.needed is None else f"{r.needed:.6g}"
-        rows.append((r.label, f"{r.limit:.6g}", "" if own is None else f"{own.value:.6g}", needed, r.unit))
-    heads = ("limit", "asked", "at the least-violating point", "moved alone, feasible from", "unit")
-    return Table(tuple(rows), "lrrrl", heads, "What stands in the way")
+def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
+    """What relaxing a limit by a unit buys: of the one goal, else of the merit."""
+    if active.multiplier < 1e-9:
+        return "nothing: touched, not pressed"
+    fine = active.unit == "mm" and active.merit_gain_per_unit > 1
+    per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
+    size = 1e-3 if fine else 1.0
+    if len(goals) == 1 and active.goal_gain_per_unit is not None:
+        return f"{goals[0].with_unit(size * active.goal_gain_per_unit, 4)} {per}"
+    return f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
 
 
 def _parts(ranking: Ranking) -> Table:
@@ -255,15 +273,48 @@ def _parts(ranking: Ranking) -> Table:
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
         rows.append((str(place), *names, *goals, *(f"{values[v.name]:.5g}" for v in own.variables)))
     kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
-    goals = [_headed(goal) for goal in problem.goals]
+    goals = [goal.label + _unit(goal) for goal in problem.goals]
     heads = ("", *kinds, *goals, *(f"{v.name} [mm]" for v in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
 
 
-def _headed(goal: Goal) -> str:
-    return f"{goal.label} [{goal.quantity.unit}]" if goal.quantity.unit else goal.label
+def _unit(goal: Goal) -> str:
+    return f" [{goal.quantity.unit}]" if goal.quantity.unit else ""
 
 
-def _unit(part: Goal | Constraint) -> str:
-    return f" {part.quantity.unit}" if part.quantity.unit else ""
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def optimisation_pictures(result: Result) -> dict[str, Picture]:
+    """Name to picture; empty where an optimisation has nothing to draw."""
+    drawn = {}
+    if result.bore is not None:
+        pupil = result.bore.pupil
+        drawn["bore"] = bore_and_stop(pupil.field_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
+    if result.front is not None and len(result.front.points) > 1:
+        drawn["front"] = _front(result.front, result.answer)
+    if result.robust is not None:
+        robust = result.robust
+        together = ("all together", robust.nominal.yield_.value, robust.robust.yield_.value)
+        rows = [*robust.constraint_yields, together]
+        drawn["robust"] = robust_yields([(in_words(str(row[0])), float(row[1]), float(row[2])) for row in rows])
+    return drawn
+
+
+def _front(front: Front, answer: Answer) -> Picture:
+    """The first goal over the second; the third, where there is one, by shade."""
+    order = [1, 0, *range(2, len(front.goals))][: min(len(front.goals), 3)]
+    values = np.array([point.values for point in front.points])[:, order]
+    goals = [front.goals[k] for k in order]
+    log = [
+        goal.quantity.positive and bool(column.max() > 3 * column.min() > 0)
+        for goal, column in zip(goals, values.T, strict=True)
+    ]
+    axes = [
+        f"{in_words(goal.label)}{_unit(goal)} ({'less' if goal.direction == 'min' else 'more'} is better)"
+        for goal in goals
+    ]
+    x, y = (answer.number(goal) for goal in goals[:2])
+    title = f"{in_words(goals[1].label)} against {in_words(goals[0].label)}, designs of which none is better in all"
+    return goal_front(values, axes, log=log, title=title, answer=(x, y))

@@ -1,7 +1,8 @@
-"""The figures of a design report: each composed from plots, with a caption that says what to see and what follows."""
+"""The figures of a design report: each a picture with a caption that says what to see and what follows."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,22 +18,18 @@ from ..pictures.microlens import microlens_images, rays_and_waves
 from ..pictures.picture import PAGE
 from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
 from ..pictures.solid import NoViewerError, instrument_scene, library, outlines, scene_data
-from ..pictures.studies import ends_of, search_history
 from ..words import number, spaced
 from .blocks import Figure
 
 if TYPE_CHECKING:
     from ..design import Design
     from ..evaluation.result import Evaluation
-    from ..optimization.solve import Answer
-    from ..pictures.picture import Picture
 
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
 
-def ray_sheet(design: Design, result: Evaluation) -> Figure:
-    """The meridional section."""
+def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     field = result.non_distortion
     room = number(abs(field.room_at_corner_mm), 3)
     follow = (
@@ -50,11 +47,10 @@ def ray_sheet(design: Design, result: Evaluation) -> Figure:
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
         f"mount blue. {follow} {plane}"
     )
-    return compose("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
+    return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
 
 
-def cells_sheet(design: Design, result: Evaluation) -> Figure:
-    """Microlenses and pixels, at the centre and as far out as neighbours still lie before the edge."""
+def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     f = result.f_number
     touch = (
         "Neighbouring cones just touch on the sensor: all pixels are used and none twice."
@@ -74,11 +70,10 @@ def cells_sheet(design: Design, result: Evaluation) -> Figure:
     seen = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
     (centre, _), (edge, _), _ = default_fields(design)
     picture = cells(design, {PLACES[0]: centre, PLACES[1]: edge - 3 * design.d})
-    return compose("cells", "Zoom on microlens array and sensor", f"{seen} {touch} {drift}", picture)
+    return Figure.of("cells", "Zoom on microlens array and sensor", f"{seen} {touch} {drift}", picture)
 
 
-def image_sheet(design: Design, result: Evaluation) -> Figure:
-    """Microlens images of the evaluation's fields."""
+def _image_sheet(design: Design, result: Evaluation) -> Figure:
     fields = {label: (design, field.x_ml_mm) for label, field in zip(PLACES, result.fields, strict=True)}
     picture, on_sensor = microlens_images(fields)
     follow = (
@@ -97,22 +92,20 @@ def image_sheet(design: Design, result: Evaluation) -> Figure:
         f"cell, the cross its chief ray. {follow} Diffraction, which blurs them over "
         f"{number(result.diffraction.airy_radius_px, 2)} px (Airy radius), is not drawn."
     )
-    return compose("images", "Microlens images on their pixels", caption, picture)
+    return Figure.of("images", "Microlens images on their pixels", caption, picture)
 
 
-def wave_sheet(design: Design) -> Figure:
-    """One microlens image by rays and by waves."""
+def _wave_sheet(design: Design, _: Evaluation) -> Figure:
     light = encircled(Camera.of(design))
     caption = (
         "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
         f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
         f"{100 * light.cell:.1f} % in a cell of one image pitch; the rest lies on the neighbours."
     )
-    return compose("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
+    return Figure.of("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
 
 
-def map_sheet(design: Design, result: Evaluation) -> Figure:
-    """Kept fraction and image offset over the MLA."""
+def _map_sheet(design: Design, result: Evaluation) -> Figure:
     fields = field_map(design)
     lost, dark = 1 - float(fields.kept.min()), float(np.mean(fields.kept == 0))
     left = (
@@ -128,7 +121,7 @@ def map_sheet(design: Design, result: Evaluation) -> Figure:
         f"Against a camera whose pupil is the main lens, images move by {number(shift, 4)} px per microlens (Eq. 4), "
         f"{number(shift * design.microlens_array.size[0] / 2 / design.d, 3)} px at the array's edge."
     )
-    return compose("maps", "Microlens images over the array", caption, field_maps(design, fields))
+    return Figure.of("maps", "Microlens images over the array", caption, field_maps(design, fields))
 
 
 def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
@@ -136,12 +129,10 @@ def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
     lens = result.real_lens
     assert lens is not None
     edge = lens.fields[1]
-    moved = (
-        f"At the sensor's edge images lie {number(abs(edge.shift_px[0]), 3)} px off and are "
-        f"{number(edge.widening_percent, 3)} % wider."
-        if edge.shift_px is not None and edge.widening_percent is not None
-        else "The sensor's edge has no whole image."
-    )
+    moved = "The sensor's edge has no whole image."
+    if edge.shift_px is not None and edge.widening_percent is not None:
+        off, wider = number(abs(edge.shift_px[0]), 3), number(edge.widening_percent, 3)
+        moved = f"At the sensor's edge images lie {off} px off and are {wider} % wider."
     over = (
         f"Exact rays through {lens.lens}, from the axis to the distance of the sensor's corner. Left: microlens images "
         "against those of an ideal lens of the same focal length (dashed); the shift counts outwards. "
@@ -156,13 +147,12 @@ def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
     )
     places = {label: field.x_ml_mm for label, field in zip(PLACES, result.fields, strict=True)}
     return (
-        compose("lens-field", "The real lens over the field", over, lens_over_field(design)),
-        compose("lens-images", "Microlens images behind the real lens", beside, lens_images(design, places)),
+        Figure.of("lens-field", "The real lens over the field", over, lens_over_field(design)),
+        Figure.of("lens-images", "Microlens images behind the real lens", beside, lens_images(design, places)),
     )
 
 
-def plane_sheet(design: Design, result: Evaluation) -> Figure:
-    """The D_F - d_3 plane."""
+def _plane_sheet(design: Design, result: Evaluation) -> Figure:
     matched, free = result.verdicts[0].ok, result.non_distortion.undistorted_in_field
     where = {
         (True, True): "on the curve and inside the green region: matched and undistorted",
@@ -175,11 +165,10 @@ def plane_sheet(design: Design, result: Evaluation) -> Figure:
         f"All else held, images just touch along the blue curve. The design lies {where}. Moving along the curve keeps "
         f"the match; above it images overlap, below it pixels stay dark.{aside}"
     )
-    return compose("plane", "FAP diameter and distance", caption, matching_plane(design, (PAGE, 400)))
+    return Figure.of("plane", "FAP diameter and distance", caption, matching_plane(design, (PAGE, 400)))
 
 
-def depth_sheet(design: Design, result: Evaluation) -> Figure:
-    """Depth precision."""
+def _depth_sheet(design: Design, result: Evaluation) -> Figure:
     depth = result.depth
     caption = (
         f"One standard deviation of depth for {depth.sigma_disparity_pitches:g} microlens pitches of disparity error "
@@ -187,12 +176,10 @@ def depth_sheet(design: Design, result: Evaluation) -> Figure:
         f"distance from the FAP (at Z = {design.d_3:.4g} mm). The dashed curve tells how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
-    picture = depth_precision(design, (PAGE, 330))
-    return compose("depth", "Depth precision over distance", caption, picture)
+    return Figure.of("depth", "Depth precision over distance", caption, depth_precision(design, (PAGE, 330)))
 
 
-def effects_sheet(result: Evaluation) -> Figure:
-    """Effects against their budgets."""
+def _effects_sheet(_: Design, result: Evaluation) -> Figure:
     caption = "No effect exceeds its budget for a white scene at the focal plane."
     on = [effect for effect in result.effects if effect.on and effect.estimate != 0 and effect.budget > 0]
     if on:
@@ -203,11 +190,12 @@ def effects_sheet(result: Evaluation) -> Figure:
             f"{spaced(largest.name)}, {abs(largest.estimate) / largest.budget:.3g} times its budget. For a "
             "white scene at the focal plane."
         )
-    picture = effects_budget(result.effects, (PAGE, 0))
-    return compose("effects-budget", "Effects against their budgets", caption, picture)
+    return Figure.of(
+        "effects-budget", "Effects against their budgets", caption, effects_budget(result.effects, (PAGE, 0))
+    )
 
 
-def picture_sheet(design: Design) -> Figure:
+def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
     caption = (
@@ -215,7 +203,7 @@ def picture_sheet(design: Design) -> Figure:
         "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
         "orientation and is not part of the design."
     )
-    sheet = compose("view", "The instrument in three dimensions", caption, outlines(scene))
+    sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
     try:
         library()
     except NoViewerError as reason:
@@ -223,27 +211,26 @@ def picture_sheet(design: Design) -> Figure:
     return replace(sheet, scene=scene_data(scene))
 
 
-def dimensions_sheet(design: Design) -> Figure:
+def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions."""
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
         "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the "
         "microlens array."
     )
-    return compose("dimensions", "Dimensions", caption, dimensions(design))
+    return Figure.of("dimensions", "Dimensions", caption, dimensions(design))
 
 
-def history_sheet(answer: Answer) -> Figure:
-    """How an optimisation went."""
-    caption = (
-        "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
-        "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
-        "that found none better."
-    )
-    picture = search_history(ends_of(answer), (576, 290))
-    return compose("history", "What every start came to", caption, picture)
-
-
-def compose(name: str, title: str, caption: str, picture: Picture) -> Figure:
-    """A picture as a block of a report."""
-    return Figure(name, title, caption, picture.svg(name=name), description=f"{title}. {caption}")
+SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
+    "dimensions": dimensions_sheet,
+    "rays": _ray_sheet,
+    "cells": _cells_sheet,
+    "view": picture_sheet,
+    "images": _image_sheet,
+    "waves": _wave_sheet,
+    "maps": _map_sheet,
+    "plane": _plane_sheet,
+    "depth": _depth_sheet,
+    "effects": _effects_sheet,
+}
+"""The figures of every design, by name."""

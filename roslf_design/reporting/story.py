@@ -1,35 +1,20 @@
 """Reports made whole: a design with a first look at tolerances and calibration, a study, or a story of several.
 
-A story carries a design through optimisation, tolerances and a calibration plan, in one TOML file::
-
-    [story]
-    title = "A rigid borescope of 5.8 mm"
-    question = "What it must see, and how well."
-    design = "start.toml"            # a file beside the story, or a preset
-
-    [[parts]]
-    optimize = "optimize.toml"       # a study of roslf optimize
-    take = "best"                    # what goes on: best, robust, or parts-01 and so on of a catalogue search
-
-    [[parts]]
-    tolerance = "tolerance.toml"     # a study of roslf tolerance
-
-    [[parts]]
-    calibration = { board = "8x6 1 mm", boards = 12, tilt = "20 deg" }
-
-Parts run in their order. The first gets the story's design, each later one what the part before it passes on: an
-optimisation what it found, the others what they were given. A `design` in a study's own file counts only where that
-study runs alone. What `calibration` leaves out is chosen to suit the design: `board`, `boards`, `tilt`, `distance`,
-`range`, `noise` (of a corner, in microlens pitches), `f_sigma` (how well f is known) and `seed`. Instead of a plan,
-`calibrated = "FOLDER"` takes what `roslf calibrate` found.
+A story (docs/reference/story-file.md) carries a design through optimisation, tolerances and a calibration plan. Parts
+run in their order. The first gets the story's design, each later one what the part before it passes on: an optimisation
+what it found, the others what they were given. A `design` in a study's own file counts only where that study runs
+alone. What `calibration` leaves out is chosen to suit the design; instead of a plan, `calibrated = "FOLDER"` takes what
+`roslf calibrate` found.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,18 +24,27 @@ from ..design import Design, preset_names
 from ..design.files import load_beside
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
-from ..optimization.run import designs
-from ..tolerancing.study import StrictTable
+from ..evaluation import default_fields
+from ..optimization.run import designs, run
+from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.result import analyse
+from ..tolerancing.run import run_trials
+from ..tolerancing.study import StrictTable, make_plan, read_study
 from ..toml_files import problems_of, read_toml
-from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
-from .calibration import Calibrated, CalibrationPart, calibration_plan, read_calibration
-from .design import FOOTER, Evidence, design_report, making
-from .optimization import optimization_section, statements
-from .studies import Tell, quick_tolerances, run_optimisation, run_tolerances
+from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
+from .calibration import Calibrated, CalibrationPart, calibrated_finding, plan_finding, read_calibration
+from .design import design_report, making
+from .optimization import optimization_finding, statements
+from .tolerance import tolerance_finding
 
 if TYPE_CHECKING:
     from ..optimization.run import Result
+    from ..tolerancing.places import Grades
+    from ..tolerancing.result import StudyResult
+    from ..tolerancing.study import Study
+    from ..tolerancing.study import TolerancePlan as Plan
 
+Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""
@@ -94,6 +88,11 @@ class StoryPart(StrictTable):
         return self
 
     @property
+    def kind(self) -> str:
+        """Which study."""
+        return next(key for key in STUDIES if getattr(self, key) is not None)
+
+    @property
     def file(self) -> str | None:
         """The study's file."""
         return self.optimize or self.tolerance
@@ -112,41 +111,21 @@ class Story:
 
     table: StoryTable
     design: Design
-    studies: tuple[Mapping[str, Any], ...]
-    """What each part's file says; empty for a part without one."""
+    studies: Mapping[int, Mapping[str, Any]]
+    """What a part's file says, by the part's index; so for calibrations."""
     folder: Path
     origin: str
     calibrations: Mapping[int, Calibrated]
-    """By the part's index."""
-
-    def place_of(self, index: int) -> tuple[Path, str]:
-        """Where files named by a part's study are looked for, and what its errors are told of."""
-        file = self.table.parts[index].file
-        if file is None:
-            return self.folder, f"{self.origin}: parts.{index}"
-        return (self.folder / file).parent, str(self.folder / file)
 
 
 def load_story(path: str | os.PathLike[str]) -> Story:
-    """Read a story with its design and its studies.
-
-    Raises
-    ------
-    InputError
-        Names the file and every fault in it; also a study or a design that is not there.
-    """
+    """Read a story with its design and its studies; an InputError names the file and every fault in it and in these."""
     place = Path(path)
     return read_story(read_toml(place, str(path)), place.parent, str(path))
 
 
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
-    """What kind of file a path (or a preset's name) names, and the story where it is one.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, is none of the kinds, or is a story with faults.
-    """
+    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `load_story`."""
     if str(path) in preset_names() and not path.exists():
         return "design", None
     data = read_toml(path, str(path))
@@ -161,28 +140,129 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     except ValidationError as error:
         raise InputError(problems_of(error, StoryTable), origin) from None
     faults: list[Problem] = []
-    studies: list[Mapping[str, Any]] = []
+    studies: dict[int, Mapping[str, Any]] = {}
     calibrations: dict[int, Calibrated] = {}
-    design, name = None, table.story.design
+    design = None
     try:
-        design = load_beside(name, folder)
+        design = load_beside(table.story.design, folder)
     except InputError as error:
         faults += [Problem("story.design", str(fault)) for fault in error.problems]
     for index, part in enumerate(table.parts):
-        studies.append({})
+        place = f"parts.{index}.{part.kind}"
         try:
             if part.file is not None:
                 studies[index] = read_toml(folder / part.file, part.file)
             elif part.calibrated is not None:
                 calibrations[index] = read_calibration(folder / part.calibrated)
         except InputError as error:
-            key = next(key for key in STUDIES if getattr(part, key) is not None)
-            lead = "" if part.file is None else f"{part.file}: "
-            said = (fault.message if part.file is None else str(fault) for fault in error.problems)
-            faults += [Problem(f"parts.{index}.{key}", lead + text) for text in said]
+            told = [f"{part.file}: {fault}" if part.file else fault.message for fault in error.problems]
+            faults += [Problem(place, text) for text in told]
     if faults or design is None:
         raise InputError(tuple(faults), origin)
-    return Story(table, design, tuple(studies), folder, origin, calibrations)
+    return Story(table, design, studies, folder, origin, calibrations)
+
+
+# --- studies ----------------------------------------------------------------------------------------------------------
+
+TRIALS = 16384
+GRADE = "precision"
+FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
+"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth spread."""
+QUESTION = (
+    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
+    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
+    f"stays within {100 * FILL:g} % of the nominal, its depth spread grows by no more than {100 * DEPTH:g} %, no field "
+    f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
+    f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+)
+
+
+def tolerance_plan(
+    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
+) -> tuple[Plan, Study, Grades]:
+    """A tolerance study ready to run, from nested values; every fault of it at once as an InputError.
+
+    `design` takes the place of the study's own, `folder` holds files that it names, errors are told of `origin`.
+    """
+    study, own, grades = read_study(data, folder, origin, design)
+    return make_plan(study, own, grades, origin), study, grades
+
+
+def run_tolerances(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
+) -> StudyResult:
+    """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
+
+    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's.
+    """
+    seeded = data if seed is None else {**data, "seed": seed}
+    plan, study, grades = tolerance_plan(seeded, design, folder, origin)
+    with tempfile.TemporaryDirectory() as scratch:
+        tally = run_trials(plan, Path(scratch), progress=progress)
+    return analyse(plan, study, grades, tally)
+
+
+def run_optimisation(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    tell: Tell = lambda _: None,
+    seed: int | None = None,
+) -> Result:
+    """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
+    study = read_optimisation(data, folder, origin, seed, design)
+    try:
+        return run(study, tell)
+    except InputError as error:
+        raise error if error.origin else InputError(error.problems, origin) from None
+
+
+def quick_tolerances(
+    design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
+) -> StudyResult:
+    """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
+    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress)
+
+
+def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
+    """The first look as its file would say it, without the design: limits relative to the nominal."""
+    data: dict[str, Any] = {
+        "name": f"first look, {GRADE} grade",
+        "question": QUESTION,
+        "grade": GRADE,
+        "seed": seed,
+        "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
+        "report": ["fill_factor", "kept_fraction", "sigma_z_mm"],
+        "goals": [{"metric": "centre_error_px", "max": CENTRE}],
+        "compensators": [{"place": "calibration"}],
+        "sobol_samples": 0,
+        "keep_worst": 0,
+        "keep_trials": 0,
+    }
+    plan, *_ = tolerance_plan(data, design)
+    goals: list[dict[str, Any]] = []
+    for column, nominal in zip(plan.columns, plan.nominal.tolist(), strict=True):
+        if not math.isfinite(nominal):
+            continue  # a field without light
+        low, high = sorted(((1 - FILL) * nominal, (1 + FILL) * nominal))
+        limits = {
+            "centre_error_px": {"max": CENTRE},
+            "fill_factor": {"min": low, "max": high},
+            "kept_fraction": {"min": max(0.0, nominal - KEPT)},
+            "sigma_z_mm": {"max": (1 + DEPTH) * abs(nominal)},
+        }
+        at = {} if column.field is None else {"fields": [column.field]}
+        goals.append({"metric": column.metric, **limits[column.metric], **at})
+    return data | {"goals": goals, "report": []}
+
+
+# --- reports ----------------------------------------------------------------------------------------------------------
 
 
 def full_report(
@@ -193,27 +273,13 @@ def full_report(
     progress: Tell = lambda _: None,
     **options: Any,
 ) -> Report:
-    """A design's report with a first look at tolerances and a calibration plan.
+    """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
 
-    Parameters
-    ----------
-    design : Design
-    seed : int
-        Of builds and boards' poses.
-    calibrated : Calibrated, optional
-        What a calibration found, instead of the plan of one.
-    progress : callable
-        Told what is being made.
-    **options
-        As `design_report` takes them.
-
-    Raises
-    ------
-    InputError
-        A design that cannot be evaluated.
+    `seed` is of builds and boards' poses, `progress` is told what is being made; options as `design_report` takes them.
     """
-    evidence = _first_look(design, seed, progress, Evidence(calibration=calibrated))
-    return design_report(design, evidence=evidence, progress=progress, **options)
+    known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
+    findings = _first_look(design, seed, progress, known)
+    return design_report(design, findings=findings, progress=progress, **options)
 
 
 def study_report(
@@ -221,21 +287,8 @@ def study_report(
 ) -> Report:
     """A study's report: the design it is about, with what the study found and all else that a design's report has.
 
-    Parameters
-    ----------
-    kind : {"optimize", "tolerance"}
-        What the file holds.
-    path : Path
-        The study's file.
-    seed : int, optional
-        Instead of the study's.
-    progress, **options
-        As `full_report` takes them.
-
-    Raises
-    ------
-    InputError
-        Every fault of the file.
+    `kind` is "optimize" or "tolerance", `path` the study's file, `seed` counts instead of the study's; the rest as for
+    `full_report`. Every fault of the file is told by an InputError.
     """
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "optimize":
@@ -243,86 +296,77 @@ def study_report(
         best = _taken(result, "best")
         if best is None:
             return _without_design(result, **options)
-        design, evidence = best, Evidence(result)
+        design, findings = best, {"optimisation": optimization_finding(result)}
     else:
-        seeded = data if seed is None else {**data, "seed": seed}
-        tolerances = run_tolerances(seeded, None, path.parent, origin, _counted(progress, "tolerances"))
-        design, evidence = tolerances.plan.question.design, Evidence(tolerances=tolerances)
-    evidence = _first_look(design, seed or 0, progress, evidence)
+        tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
+    findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
-    return design_report(design, evidence=evidence, title=title, progress=progress, **options)
+    return design_report(design, findings=findings, title=title, progress=progress, **options)
 
 
 def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
-    """Run a story, part by part, and report on the design it ends with.
+    """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
 
-    Parameters
-    ----------
-    story : Story
-    seed : int, optional
-        Of all parts, instead of their own.
-    progress, **options
-        As `full_report` takes them.
+    The rest as for `full_report`.
 
     Raises
     ------
     InputError
         A fault of a part's study, or a part that has nothing to pass on.
     """
-    design, evidence, steps = story.design, Evidence(), []
+    design, steps = story.design, []
+    findings: dict[str, Finding] = {}
     for index, part in enumerate(story.table.parts):
         where = f"part {index + 1} of {len(story.table.parts)}"
-        data, (folder, origin) = story.studies[index], story.place_of(index)
-        if part.optimize is not None:
+        file, data = story.folder / (part.file or ""), story.studies.get(index, {})
+        if part.kind == "optimize":
             told = _prefixed(progress, f"{where}, optimisation")
-            result = run_optimisation(data, design, folder, origin, told, seed)
+            result = run_optimisation(data, design, file.parent, str(file), told, seed)
             taken = _taken(result, part.take)
             if taken is None:
                 raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
-            steps.append(
-                f"Optimisation ({data['name']}), from {design.name}; what goes on: {_chosen(part.take, taken)}."
-            )
-            design, evidence = taken, replace(evidence, optimisation=result)
-        elif part.tolerance is not None:
-            seeded = data if seed is None else {**data, "seed": seed}
+            onwards = _chosen(part.take, taken)
+            steps.append(f"Optimisation ({data['name']}), from {design.name}; what goes on: {onwards}.")
+            design, findings["optimisation"] = taken, optimization_finding(result)
+        elif part.kind == "tolerance":
             counted = _counted(progress, f"{where}, tolerances")
-            evidence = replace(evidence, tolerances=run_tolerances(seeded, design, folder, origin, counted))
+            tolerances = run_tolerances(data, design, file.parent, str(file), counted, seed)
+            findings["tolerances"] = tolerance_finding(tolerances)
             steps.append(f"Tolerances ({data['name']}), of {design.name}.")
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
             asked = part.calibration if seed is None else part.calibration.model_copy(update={"seed": seed})
-            evidence = replace(evidence, calibration=calibration_plan(design, asked), planned=asked)
+            findings["calibration"] = plan_finding(design, asked)
             steps.append(f"Calibration plan, for {design.name}.")
         else:
             calibrated = story.calibrations[index]
-            evidence = replace(evidence, calibration=calibrated)
+            findings["calibration"] = calibrated_finding(design, calibrated)
             steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    return design_report(
-        design, evidence=evidence, opening=opening, title=story.table.story.title, progress=progress, **options
-    )
+    title = story.table.story.title
+    return design_report(design, findings=findings, opening=opening, title=title, progress=progress, **options)
 
 
-def _first_look(design: Design, seed: int, progress: Tell, known: Evidence) -> Evidence:
+def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
     """What is known of a design, with a first look at tolerances and a calibration plan where these are not."""
-    if known.tolerances is None:
-        known = replace(known, tolerances=quick_tolerances(design, seed, _counted(progress, "tolerances")))
-    if known.calibration is None:
+    findings = dict(known)
+    if "tolerances" not in known:
+        look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
+        findings["tolerances"] = tolerance_finding(look)
+    if "calibration" not in known:
         progress("calibration plan")
-        asked = CalibrationPart(seed=seed)
-        known = replace(known, calibration=calibration_plan(design, asked), planned=asked)
-    return known
+        findings["calibration"] = plan_finding(design, CalibrationPart(seed=seed))
+    return findings
 
 
 def _taken(result: Result, name: str) -> Design | None:
-    """A design of an optimisation by its name; None where it was not found."""
     return dict(designs(result)).get(f"{name}.toml")
 
 
 def _chosen(take: str, design: Design) -> str:
-    """What of an optimisation goes on, in words."""
     if take == "best":
         return "its optimum"
     if take == "robust":
@@ -342,13 +386,10 @@ def _nothing(result: Result, name: str) -> str:
 
 def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...] = ()) -> Report:
     """Of an optimisation that found no design: what stands in the way."""
-    asked = result.answer.asked
-    sections = (
-        Section("Summary", (Statements(tuple(statements(result))),)),
-        Section("Optimisation", optimization_section(result).blocks, "optimisation"),
-        making(command, tuple(Evidence(result).seeds()), stamp),
-    )
-    return Report(asked.name, f"from {result.answer.problem.design.name}", sections, FOOTER)
+    asked, finding = result.answer.asked, optimization_finding(result)
+    summary = Section("Summary", (Statements(tuple(statements(result))),))
+    sections = (summary, finding.section, making(command, (finding.seed,), stamp))
+    return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 
 
 def _prefixed(progress: Tell, what: str) -> Tell:

@@ -1,4 +1,4 @@
-"""A tolerance study as a page and as a section of a design's report; the terminal shares its words."""
+"""A tolerance study as a page and as a section of a design's report; the terminal shares its words and pictures."""
 
 from __future__ import annotations
 
@@ -8,21 +8,58 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import words
+from ..pictures.picture import Picture
+from ..pictures.studies import (
+    Yields,
+    YieldShare,
+    distributions,
+    ranked_correlations,
+    ranked_moves,
+    yield_bars,
+    yield_curve,
+)
+from ..tables import Column
+from ..tolerancing.analyses import Yield
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
 from ..words import in_words
-from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from .study_figures import TOLERANCE, tolerance_pictures
+from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
 TOP = 12
 """Rows of a ranking."""
+MOST = 14
+"""Bars that a ranking shows."""
 QUANTILES = 5
 """Columns of quantiles that fit on a page; the rest is in the results' file."""
 MOST_RATIO = 1e3
 """Above it the root sum of squares is noise of rounding."""
+FIGURES = {
+    "yield": (
+        "Yield over tolerance",
+        "Share of builds that hold all limits, over a common factor on all tolerances; same draws.",
+    ),
+    "grades": (
+        "What a grade buys",
+        "The same study with every graded tolerance at each grade; bars show 95 % intervals.",
+    ),
+    "spread": (
+        "Spread of the weakest metric",
+        "The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
+    ),
+    "sensitivity": (
+        "What moves the weakest metric",
+        "One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
+    ),
+    "correlation": (
+        "What goes with the weakest metric",
+        "Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
+    ),
+}
+"""Title and caption of each picture."""
 number = partial(words.number, digits=4, zero=1e-9)
 
 
@@ -36,10 +73,10 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
     blocks.append(Statements(tuple(_statements(result))))
-    captions = _captions(result)
-    for name, figure in tolerance_pictures(result).items():
-        svg = figure.svg(name=f"tolerance-{name}")
-        blocks.append(Figure(f"tolerance-{name}", TOLERANCE[name], captions[name], svg))
+    weakest = in_words(result.final.weakest.label)
+    for name, picture in tolerance_pictures(result).items():
+        title, caption = FIGURES[name]
+        blocks.append(Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest), picture))
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
         blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
@@ -48,11 +85,11 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
 
 
-def tables(result: StudyResult, brief: bool = False) -> list[Table]:
-    """The tables of a study; `brief`: of each metric the field that fails most often."""
-    shown = [limits_table(result, brief), quantiles_table(result, brief), tolerances_table(result)]
-    shown.append(rss_table(result, brief))
-    return shown if result.sobol is None else [*shown, sobol_table(result)]
+def tolerance_finding(result: StudyResult) -> Finding:
+    """A study in a design's report."""
+    plan = result.plan
+    section = Section("Tolerances and yield", tolerance_section(result).blocks, "tolerances")
+    return Finding(section, yield_statement(result, plan.name), f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
 def headline(result: StudyResult) -> str:
@@ -105,16 +142,28 @@ def ranking(result: StudyResult) -> list[tuple[str, float]]:
 
     For independent perturbations and a nearly linear response: their shares of its variance, after adjustment.
     """
-    labels = [column.label for column in result.plan.columns]
-    parts = result.correlations[labels.index(result.final.weakest.label)] ** 2
+    parts = result.correlations[_weakest_row(result)] ** 2
     order = np.argsort(-parts, kind="stable")
     return [(result.plan.draws.perturbations[index].place, float(parts[index])) for index in order]
 
 
-def limits_table(result: StudyResult, brief: bool = False) -> Table:
-    """Yield of each limit alone, for every variant; `brief` as for `tables`."""
-    fields, shown = result.plan.question.fields, _shown(result, brief)
-    rows = [
+def _weakest_row(result: StudyResult) -> int:
+    return [column.label for column in result.plan.columns].index(result.final.weakest.label)
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def tables(result: StudyResult, brief: bool = False) -> list[Table]:
+    """The tables of a study; `brief`: of each metric the field that fails most often, and no sources."""
+    shown = _shown(result, brief)
+    made = [_limits(result, shown), _quantiles(result, shown), _tolerances(result, brief), _rss(result, shown)]
+    return made if result.sobol is None else [*made, _sobol(result)]
+
+
+def _limits(result: StudyResult, shown: set[str]) -> Table:
+    """Yield of each limit alone, for every variant."""
+    limits = [
         (
             limit.label,
             *("" if math.isinf(edge) else number(edge) for edge in (limit.low, limit.high)),
@@ -123,133 +172,95 @@ def limits_table(result: StudyResult, brief: bool = False) -> Table:
         for index, limit in enumerate(result.final.limits)
         if limit.label in shown
     ]
-    rows.append(("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants)))
+    every = ("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
     heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
-    places = ", ".join(f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(fields))
+    places = ", ".join(f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(result.plan.question.fields))
     caption = f"Fields, by the position of their microlens [mm]: {places}." if places else ""
-    return Table(tuple(rows), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
+    return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
 
-def quantiles_table(result: StudyResult, brief: bool = False) -> Table:
-    """Nominal value, mean, spread and quantiles of every metric, finally; `brief` as for `tables`."""
-    final, labels = result.final.distributions, _shown(result, brief)
-    shown = _spread_out(len(final[0].probabilities))
+def _quantiles(result: StudyResult, shown: set[str]) -> Table:
+    """Nominal value, mean, spread and quantiles of every metric, finally."""
+    final = result.final.distributions
+    probabilities = final[0].probabilities
+    # The outer ones, the middle, and evenly between.
+    steps = range(QUANTILES) if len(probabilities) else ()
+    places = sorted({round(i * (len(probabilities) - 1) / (QUANTILES - 1)) for i in steps})
     undefined = any(column.undefined for column in final)
     rows = tuple(
         (
             column.label,
             *(number(value) for value in (column.nominal, column.mean, column.deviation)),
-            *(number(column.quantiles[index]) for index in shown),
+            *(number(column.quantiles[index]) for index in places),
             *((str(column.undefined),) if undefined else ()),
         )
         for column in final
-        if column.label in labels
+        if column.label in shown
     )
     caption = "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
-    quantiles = (f"{100 * final[0].probabilities[index]:.4g} %" for index in shown)
+    quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
     heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
     title = f"Distributions, {result.final.name}"
     return Table(rows, "l" + "r" * (len(heads) - 1), heads, title, caption if undefined else "")
 
 
-def _spread_out(count: int) -> tuple[int, ...]:
-    """Of so many quantiles in order, those that a page shows: the outer ones, the middle, and evenly between."""
-    return tuple(sorted({round(i * (count - 1) / (QUANTILES - 1)) for i in range(QUANTILES)})) if count else ()
-
-
-def tolerances_table(result: StudyResult) -> Table:
+def _tolerances(result: StudyResult, brief: bool) -> Table:
     """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
     kinds = perturbable(result.plan.question.design)
-    allowed = {a.place: a for a in result.allowed}
+    alone = {a.place: (display(a.tolerance, kinds[a.place]), a.limited_by) for a in result.allowed}
     scale = None if result.scale_for_target is None else result.scale_for_target[0]
     shares = dict(ranking(result))
-    rows = []
-    for p in sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0)):
-        kind, alone = kinds[p.place], allowed.get(p.place)
-        rows.append(
-            (
-                short_name(p.place),
-                display(p.tolerance, kind),
-                f"{100 * shares.get(p.place, 0.0):.1f}",
-                "" if alone is None else display(alone.tolerance, kind),
-                "" if alone is None else alone.limited_by,
-                "" if scale is None else display(p.tolerance * scale, kind),
-                p.source.split(";")[0],
-            )
-        )
+    source: Column = ("source", "l", lambda p: p.source.split(";")[0])
+    columns: tuple[Column, ...] = (
+        ("parameter", "l", lambda p: short_name(p.place)),
+        ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
+        ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
+        ("alone up to", "r", lambda p: alone.get(p.place, ("", ""))[0]),
+        ("limited by", "l", lambda p: alone.get(p.place, ("", ""))[1]),
+        ("for the wanted yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
+    )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
-    heads = ("parameter", "± tolerance", "r² [%]", "alone up to", "limited by", "for the wanted yield", "source")
     caption = (
         f"r²: squared correlation with the weakest metric. Alone up to: what uses {share} of a "
         "limit's room by itself. For the wanted yield: all tolerances scaled by one factor."
     )
-    return Table(tuple(rows), "lrdrlrl", heads, "Tolerances", caption)
+    ranked = sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0))
+    return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
 
 
-def rss_table(result: StudyResult, brief: bool = False) -> Table:
-    """Root sum of squares beside Monte Carlo; `brief` as for `tables`."""
-    shown = _shown(result, brief)
-    rows = tuple(
-        (
-            row.label,
-            number(row.rss),
-            number(row.monte_carlo),
-            # A spread that is no first-order effect has no ratio worth its digits.
-            "none" if row.ratio > MOST_RATIO or math.isnan(row.ratio) else number(row.ratio),
-            number(row.shift),
-            "yes" if row.linear else "no: use Monte Carlo",
-        )
-        for row in result.rss
-        if row.label in shown
+def _rss(result: StudyResult, shown: set[str]) -> Table:
+    """Root sum of squares beside Monte Carlo."""
+    columns: tuple[Column, ...] = (
+        ("metric@field", "l", lambda row: row.label),
+        ("RSS", "d", lambda row: number(row.rss)),
+        ("Monte Carlo", "d", lambda row: number(row.monte_carlo)),
+        # A spread that is no first-order effect has no ratio worth its digits.
+        ("ratio", "d", lambda row: number(row.ratio) if row.ratio <= MOST_RATIO else "none"),
+        ("mean shift", "d", lambda row: number(row.shift)),
+        ("linear", "l", lambda row: "yes" if row.linear else "no: use Monte Carlo"),
     )
-    heads = ("metric@field", "RSS", "Monte Carlo", "ratio", "mean shift", "linear")
-    return Table(rows, "lddddl", heads, "Standard deviations as built: RSS beside Monte Carlo")
+    title = "Standard deviations as built: RSS beside Monte Carlo"
+    return Table.of((row for row in result.rss if row.label in shown), columns, title)
 
 
-def sobol_table(result: StudyResult) -> Table:
+def _sobol(result: StudyResult) -> Table:
     """Sobol indices of the weakest metric, ranked by total index."""
-    found = result.sobol
-    assert found is not None
-    label = result.final.weakest.label
-    row = [column.label for column in result.plan.columns].index(label)
+    indices = result.sobol
+    assert indices is not None
+    row = _weakest_row(result)
     rows: list[tuple[str, ...]] = []
-    if found.undefined[row]:
-        rows.append((f"undefined in {found.undefined[row]} of {found.evaluations} builds: no indices", "", ""))
+    if indices.undefined[row]:
+        rows.append((f"undefined in {indices.undefined[row]} of {indices.evaluations} builds: no indices", "", ""))
     else:
-        for index in np.argsort(-found.total[row], kind="stable")[:TOP]:
+        for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
             cells = [
-                f"{value[row, index]:.3f} ({ends[row, index, 0]:.3f} to {ends[row, index, 1]:.3f})"
-                for value, ends in ((found.first, found.first_interval), (found.total, found.total_interval))
+                f"{value[row, k]:.3f} ({ends[row, k, 0]:.3f} to {ends[row, k, 1]:.3f})"
+                for value, ends in ((indices.first, indices.first_interval), (indices.total, indices.total_interval))
             ]
-            rows.append((_factor(found.factors[index]), *cells))
+            rows.append((_factor(indices.factors[k]), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
-    return Table(tuple(rows), "lrr", heads, f"Sobol indices of {label}, {result.final.name}")
-
-
-def _shown(result: StudyResult, brief: bool) -> set[str]:
-    """Labels of all columns; `brief`: of each metric the one that fails most often, else the one that scatters most."""
-    if not brief:
-        return {column.label for column in result.plan.columns}
-    held = {limit.label: limit.result.passed for limit in result.final.limits}
-    spread = {column.label: column.high - column.low for column in result.final.distributions}
-    worst: dict[str, str] = {}
-    for column in result.plan.columns:
-        best = worst.get(column.metric)
-        key = (held.get(column.label, 0), -spread[column.label])
-        if best is None or key < (held.get(best, 0), -spread[best]):
-            worst[column.metric] = column.label
-    return set(worst.values())
-
-
-def _captions(result: StudyResult) -> dict[str, str]:
-    weakest = in_words(result.final.weakest.label)
-    return {
-        "yield": "Share of builds that hold all limits, over a common factor on all tolerances; same draws.",
-        "grades": "The same study with every graded tolerance at each grade; bars show 95 % intervals.",
-        "spread": f"The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
-        "sensitivity": f"One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
-        "correlation": f"Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
-    }
+    title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"
+    return Table(tuple(rows), "lrr", heads, title)
 
 
 def _factor(name: str) -> str:
@@ -257,6 +268,18 @@ def _factor(name: str) -> str:
         return name
     place = name.removesuffix(" (own part)")
     return short_name(place) + ("" if place == name else ", own part")
+
+
+def _shown(result: StudyResult, brief: bool) -> set[str]:
+    """Labels of all columns; `brief`: of each metric the one that fails most often, else the one that scatters most."""
+    if not brief:
+        return {column.label for column in result.plan.columns}
+    held = {limit.label: limit.result.passed for limit in result.final.limits}
+    spread = {column.label: np.nan_to_num(column.high - column.low) for column in result.final.distributions}
+    worst: dict[str, str] = {}
+    for column in sorted(result.plan.columns, key=lambda column: (held.get(column.label, 0), -spread[column.label])):
+        worst.setdefault(column.metric, column.label)
+    return set(worst.values())
 
 
 def _worded(table: Table) -> Table:
@@ -269,3 +292,65 @@ def _worded(table: Table) -> Table:
 def _label(cell: str) -> str:
     metric = METRICS.get(cell.partition("@")[0])
     return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
+    """Every picture that a tolerance study has something for.
+
+    Over the yield, the numbers of one metric: that whose limit is the weakest.
+    """
+    limit, row = result.final.weakest, _weakest_row(result)
+    yields, target = _yields(result), result.study.yield_target
+    reached = None if result.scale_for_target is None else result.scale_for_target[0]
+    drawn = {"yield": yield_curve(yields, (500, 320), target, reached)}
+    if result.grades:
+        drawn["grades"] = yield_bars(yields, (500, 0), target)
+    # As built and, where anything is adjusted, afterwards.
+    variants = result.variants[:1] if len(result.variants) == 1 else (result.variants[0], result.final)
+    columns = [variant.distributions[row] for variant in variants]
+    parts = [(v.name, np.array(c.cuts), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
+    nominal = columns[0].nominal if math.isfinite(columns[0].nominal) else 0.0
+    edges, label = (limit.low, limit.high), _metric(result, row)
+    span = columns[-1].low, columns[-1].high
+    drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
+    moves = result.sensitivity
+    order = _largest(np.nan_to_num(moves.worst[-1, row], posinf=np.finfo(float).max))
+    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in (moves.plus, moves.minus))
+    drawn["sensitivity"] = ranked_moves(_names(result, order), plus, minus, [e - nominal for e in edges], label)
+    values, noise = result.correlations[row], 2 / math.sqrt(result.plan.trials)
+    order = _largest(np.where(np.abs(values) > noise, np.abs(values), 0.0))
+    bare = _metric(result, row, unit=False)
+    drawn["correlation"] = ranked_correlations(_names(result, order), values[order], noise, bare)
+    return drawn
+
+
+def _yields(result: StudyResult) -> Yields:
+    def share(measured: Yield) -> YieldShare:
+        return YieldShare(measured.value, *measured.interval)
+
+    grades = tuple((grade.grade, share(grade.result)) for grade in result.grades)
+    own = dict(grades).get(result.study.grade or "", share(result.final.result))
+    return Yields(result.study.grade or "", own, grades, tuple((scale, share(at)) for scale, at in result.yield_curve))
+
+
+def _names(result: StudyResult, order: NDArray[np.intp]) -> list[str]:
+    return [short_name(result.plan.draws.perturbations[index].place) for index in order]
+
+
+def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Where the largest are, in order; without those too small to be seen."""
+    order = np.argsort(-sizes, kind="stable")[:MOST]
+    large = order[sizes[order] > 2e-3 * sizes[order[0]]]
+    return large if len(large) else order[:1]
+
+
+def _metric(result: StudyResult, row: int, unit: bool = True) -> str:
+    """A column's metric and field for an axis."""
+    column = result.plan.columns[row]
+    metric = METRICS[column.metric]
+    x, y = (0.0, 0.0) if column.field is None else result.plan.question.fields[column.field]
+    place = "" if column.field is None else f" at ({x:.3g}, {y:.3g}) mm"
+    return f"{in_words(metric.name)}{place}" + (f" [{metric.unit}]" if unit and metric.unit else "")

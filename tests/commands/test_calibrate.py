@@ -12,6 +12,8 @@ from roslf_design.calibration import Board, CalibrationError, Captures
 from roslf_design.calibration.frames import read_capture, read_image
 from roslf_design.calibration.planning import too_large
 from roslf_design.cli import main
+from roslf_design.commands.calibrate import calibrated
+from roslf_design.commands.terminal import json_text
 from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.files import write_image
@@ -109,11 +111,11 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert result["images_missing"] == ["board6.tif"]
     assert result["images_used"] == [f"board{n}.tif" for n in range(1, 6)]
     assert result["reprojection_rms_pitches"] < 0.06
-    calibrated = load(out / "calibrated.toml")
-    assert calibrated.d_3 == pytest.approx(result["quantities"]["d_3"]["estimate"])
-    assert calibrated.f == small.f
-    assert calibrated.d_f == pytest.approx(result["quantities"]["d_f"]["estimate"])
-    assert "d_3 = 4" in calibrated.source
+    written = load(out / "calibrated.toml")
+    assert written.d_3 == pytest.approx(result["quantities"]["d_3"]["estimate"])
+    assert written.f == small.f
+    assert written.d_f == pytest.approx(result["quantities"]["d_f"]["estimate"])
+    assert "d_3 = 4" in written.source
     for name in ("residuals", "epi-lines", "posterior", "depth"):
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert b"<svg" in (out / f"{name}.svg").read_bytes()
@@ -123,18 +125,18 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
 
 
 def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path):
-    texts = []
-    for out in (tmp_path / "a", tmp_path / "b"):
-        options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
-        code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
-        assert code == 0
-        assert json.loads(said)["accuracy"].pop("seconds") > 0  # printed only: files repeat themselves
-        texts.append((out / "calibration.json").read_text())
-        names = ["depth.png", "epi-lines.png", "posterior.png", "residuals.png"]
-        assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
-        assert "Laplace" in (out / "posterior.svg").read_text()
-    assert texts[0] == texts[1]
-    result = json.loads(texts[0])
+    out = tmp_path / "a"
+    options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
+    code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
+    assert code == 0
+    assert json.loads(said)["accuracy"].pop("seconds") > 0  # printed only: files repeat themselves
+    names = ["depth.png", "epi-lines.png", "posterior.png", "residuals.png"]
+    assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
+    assert "Laplace" in (out / "posterior.svg").read_text()
+    text = (out / "calibration.json").read_text()
+    again = calibrated(captured / "images", str(captured / "small.toml"), BOARD, "0.5 mm", 0, 0, True, "auto")
+    assert f"{json_text(again.to_dict())}\n" == text
+    result = json.loads(text)
     assert result["converged"] is None
     assert result["intervals_from"] == "Fisher matrix (Laplace)"
     assert len(result["depth_errors_mm"]["from_lens"]) == len(result["depth_errors_mm"]["distance"])
@@ -256,7 +258,7 @@ def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, capture
         (["--plan", "paper", "--boards", "1"], "one image of the board"),
         (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
         (["--plan", "paper", "--noise=-1"], "noise must be positive"),
-        (["--plan", "paper", "--range=-1 mm"], "range of distances"),
+        (["--plan", "paper", "--range=-1 mm"], '--range: "-1 mm" must not be negative'),
         (["--plan", "none.toml"], "none.toml: no such file"),
     ],
 )
@@ -273,7 +275,7 @@ def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tm
     folder = tmp_path / "images"
     folder.mkdir()
     shutil.copy(captured / "images" / "white.tif", folder / "white.tif")
-    for number, tilt in enumerate([(28, 5), (-20, 26), (-24, -20)], 1):
+    for number, tilt in enumerate([(28, 5), (-24, -20)], 1):
         image = render(small, board_scene(captured, small, 0, *tilt), overrides=RAYS, budget=Budget(intensity=0.03))
         write_image(image, folder / f"board{number}.tif")
     code, said, err = run(

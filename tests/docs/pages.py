@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from roslf_design.cli import build_app, main
-from roslf_design.reporting import story, studies
+from roslf_design.reporting import story
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -145,5 +145,5 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports look at few builds: what pages show is none of their yields."""
-    look = studies.quick_tolerances
+    look = story.quick_tolerances
     monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))

@@ -27,6 +27,7 @@ THINNER = (
     (r"(?m)^trials = .*$", "trials = 200"),
     (r"(?m)^sobol_samples = .*$", "sobol_samples = 0"),
     (r"(?m)^points = .*$", "points = 3"),
+    (r'(?m)^(goals = \["\w+", "\w+"), .*$', r"\1]"),
     (r"(?m)^\[variables\]", "[solver]\nstarts = 2\nevaluations = 100\ncheck = false\n\n[variables]"),
 )
 

@@ -7,7 +7,7 @@ import pytest
 
 from roslf_design.calibration import Captures, calibrate
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
-from roslf_design.reporting.study_figures import calibration_pictures
+from roslf_design.reporting.calibration import calibration_pictures
 from tests.calibration.made import SHEET, captured
 
 

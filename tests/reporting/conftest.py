@@ -2,7 +2,7 @@
 
 import pytest
 
-from roslf_design.reporting import design, story, studies
+from roslf_design.reporting import design, story
 from roslf_design.reporting.blocks import Figure
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
@@ -21,7 +21,7 @@ def few_builds():
     """A first look at tolerances with a handful of builds, without the yields at other scales."""
     from roslf_design.tolerancing import result
 
-    look = studies.quick_tolerances
+    look = story.quick_tolerances
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
         patch.setattr(

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from pydantic import ValidationError
 
 from roslf_design.calibration.planning import field_at
 from roslf_design.cli import main
@@ -12,13 +13,13 @@ from roslf_design.pictures.svg import file_of
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.calibration import (
     CalibrationPart,
-    calibrated_section,
+    calibrated_finding,
     calibration_plan,
-    calibration_section,
     captures_for,
+    plan_finding,
     read_calibration,
 )
-from roslf_design.reporting.html import render_html
+from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
@@ -57,7 +58,7 @@ def written(folder, **changes):
 
 
 def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
-    section = calibrated_section(load("paper"), read_calibration(written(tmp_path)))
+    section = calibrated_finding(load("paper"), read_calibration(written(tmp_path))).section
     said, quantities, shares, figure = section.blocks
     text = "Calibrated from 2 images: H = 1.523 ± 0.012, d_3 = 120.5 ± 2.3 mm (standard deviations)."
     assert said.items[0].text == text
@@ -71,7 +72,7 @@ def test_numbers_and_drawings_are_those_of_the_folder(tmp_path):
 
 def test_warnings_lost_convergence_and_another_design_are_told(tmp_path):
     found = read_calibration(written(tmp_path, converged=False, warnings=["dim"], design="another"))
-    said = calibrated_section(load("paper"), found).blocks[0]
+    said = calibrated_finding(load("paper"), found).section.blocks[0]
     assert [item.tone for item in said.items] == ["caution", "bad", "caution"]
     assert "another design: another" in said.items[2].text
 
@@ -117,10 +118,11 @@ def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
 def test_a_plan_tells_boards_too_large_and_captures_that_determine_nothing():
     paper = load("paper")
     part = CalibrationPart(board="6x5 90 mm", boards=3)
-    said = calibration_section(paper, calibration_plan(paper, part), "1 %").blocks[1].items
+    said = plan_finding(paper, part).section.blocks[1].items
     assert "the sensor sees only" in said[1].text
-    flat = calibration_plan(paper, CalibrationPart(boards=2, tilt=1e-9, range=1e-9))
-    assert isinstance(flat, str)
-    assert calibration_section(paper, flat, "1 %").blocks[0].items[0].text == f"No plan: {flat}."
-    with pytest.raises(InputError, match='f_sigma: "sharp" is not understood'):
-        calibration_plan(paper, CalibrationPart(f_sigma="sharp"))
+    flat = CalibrationPart(boards=2, tilt=1e-9, range=1e-9)
+    why = calibration_plan(paper, flat)
+    assert isinstance(why, str)
+    assert plan_finding(paper, flat).section.blocks[0].items[0].text == f"No plan: {why}."
+    with pytest.raises(ValidationError, match=r'f_sigma\n.*"sharp" is not understood'):
+        CalibrationPart(f_sigma="sharp")

@@ -8,7 +8,7 @@ import pytest
 
 from roslf_design.design import load
 from roslf_design.reporting.blocks import Report, Section
-from roslf_design.reporting.html import render_html
+from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheets import picture_sheet
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

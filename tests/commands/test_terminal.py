@@ -1,4 +1,4 @@
-"""What long work shows: on a terminal only, and nothing of it left behind."""
+"""What long work shows, on a terminal only and nothing of it left behind; and how a command is typed again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from roslf_design.commands import progress
+from roslf_design.commands.terminal import StatusLine, bar, typed
 
 
 class Terminal(io.StringIO):
@@ -25,7 +25,7 @@ def terminal(monkeypatch):
 
 def test_the_status_line_replaces_itself_and_is_gone_afterwards(monkeypatch):
     shown = terminal(monkeypatch)
-    with progress.StatusLine("report") as status:
+    with StatusLine("report") as status:
         status.tell("figures")
         status.tell("PDF")
     assert shown.getvalue() == "\r\x1b[2Kreport: figures ...\r\x1b[2Kreport: PDF ...\r\x1b[2K"
@@ -33,7 +33,7 @@ def test_the_status_line_replaces_itself_and_is_gone_afterwards(monkeypatch):
 
 def test_a_bar_shows_nothing_of_work_that_is_soon_over(monkeypatch):
     shown = terminal(monkeypatch)
-    with progress.bar("trials", 100) as tell:
+    with bar("trials", 100) as tell:
         tell(100)
     assert shown.getvalue() == ""
 
@@ -41,8 +41,8 @@ def test_a_bar_shows_nothing_of_work_that_is_soon_over(monkeypatch):
 @pytest.mark.parametrize(("total", "text"), [(400, "100 of 400"), (1.0, "25%")])
 def test_a_bar_counts_things_and_shares(monkeypatch, total, text):
     shown = terminal(monkeypatch)
-    monkeypatch.setattr(progress, "PATIENCE", -1.0)
-    with progress.bar("trials", total) as tell:
+    monkeypatch.setattr("roslf_design.commands.terminal.PATIENCE", -1.0)
+    with bar("trials", total) as tell:
         tell(0.25 * total)
     assert text in shown.getvalue()
 
@@ -50,7 +50,13 @@ def test_a_bar_counts_things_and_shares(monkeypatch, total, text):
 def test_silent_where_stderr_is_no_terminal(monkeypatch):
     shown = io.StringIO()
     monkeypatch.setattr(sys, "stderr", shown)
-    with progress.StatusLine("report") as status, progress.bar("trials", 10) as tell:
+    with StatusLine("report") as status, bar("trials", 10) as tell:
         status.tell("figures")
         tell(5)
     assert shown.getvalue() == ""
+
+
+def test_a_command_is_typed_again_with_what_was_given():
+    given = {"compare": False, "output": "a b", "figure": ["rays", "maps"], "seed": 0, "accuracy": 1e-4, "board": None}
+    again = typed("report", "paper", pdf=True, **given)
+    assert again == "roslf report paper --pdf -o 'a b' --figure rays --figure maps --seed 0 --accuracy 0.0001"

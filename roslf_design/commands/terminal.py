@@ -1,0 +1,159 @@
+"""What commands share: how far they are, results on the terminal, files in a folder, options that cannot be had."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from ..design.write import write_atomically
+from ..errors import InputError, Problem
+from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
+from ..tables import print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Flag = Annotated[bool, Parameter(negative=())]
+"""A switch that is off unless given."""
+Output = Annotated[Path, Parameter(name=["--output", "-o"])]
+OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
+
+PATIENCE = 2.0
+"""Seconds before a bar appears: shorter work needs none."""
+COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
+
+
+class StatusLine:
+    """One line that tells what is being done, gone afterwards; silent where stderr is not a terminal.
+
+    Parameters
+    ----------
+    command
+        What the line begins with: the command's name.
+    """
+
+    def __init__(self, command: str) -> None:
+        self._command = command
+        self._shown = sys.stderr.isatty()
+
+    def __enter__(self) -> StatusLine:
+        return self
+
+    def tell(self, what: str) -> None:
+        """Replace the line."""
+        if self._shown:
+            print(f"\r\x1b[2K{self._command}: {what} ...", end="", file=sys.stderr, flush=True)
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
+    """A bar with the time that is left, told how much of `total` is done; counted where `total` is a number of things.
+
+    Yields
+    ------
+    callable
+        Takes how much is done, from 0 to `total`.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    started = time.monotonic()
+    counted = TextColumn("{task.completed:.0f} of {task.total:.0f}") if total > 1 else TaskProgressColumn()
+    console = Console(stderr=True)
+    shown = Progress(TextColumn(name), BarColumn(), counted, TimeRemainingColumn(), console=console, transient=True)
+    task = shown.add_task(name, total=total)
+
+    def tell(done: float) -> None:
+        shown.update(task, completed=done)
+        if not shown.live.is_started and time.monotonic() - started > PATIENCE:
+            shown.start()
+
+    try:
+        yield tell
+    finally:
+        shown.stop()
+
+
+def print_blocks(blocks: Iterable[Block], console: Console) -> None:
+    """What of a report a terminal can show: all but figures and code."""
+    from rich.text import Text
+
+    for block in blocks:
+        match block:
+            case Paragraph():
+                console.print(block.text, highlight=False, markup=False, soft_wrap=True)
+            case Statements():
+                for item in block.items:
+                    mark = Text(f"{MARKS[item.tone][0]} ", style=COLOURS[item.tone])
+                    console.print(mark + Text(f"{item.text} {item.remedy}".strip()), soft_wrap=True)
+            case Table():
+                print_table(block, console)
+            case Bullets():
+                console.print()
+                for line in block.items:
+                    console.print(line, highlight=False, soft_wrap=True)
+
+
+def json_text(data: Any) -> str:
+    """JSON as commands print and write it."""
+    return json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Files into a folder, made if needed, each whole or not at all; returns what was written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        write_atomically(folder / name, content)
+    return [folder / name for name in files]
+
+
+def typed(*words: object, **options: object) -> str:
+    """A command as it is typed again; options that are None or off are left out, lists given once for each."""
+    parts = ["roslf", *map(str, words)]
+    for name, value in options.items():
+        flag = "-o" if name == "output" else f"--{name.replace('_', '-')}"
+        for one in value if isinstance(value, list) else [value]:
+            if one is True:
+                parts.append(flag)
+            elif one is not None and one is not False:
+                parts += [flag, f"{one:g}" if isinstance(one, float) else str(one)]
+    return shlex.join(parts)
+
+
+def refusal(key: str, message: str) -> InputError:
+    """An option that cannot be had."""
+    return InputError((Problem(key, message),))
+
+
+def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem) -> None:
+    """Refuse, before any work, options that cannot be had.
+
+    Raises
+    ------
+    InputError
+        A seed below 0, a place that cannot become a folder as a file is in the way, and what else is wrong: all told.
+    """
+    faults = list(others)
+    if seed is not None and seed < 0:
+        faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
+    places = () if folder is None else (folder, *folder.parents)
+    blocked = next((place for place in places if place.exists() and not place.is_dir()), None)
+    if blocked is not None:
+        faults.append(Problem("-o", f"{blocked} is a file, not a folder; name another place"))
+    if faults:
+        raise InputError(tuple(faults))
