@@ -18,9 +18,8 @@ from ..reporting.study_figures import tolerance_pictures
 from ..reporting.tolerance import headline, tables, tolerance_report
 from ..tables import print_table
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
-from ..tolerancing.run import ChunkLostError, Where, run_trials
+from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import load_plan
-from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .progress import bar
 
@@ -88,7 +87,7 @@ def tolerance(
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started
-    result = replace(result, precision=precision(plan, tally, result.final, output, accuracy, seconds))
+    result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
     text = _lines(result.to_dict())
     write_atomically(output / "results.json", (text + "\n").encode())
     write_atomically(output / "summary.txt", summary(result).encode())

@@ -25,9 +25,8 @@ from ..reporting.studies import CENTRE, DEPTH, FILL, KEPT, quick_study, run_opti
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable
-from ..tolerancing.run import tally_chunk
+from ..tolerancing.run import merged, tally_chunk
 from ..tolerancing.study import TolerancePlan, make_plan
-from ..tolerancing.tally import merged
 from ..units import format_quantity
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show

@@ -191,16 +191,16 @@ def rss_table(result: StudyResult, brief: bool = False) -> Table:
     shown = _shown(result, brief)
     rows = tuple(
         (
-            row.label,
+            row.column,
             number(row.rss),
             number(row.monte_carlo),
             # A spread that is no first-order effect has no ratio worth its digits.
             "none" if row.ratio > MOST_RATIO or math.isnan(row.ratio) else number(row.ratio),
-            number(row.shift),
+            number(row.mean_shift),
             "yes" if row.linear else "no: use Monte Carlo",
         )
         for row in result.rss
-        if row.label in shown
+        if row.column in shown
     )
     heads = ("metric@field", "RSS", "Monte Carlo", "ratio", "mean shift", "linear")
     return Table(rows, "lddddl", heads, "Standard deviations as built: RSS beside Monte Carlo")
@@ -213,13 +213,15 @@ def sobol_table(result: StudyResult) -> Table:
     label = result.final.weakest.label
     row = [column.label for column in result.plan.columns].index(label)
     rows: list[tuple[str, ...]] = []
-    if found.undefined[row]:
-        rows.append((f"undefined in {found.undefined[row]} of {found.evaluations} builds: no indices", "", ""))
+    if found.undefined_evaluations[row]:
+        rows.append(
+            (f"undefined in {found.undefined_evaluations[row]} of {found.evaluations} builds: no indices", "", "")
+        )
     else:
         for index in np.argsort(-found.total[row], kind="stable")[:TOP]:
             cells = [
                 f"{value[row, index]:.3f} ({ends[row, index, 0]:.3f} to {ends[row, index, 1]:.3f})"
-                for value, ends in ((found.first, found.first_interval), (found.total, found.total_interval))
+                for value, ends in ((found.first, found.first_interval_95), (found.total, found.total_interval_95))
             ]
             rows.append((_factor(found.factors[index]), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")

@@ -35,10 +35,10 @@ from ..design.files import load_beside
 from ..design.kinds import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..toml_files import problems_of, read_toml
+from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
-from .metrics import METRICS, Column, Question, evaluate_builds, metric_named
+from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 3
+FORMAT = 4
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -99,7 +99,9 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
 
 
 def _metric(name: str) -> str:
-    return metric_named(name).name
+    if name not in METRICS:
+        raise ValueError(f"'{name}' is no metric; {nearest(name, METRICS)}")
+    return name
 
 
 FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
@@ -235,7 +237,7 @@ def read_study(
     folder : Path
         Where the files that it names are looked for.
     origin : str
-        What errors are told of.
+        What errors call it.
     design : Design, optional
         Takes the place of the file's own.
 
@@ -341,11 +343,7 @@ class TolerancePlan:
 
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
-        held = np.empty((len(self.limits), values.shape[1]), bool)
-        for row, limit in enumerate(self.limits):
-            value = values[limit.column]
-            held[row] = (value >= limit.low) & (value <= limit.high)
-        return held
+        return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
 
     def digest(self) -> str:
         """Fingerprint of all that decides the results' bytes."""
@@ -371,7 +369,7 @@ def load_plan(
     path = Path(path)
     data = read_toml(path, str(path))
     expect_kind(data, "tolerance", str(path))
-    study, design, grades = read_study(data, Path(path).parent, str(path))
+    study, design, grades = read_study(data, path.parent, str(path))
     changes = {"trials": trials, "seed": seed}
     study = study.model_copy(update={key: value for key, value in changes.items() if value is not None})
     return make_plan(study, design, grades, str(path)), study, grades
@@ -411,13 +409,28 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     ]
     declared = {group.name: group.correlation for group in study.groups}
     groups = dict.fromkeys(p.group for p in perturbations if p.group)
-    limits = [limit for index, goal in enumerate(study.goals) for limit in _limits(index, goal, question, problems)]
+    limits = []
+    for index, goal in enumerate(study.goals):
+        wanted = None if METRICS[goal.metric].local is None else goal.fields
+        problems += [
+            Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
+            for field in wanted or ()
+            if not 0 <= field < len(fields)
+        ]
+        low, high = -math.inf if goal.min is None else goal.min, math.inf if goal.max is None else goal.max
+        limits += [
+            Limit(number, low, high)
+            for number, column in enumerate(question.columns)
+            if column.metric == goal.metric and (wanted is None or column.field in wanted)
+        ]
     if problems:
         raise InputError(tuple(problems), origin)
-    reaches: dict[str, float] = {}
-    for line in study.compensators:
-        widths = _widths(line.range, line.place, design)
-        reaches |= {place: widths.get(place, math.inf) for place in line.place if place != CALIBRATION}
+    reaches = {
+        place: _widths(line.range, line.place, design).get(place, math.inf)
+        for line in study.compensators
+        for place in line.place
+        if place != CALIBRATION
+    }
     return TolerancePlan(
         name=study.name,
         question=question,
@@ -441,9 +454,10 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
 def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:
     nominal = nominal_values(design)
     graded = grades.tolerances(study.grade, design) if study.grade else {}
+    lines = grades.provenance(design) if study.grade else {}
     if design.sensor.relay_magnification == 1:
         graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong
-    origin = {place: f"{study.grade}: {words}" for place, words in grades.provenance(design).items()}
+    origin = {place: f"{study.grade}: {words}" for place, words in lines.items()}
     result = {
         p: Perturbation(p, nominal[p], width, study.distribution, study.truncate, source=origin[p])
         for p, width in graded.items()
@@ -482,19 +496,4 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
 def _tied(group: str | None, place: str) -> str | None:
     """Parts on one barrel share their shift along x, along y, their tilts: each pose is tied to its like."""
     *_, name, axis = place.split(".")
-    pose = f"{TIED}{name} {'xy'[int(axis)]}" if axis.isdigit() else ""
-    return f"{group}{pose}" if group else None
-
-
-def _limits(index: int, goal: MetricGoal, question: Question, problems: list[Problem]) -> list[Limit]:
-    count = len(question.fields)
-    wanted = None if METRICS[goal.metric].local is None else goal.fields
-    key, beyond = f"goals.{index}.fields", [field for field in wanted or () if not 0 <= field < count]
-    problems += [Problem(key, f"{field} is no field; they run from 0 to {count - 1}") for field in beyond]
-    low = -math.inf if goal.min is None else goal.min
-    high = math.inf if goal.max is None else goal.max
-    return [
-        Limit(number, low, high)
-        for number, column in enumerate(question.columns)
-        if column.metric == goal.metric and (wanted is None or column.field in wanted)
-    ]
+    return f"{group}{TIED}{name} {'xy'[int(axis)]}" if group and axis.isdigit() else group
