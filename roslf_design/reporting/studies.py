@@ -17,15 +17,12 @@ from ..optimization.run import run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
-from ..tolerancing.study import make_plan, read_study
+from ..tolerancing.study import tolerance_plan
 
 if TYPE_CHECKING:
     from ..design import Design
     from ..optimization.run import Result
-    from ..tolerancing.places import Grades
     from ..tolerancing.result import StudyResult
-    from ..tolerancing.study import Study
-    from ..tolerancing.study import TolerancePlan as Plan
 
 Tell = Callable[[str], None]
 TRIALS = 16384
@@ -39,31 +36,6 @@ QUESTION = (
     f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
     f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
 )
-
-
-def tolerance_plan(
-    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
-) -> tuple[Plan, Study, Grades]:
-    """A tolerance study ready to run.
-
-    Parameters
-    ----------
-    data : mapping
-        As the study's file says it.
-    design : Design, optional
-        Takes the place of the file's own.
-    folder : Path
-        Where files that the study names are looked for.
-    origin : str
-        What errors are told of.
-
-    Raises
-    ------
-    InputError
-        Every fault of the study.
-    """
-    study, own, grades = read_study(data, folder, origin, design)
-    return make_plan(study, own, grades, origin), study, grades
 
 
 def run_tolerances(

@@ -10,8 +10,8 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -228,24 +228,7 @@ class Study(StrictTable):
 def read_study(
     data: Mapping[str, Any], folder: Path = Path(), origin: str = "", design: Design | None = None
 ) -> tuple[Study, Design, Grades]:
-    """A study from the nested values of its file, with its design and its grades.
-
-    Parameters
-    ----------
-    data : mapping
-        As the file says it.
-    folder : Path
-        Where the files that it names are looked for.
-    origin : str
-        What errors call it.
-    design : Design, optional
-        Takes the place of the file's own.
-
-    Raises
-    ------
-    InputError
-        Every fault of the study, and of the design or grades it names.
-    """
+    """A study from the nested values of its file, with its design and its grades; arguments as for `tolerance_plan`."""
     problems: list[Problem] = []
     grades = study = None
     if design is not None:
@@ -375,9 +358,34 @@ def load_plan(
     return make_plan(study, design, grades, str(path)), study, grades
 
 
+def tolerance_plan(
+    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
+) -> tuple[TolerancePlan, Study, Grades]:
+    """A tolerance study ready to run.
+
+    Parameters
+    ----------
+    data : mapping
+        As the study's file says it.
+    design : Design, optional
+        Takes the place of the file's own.
+    folder : Path
+        Where files that the study names are looked for.
+    origin : str
+        What errors call it.
+
+    Raises
+    ------
+    InputError
+        Every fault of the study.
+    """
+    study, own, grades = read_study(data, folder, origin, design)
+    return make_plan(study, own, grades, origin), study, grades
+
+
 def plan_from(data: Mapping[str, Any]) -> TolerancePlan:
     """A plan from the nested values of a study, for scripts."""
-    return make_plan(*read_study(data))
+    return tolerance_plan(data)[0]
 
 
 def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") -> TolerancePlan:
@@ -453,16 +461,17 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
 
 def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:
     nominal = nominal_values(design)
-    graded = grades.tolerances(study.grade, design) if study.grade else {}
-    lines = grades.provenance(design) if study.grade else {}
+    missed = partial(Perturbation, distribution=study.distribution, truncation=study.truncate)
+    graded = {}
+    if study.grade:
+        words = grades.provenance(design)
+        graded = {
+            place: missed(place, nominal[place], width, source=f"{study.grade}: {words[place]}")
+            for place, width in grades.tolerances(study.grade, design).items()
+        }
     if design.sensor.relay_magnification == 1:
         graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong
-    origin = {place: f"{study.grade}: {words}" for place, words in lines.items()}
-    result = {
-        p: Perturbation(p, nominal[p], width, study.distribution, study.truncate, source=origin[p])
-        for p, width in graded.items()
-        if p not in study.exclude
-    }
+    result = {place: miss for place, miss in graded.items() if place not in study.exclude}
     given: set[str] = set()
     for index, line in enumerate(study.perturb):
         own = _widths(line.tolerance, line.place, design)
@@ -471,19 +480,19 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
             if place in given:
                 problems.append(Problem(key, f"{place} is given twice; keep one line"))
             given.add(place)
-            if place not in own and place not in graded:
+            miss = graded.get(place)
+            if place in own:
+                miss = missed(place, nominal[place], own[place], source="this study")
+            if miss is None:
                 why = f"the grade '{study.grade}' does not cover it" if study.grade else "the study names no grade"
                 problems.append(Problem(key, f"{place} has no tolerance and {why}; add tolerance = ..."))
                 continue
-            result[place] = Perturbation(
-                place,
-                nominal[place],
-                own[place] if place in own else graded[place],
-                line.distribution or study.distribution,
-                line.truncate or study.truncate,
-                _tied(line.group, place),
-                line.opposed,
-                "this study" if place in own else origin[place],
+            result[place] = replace(
+                miss,
+                distribution=line.distribution or miss.distribution,
+                truncation=line.truncate or miss.truncation,
+                group=_tied(line.group, place),
+                opposed=line.opposed,
             )
     if not result:
         problems.append(Problem("perturb", "nothing is perturbed; name a grade or add [[perturb]] tables"))

@@ -439,20 +439,17 @@ class TraceCheck:
 
     builds: int
     """How many were compared; images undefined in a study are left out."""
-    centre_px: float
-    """Of image centres [px]."""
-    diameter: float
-    """Of image diameters, as a share."""
-    kept_fraction: float
-    """Of the parts of the FAP that are seen."""
+    largest: dict[str, float]
+    """Of image centres [px], of image diameters, as a share, and of the parts of the FAP that are seen."""
     folded: tuple[tuple[float, float], ...]
     """Fields whose nominal image is folded [mm]."""
 
     def notes(self) -> tuple[str, ...]:
         """What a study says of it."""
+        centre, diameter, kept = self.largest.values()
         how = (
-            f"{METHOD} {self.builds} builds traced one at a time differ by up to {self.centre_px:.1g} px in image "
-            f"centres, {self.diameter:.1g} of image diameters and {self.kept_fraction:.1g} in kept fractions"
+            f"{METHOD} {self.builds} builds traced one at a time differ by up to {centre:.1g} px in image centres, "
+            f"{diameter:.1g} of image diameters and {kept:.1g} in kept fractions"
         )
         where = ", ".join(f"{x:g}, {y:g} mm" for x, y in self.folded)
         shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
@@ -460,12 +457,7 @@ class TraceCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """For the JSON object."""
-        off = {
-            "image_centre_px": self.centre_px,
-            "image_diameter_share": self.diameter,
-            "kept_fraction": self.kept_fraction,
-        }
-        return {"method": METHOD, "builds_compared": self.builds, "largest_difference": off}
+        return {"method": METHOD, "builds_compared": self.builds, "largest_difference": self.largest}
 
 
 def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Array]) -> TraceCheck:
@@ -487,5 +479,5 @@ def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Arra
         differences = centre, images.diameter / sizes[:, trial] - 1, images.kept_fraction - shares[:, trial]
         off = np.maximum(off, [np.max(np.abs(part[np.isfinite(part)]), initial=0.0) for part in differences])
     folded = [(float(x), float(y)) for x, y in builds.fields[builds.known.folded]]
-    centre_px, diameter, kept = off.tolist()
-    return TraceCheck(compared, centre_px, diameter, kept, tuple(folded))
+    names = ("image_centre_px", "image_diameter_share", "kept_fraction")
+    return TraceCheck(compared, dict(zip(names, off.tolist(), strict=True)), tuple(folded))

@@ -235,8 +235,8 @@ def test_a_study_says_how_exactly_it_traced():
     }
     found = trace_check(plan_from(data))
     assert found.builds == 4
-    assert found.centre_px < 1e-9
-    assert found.diameter < 1e-8
+    assert found.largest["image_centre_px"] < 1e-9
+    assert found.largest["image_diameter_share"] < 1e-8
     assert "builds traced one at a time differ by up to" in found.notes()[0]
     assert trace_check(plan_from({**data, "design": "paper"})) is None
 
