@@ -14,7 +14,8 @@ from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Tab
 from roslf_design.reporting.html import render_html
 from roslf_design.reporting.pdf import render_pdf
 from roslf_design.reporting.story import load_story, load_story_or_study, story_report, study_report
-from roslf_design.reporting.studies import CENTRE, FILL, quick_study, run_optimisation, tolerance_plan
+from roslf_design.reporting.studies import CENTRE, FILL, quick_study, run_optimisation
+from roslf_design.tolerancing.study import tolerance_plan
 
 OPTIMIZE = """
 name = "shorter"
