@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.design import Design, load
@@ -176,17 +176,18 @@ def test_a_dark_image_keeps_nothing_and_has_no_shape():
         assert fill == pytest.approx(1.00506, rel=1e-3)
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.floats(0.2, 5.0))
 def test_scaling_all_lengths_scales_lengths_and_leaves_ratios(seed, factor):
     design = load("paper")
     lengths = {place: kind == "length" for place, kind in perturbable(design).items()}
-    values = random_builds(design, 3, seed, scale=1.0)
+    values = random_builds(design, 12, seed, scale=1.0)
     grown = Design.make(_scaled(design.model_dump(), factor))
     scaled = {place: numbers * (factor if lengths[place] else 1.0) for place, numbers in values.items()}
     names = ("fill_factor", "kept_fraction", "axis_ratio", "depth_error_mm", "image_diameter_mm", "centre_error_px")
     field = (11.15, 7.466)
-    a = evaluate_builds(Question(design, names, (field,), 350.0), values, 3)
-    b = evaluate_builds(Question(grown, names, ((factor * field[0], factor * field[1]),), factor * 350.0), scaled, 3)
+    a = evaluate_builds(Question(design, names, (field,), 350.0), values, 12)
+    b = evaluate_builds(Question(grown, names, ((factor * field[0], factor * field[1]),), factor * 350.0), scaled, 12)
     units = np.array([1, 1, 1, factor, factor, 1])[:, None]
     np.testing.assert_allclose(b, a * units, rtol=1e-6, atol=1e-7)
 
@@ -200,10 +201,11 @@ def _scaled(data, factor):
     return data * factor if isinstance(data, float) else data
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_a_build_seen_in_a_mirror(seed):
     design = load("paper").replace({"stops": [{"diameter": 19.5, "distance": 60.0}]})
-    values = random_builds(design, 3, seed)
+    values = random_builds(design, 12, seed)
     flipped = ("decentre.0", "tilt.1", "rotation")
     mirrored = {place: -v if place.endswith(flipped) else v for place, v in values.items()}
     names = (
@@ -214,6 +216,6 @@ def test_a_build_seen_in_a_mirror(seed):
         "centre_error_px",
         "non_distortion_room_mm",
     )
-    a = evaluate_builds(Question(design, names, ((11.15, 7.466),), 350.0), values, 3)
-    b = evaluate_builds(Question(design, names, ((-11.15, 7.466),), 350.0), mirrored, 3)
+    a = evaluate_builds(Question(design, names, ((11.15, 7.466),), 350.0), values, 12)
+    b = evaluate_builds(Question(design, names, ((-11.15, 7.466),), 350.0), mirrored, 12)
     np.testing.assert_allclose(b, a, rtol=1e-9, atol=1e-9)
