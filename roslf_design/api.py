@@ -22,9 +22,8 @@ from .reporting.design import design_report
 from .scenes import Scene, load_scene
 from .theory.quantities import Quantity, quantity_named
 from .tolerancing.result import StudyResult, analyse
-from .tolerancing.run import tally_chunk
+from .tolerancing.run import merged, tally_chunk
 from .tolerancing.study import load_plan
-from .tolerancing.tally import merged
 
 
 def _design(design: Design | str | Path) -> Design:

@@ -17,9 +17,8 @@ from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import render_html
 from ..reporting.tolerance import headline, tables, tolerance_pictures, tolerance_report
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
-from ..tolerancing.run import ChunkLostError, Where, run_trials
+from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import load_plan
-from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, typed, write_files
 
@@ -86,7 +85,7 @@ def tolerance(
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started
-    result = replace(result, precision=precision(plan, tally, result.final, output, accuracy, seconds))
+    result = replace(result, precision=precision(plan, tally, result.final, accuracy, seconds))
     command = typed("tolerance", study, trials=plan.trials, seed=plan.draws.seed, output="out")
     files = {
         "results.json": f"{_lines(result.to_dict())}\n".encode(),

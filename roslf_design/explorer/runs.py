@@ -20,13 +20,12 @@ from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Y
 from ..pictures.theme import short
 from ..reporting.blocks import Statement
 from ..reporting.optimization import statements
-from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation, tolerance_plan
+from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable
-from ..tolerancing.run import tally_chunk
-from ..tolerancing.study import TolerancePlan, make_plan
-from ..tolerancing.tally import merged
+from ..tolerancing.run import merged, tally_chunk
+from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
 from ..words import in_words, to_html
 from .fields import BY_SYMBOL, show

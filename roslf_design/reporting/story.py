@@ -29,7 +29,7 @@ from ..optimization.run import designs, run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
-from ..tolerancing.study import StrictTable, make_plan, read_study
+from ..tolerancing.study import StrictTable, tolerance_plan
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibrated_finding, plan_finding, read_calibration
@@ -39,10 +39,7 @@ from .tolerance import tolerance_finding
 
 if TYPE_CHECKING:
     from ..optimization.run import Result
-    from ..tolerancing.places import Grades
     from ..tolerancing.result import StudyResult
-    from ..tolerancing.study import Study
-    from ..tolerancing.study import TolerancePlan as Plan
 
 Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
@@ -175,17 +172,6 @@ QUESTION = (
     f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
     f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
 )
-
-
-def tolerance_plan(
-    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
-) -> tuple[Plan, Study, Grades]:
-    """A tolerance study ready to run, from nested values; every fault of it at once as an InputError.
-
-    `design` takes the place of the study's own, `folder` holds files that it names, errors are told of `origin`.
-    """
-    study, own, grades = read_study(data, folder, origin, design)
-    return make_plan(study, own, grades, origin), study, grades
 
 
 def run_tolerances(

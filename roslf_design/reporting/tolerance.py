@@ -231,16 +231,16 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
 def _rss(result: StudyResult, shown: set[str]) -> Table:
     """Root sum of squares beside Monte Carlo."""
     columns: tuple[Column, ...] = (
-        ("metric@field", "l", lambda row: row.label),
+        ("metric@field", "l", lambda row: row.column),
         ("RSS", "d", lambda row: number(row.rss)),
         ("Monte Carlo", "d", lambda row: number(row.monte_carlo)),
         # A spread that is no first-order effect has no ratio worth its digits.
         ("ratio", "d", lambda row: number(row.ratio) if row.ratio <= MOST_RATIO else "none"),
-        ("mean shift", "d", lambda row: number(row.shift)),
+        ("mean shift", "d", lambda row: number(row.mean_shift)),
         ("linear", "l", lambda row: "yes" if row.linear else "no: use Monte Carlo"),
     )
     title = "Standard deviations as built: RSS beside Monte Carlo"
-    return Table.of((row for row in result.rss if row.label in shown), columns, title)
+    return Table.of((row for row in result.rss if row.column in shown), columns, title)
 
 
 def _sobol(result: StudyResult) -> Table:
@@ -249,14 +249,14 @@ def _sobol(result: StudyResult) -> Table:
     assert indices is not None
     row = _weakest_row(result)
     rows: list[tuple[str, ...]] = []
-    if indices.undefined[row]:
-        rows.append((f"undefined in {indices.undefined[row]} of {indices.evaluations} builds: no indices", "", ""))
+    if indices.undefined_evaluations[row]:
+        rows.append(
+            (f"undefined in {indices.undefined_evaluations[row]} of {indices.evaluations} builds: no indices", "", "")
+        )
     else:
+        shares = (indices.first, indices.first_interval_95), (indices.total, indices.total_interval_95)
         for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
-            cells = [
-                f"{value[row, k]:.3f} ({ends[row, k, 0]:.3f} to {ends[row, k, 1]:.3f})"
-                for value, ends in ((indices.first, indices.first_interval), (indices.total, indices.total_interval))
-            ]
+            cells = [f"{value[row, k]:.3f} ({ends[row, k, 0]:.3f} to {ends[row, k, 1]:.3f})" for value, ends in shares]
             rows.append((_factor(indices.factors[k]), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
     title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"

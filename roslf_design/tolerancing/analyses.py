@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..theory.quantities import QUANTITIES
-from . import sketch
-from .draws import Draws, Perturbation, sobol_points
-from .study import Limit, TolerancePlan
-from .tally import Tally
+from .draws import Draws, sobol_points
+from .run import Tally, quantiles, rebin
+from .study import TolerancePlan
 from .trials import BLOCK, differences, measure, measure_finally
 
 Array = NDArray[np.float64]
@@ -39,6 +38,8 @@ LOOSEST = 1e3
 """Inverse sensitivity stops looking beyond this many times the given tolerance."""
 HALVINGS = 40
 """Steps of its bisection, the first ones doublings: six digits and more."""
+LINEAR = 0.1
+"""|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
 
@@ -58,25 +59,12 @@ class Yield:
     @property
     def interval(self) -> tuple[float, float]:
         """Exact binomial interval (Clopper-Pearson, 95 %); too wide, never too narrow, for Sobol sampling."""
-        return binomial_interval(self.passed, self.trials)
+        from scipy.special import betaincinv
 
-
-def binomial_interval(passed: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Clopper-Pearson interval of a proportion.
-
-    Parameters
-    ----------
-    passed, trials : int
-        ``0 <= passed <= trials``, ``trials > 0``.
-    confidence : float
-        At least this much coverage.
-    """
-    from scipy.special import betaincinv
-
-    tail = (1 - confidence) / 2
-    low = float(betaincinv(passed, trials - passed + 1, tail)) if passed else 0.0
-    high = float(betaincinv(passed + 1, trials - passed, 1 - tail)) if passed < trials else 1.0
-    return low, high
+        tail, failed = (1 - CONFIDENCE) / 2, self.trials - self.passed
+        low = float(betaincinv(self.passed, failed + 1, tail)) if self.passed else 0.0
+        high = float(betaincinv(self.passed + 1, failed, 1 - tail)) if failed else 1.0
+        return low, high
 
 
 def curve_trials(plan: TolerancePlan) -> int:
@@ -103,10 +91,9 @@ def _first_draws(draws: Draws, trials: int) -> Array:
     return draws.deviations(draws.uniforms(0, trials))
 
 
-def yield_curve(plan: TolerancePlan, scales: Sequence[float] = SCALES) -> tuple[tuple[float, Yield], ...]:
+def yield_curve(plan: TolerancePlan) -> tuple[tuple[float, Yield], ...]:
     """Yield over a common factor on all tolerances."""
-    trials = curve_trials(plan)
-    return tuple((scale, yield_at(plan, scale, trials)) for scale in scales)
+    return tuple((scale, yield_at(plan, scale, curve_trials(plan))) for scale in SCALES)
 
 
 def scale_for_yield(
@@ -134,7 +121,14 @@ def scale_for_yield(
     sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
 
     def reaches(scale: float) -> bool:
-        return scale < lost and (tight < scale <= sure or _reaches(plan, scale, trials, target))
+        if scale >= lost or tight < scale <= sure:
+            return scale < lost
+        passed, left = 0, trials
+        for count in _passing(plan, scale, trials):  # until it is settled
+            passed, left = passed + count, max(left - BLOCK, 0)
+            if passed / trials >= target or (passed + left) / trials < target:
+                break
+        return passed / trials >= target
 
     if not reaches(tight):
         return None
@@ -147,18 +141,6 @@ def scale_for_yield(
         else:
             loose = middle
     return tight, yield_at(plan, tight, trials)
-
-
-def _reaches(plan: TolerancePlan, scale: float, trials: int, target: float) -> bool:
-    """Whether the yield is the target; builds are measured until that is settled."""
-    passed = done = 0
-    for count in _passing(plan, scale, trials):
-        passed, done = passed + count, min(done + BLOCK, trials)
-        if (passed + trials - done) / trials < target:
-            return False
-        if passed / trials >= target:
-            return True
-    return False
 
 
 @dataclass(frozen=True)
@@ -240,19 +222,13 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
     low, high = float(tally.low[v, c]), float(tally.high[v, c])
     limits = [limit for limit in plan.limits if limit.column == c]
     worst_is_low = any(np.isfinite(l.low) for l in limits) and not any(np.isfinite(l.high) for l in limits)
-    below, above = (undefined, 0) if worst_is_low else (0, undefined)
-    quantiles = sketch.quantiles(counts, plan.quantiles, low, high, below, above)
+    worse = {"below" if worst_is_low else "above": undefined}
     mean = deviation = math.nan
     if not undefined:
         shift = float(tally.total[v, c]) / defined
         mean = here + shift
         deviation = math.sqrt(max(float(tally.square[v, c]) / defined - shift**2, 0.0))
-    cuts: tuple[float, ...] = ()
-    bars: tuple[float, ...] = ()
-    if defined and high > low:
-        places = np.linspace(low, high, HISTOGRAM_BINS + 1)
-        bars = tuple(sketch.rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])).tolist())
-        cuts = tuple((here + places).tolist())
+    places = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0)
     return ColumnSummary(
         label=plan.columns[c].label,
         nominal=nominal,
@@ -262,9 +238,9 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
         low=here + low if defined else math.nan,
         high=here + high if defined else math.nan,
         probabilities=plan.quantiles,
-        quantiles=tuple(here + q for q in quantiles),
-        cuts=cuts,
-        histogram=bars,
+        quantiles=tuple((here + quantiles(counts, plan.quantiles, low, high, **worse)).tolist()),
+        cuts=tuple((here + places).tolist()),
+        histogram=tuple(rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])).tolist()) if len(places) else (),
     )
 
 
@@ -339,6 +315,31 @@ def root_sum_square(plan: TolerancePlan, moves: Sensitivity) -> Array:
 
 
 @dataclass(frozen=True)
+class RssRow:
+    """Root sum of squares beside Monte Carlo, as built."""
+
+    column: str
+    rss: float
+    monte_carlo: float
+    """Standard deviation; NaN where trials are undefined."""
+    ratio: float
+    """Monte Carlo over RSS; infinite where only Monte Carlo scatters."""
+    mean_shift: float
+    """Mean less nominal: 0 for a linear response."""
+    linear: bool
+    """Whether the RSS figure may be used."""
+
+
+def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iterator[RssRow]:
+    """Every column's root sum of squares beside its scatter."""
+    for column, rss in zip(as_built.distributions, root_sum_square(plan, moves).tolist(), strict=True):
+        spread, shift = column.deviation, column.mean - column.nominal
+        ratio = spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
+        linear = abs(ratio - 1) <= LINEAR and abs(shift) <= LINEAR * max(rss, 1e-300)
+        yield RssRow(column.label, rss, spread, ratio, shift, linear)
+
+
+@dataclass(frozen=True)
 class Allowed:
     """What one perturbation alone may be, so that it uses no more than its share of any limit."""
 
@@ -351,62 +352,45 @@ class Allowed:
 
 
 def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
-    """Largest tolerance of each perturbation that keeps every limited column within a share of its limit.
+    """Largest tolerance of each perturbation that uses no more than a share of the way from nominal to any limit.
 
-    Parameters
-    ----------
-    plan : TolerancePlan
-        Its perturbations and limits.
-    share : float
-        Part of the way from nominal to a limit that one perturbation may use.
+    Found on the real response by bisection, not from a derivative: margins and decentres bend. Where something is
+    adjusted, what is left after adjustment counts.
 
     Raises
     ------
     ValueError
         The nominal design itself does not hold a limit.
-
-    Notes
-    -----
-    Found on the real response by bisection, not from a derivative: margins and decentres bend. Where something is
-    adjusted, what is left after adjustment counts.
     """
     misses = plan.nominal_misses()
     if misses:
         raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
-    perturbations = plan.draws.perturbations
-    cases = [(p, limit, sign) for p in perturbations for limit in plan.limits for sign in (1.0, -1.0)]
-    inside, outside = np.zeros(len(cases)), np.full(len(cases), np.inf)
-    trial = np.ones(len(cases))
+    perturbations, limits = plan.draws.perturbations, plan.limits
+    rows, which, sides = (part.ravel() for part in np.indices((len(perturbations), len(limits), 2)))
+    cases = np.arange(rows.size)
+    column = np.array([limit.column for limit in limits])[which]
+    here, ends = plan.nominal[column], np.array([(limit.low, limit.high) for limit in limits])[which].T
+    low, high = here + share * (ends - here)
+    inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
+    trial = np.ones(rows.size)
     for _ in range(HALVINGS):
-        held = _held(plan, cases, trial, share)
+        deviations = np.zeros((len(perturbations), rows.size))
+        deviations[rows, cases] = np.where(sides == 0, trial, -trial)
+        value = measure_finally(plan, deviations)[column, cases]
+        held = (value >= low) & (value <= high)
         inside = np.where(held, trial, inside)
         outside = np.where(held, outside, trial)
         trial = np.where(
             np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
         )
     widths = np.where(inside >= LOOSEST * (1 - 1e-9), np.inf, inside).reshape(len(perturbations), -1)
-    rows = []
+    allowed = []
     for p, row in zip(perturbations, widths, strict=True):
         tightest = int(np.argmin(row))
         width = float(row[tightest])
-        label = plan.columns[plan.limits[tightest // 2].column].label if math.isfinite(width) else ""
-        rows.append(Allowed(p.place, width * p.tolerance if label else math.inf, p.tolerance, label))
-    return tuple(rows)
-
-
-def _held(
-    plan: TolerancePlan, cases: list[tuple[Perturbation, Limit, float]], widths: Array, share: float
-) -> NDArray[np.bool_]:
-    index = {p.place: row for row, p in enumerate(plan.draws.perturbations)}
-    deviations = np.zeros((len(index), len(cases)))
-    for case, (p, _, sign) in enumerate(cases):
-        deviations[index[p.place], case] = sign * widths[case]
-    columns = measure_finally(plan, deviations)
-    which = np.array([limit.column for _, limit, _ in cases])
-    here, value = plan.nominal[which], columns[which, np.arange(len(cases))]
-    low = np.array([limit.low for _, limit, _ in cases])
-    high = np.array([limit.high for _, limit, _ in cases])
-    return np.asarray((value >= here - share * (here - low)) & (value <= here + share * (high - here)))
+        label = plan.columns[limits[tightest // 2].column].label if math.isfinite(width) else ""
+        allowed.append(Allowed(p.place, width * p.tolerance if label else math.inf, p.tolerance, label))
+    return tuple(allowed)
 
 
 @dataclass(frozen=True)
@@ -415,47 +399,37 @@ class SobolIndices:
 
     factors: tuple[str, ...]
     """A free perturbation, a group that moves together, or a partly tied member's own part."""
+    evaluations: int
     first: Array
     """Share of the variance that a factor explains alone, shape (C, F)."""
+    first_interval_95: Array
+    """Lower and upper end, shape (C, F, 2)."""
     total: Array
     """Share with all its interactions, shape (C, F)."""
-    first_interval: Array
-    total_interval: Array
-    """Lower and upper end, shape (C, F, 2)."""
-    undefined: NDArray[np.int64]
-    """Evaluations in which a column was undefined, shape (C,); its indices are then NaN rather than of the rest."""
-    evaluations: int
+    total_interval_95: Array
+    undefined_evaluations: NDArray[np.int64]
+    """Builds in which a column was undefined, shape (C,); its indices are then NaN rather than of the rest."""
 
 
 def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
 
-    Parameters
-    ----------
-    plan : TolerancePlan
-        What is perturbed and measured.
-    samples : int
-        Base samples n; n (F + 2) builds are evaluated.
-
-    Notes
-    -----
-    Estimators of Saltelli (first order, 2010) and Jansen (total, 1999) on a scrambled Sobol sequence; intervals by
-    resampling the base samples.
+    Of n = `samples` base samples on a scrambled Sobol sequence, n (F + 2) builds in all.
     """
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
     mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    f_a, f_b, *f_ab = (measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed))
-    undefined = np.isnan(np.stack([f_a, f_b, *f_ab])).sum(axis=(0, 2))
-    indices = saltelli_jansen(f_a, f_b, np.stack(f_ab), plan.draws.seed)
+    found = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
+    undefined = np.isnan(found).sum(axis=(0, 2))
+    indices = saltelli_jansen(found[0], found[1], found[2:], plan.draws.seed)
     for part in indices:
         part[undefined > 0] = np.nan
-    return SobolIndices(factors, *indices, undefined, samples * (count + 2))
+    return SobolIndices(factors, samples * (count + 2), *indices, undefined)
 
 
 def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Array, Array, Array, Array]:
-    """First-order and total indices, then the intervals of both.
+    """First-order indices (Saltelli 2010) and their intervals, total ones (Jansen 1999) and theirs.
 
     Parameters
     ----------
@@ -464,7 +438,7 @@ def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Arr
     f_ab : ndarray, shape (F, C, n)
         To the first one with one factor each from the second.
     seed : int
-        Of the resampling.
+        Of the resampling of base samples.
     """
     columns, n = f_a.shape
     factors = len(f_ab)
@@ -482,6 +456,6 @@ def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Arr
     ratios = np.where(still[:, None], 0.0, sums[:, 2:] / np.where(still, 1.0, variance)[:, None])
     ratios = np.moveaxis(ratios, 2, 1)
     ends = np.quantile(ratios[1:], [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
-    first, total = ratios[0, :, :factors].copy(), ratios[0, :, factors:].copy()
-    intervals = np.moveaxis(ends, 0, -1)
-    return first, total, intervals[:, :factors].copy(), intervals[:, factors:].copy()
+    first, total = np.split(ratios[0], 2, axis=1)
+    first_ends, total_ends = np.split(np.moveaxis(ends, 0, -1), 2, axis=1)
+    return first.copy(), first_ends.copy(), total.copy(), total_ends.copy()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,6 @@ Array = NDArray[np.float64]
 
 Distribution = Literal["normal", "uniform", "parabolic", "end-point"]
 """Names of the known distributions."""
-DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
 Sampling = Literal["random", "sobol"]
 """Independent random trials, or a scrambled Sobol sequence."""
 
@@ -39,56 +38,40 @@ def deviation(distribution: Distribution, uniform: ArrayLike, truncation: float 
     uniform : array_like
         In [0, 1].
     truncation : float
-        Of "normal": the tolerance in sigmas.
+        Of "normal": the tolerance in sigmas, above 0.
 
     Returns
     -------
     ndarray
         In [-1, 1], same shape; ``-deviation(u) == deviation(1 - u)`` to rounding.
-
-    Raises
-    ------
-    ValueError
-        Unknown distribution, or a truncation that is not positive.
     """
-    u = np.clip(np.asarray(uniform, dtype=np.float64), SMALLEST, 1 - SMALLEST)
-    if distribution == "normal":
-        return _truncated_normal(u, _positive(truncation))
+    u = _inside(uniform)
     if distribution == "uniform":
         return np.asarray(2 * u - 1)
     if distribution == "parabolic":
         return np.cbrt(2 * u - 1)
     if distribution == "end-point":
         return np.where(u < 0.5, -1.0, 1.0)
-    raise ValueError(f"distribution: {distribution!r} is not known; use one of {', '.join(DISTRIBUTIONS)}")
+    from scipy.special import ndtr, ndtri
+
+    tail = float(ndtr(-truncation))
+    # From the nearer tail, where digits are not lost against 1.
+    size = -ndtri(tail + (1 - 2 * tail) * np.minimum(u, 1 - u)) / truncation
+    return np.copysign(np.clip(size, 0.0, 1.0), u - 0.5)
 
 
 def standard_deviation(distribution: Distribution, truncation: float = 2.0) -> float:
     """Standard deviation of `deviation`, in units of the tolerance; parameters as there."""
     if distribution == "normal":
-        k = _positive(truncation)
-        if k < 0.02:
-            # The plain form cancels here; moments of the density's series in k^2 do not.
-            return math.sqrt((1 / 3 - k**2 / 10 + k**4 / 56) / (1 - k**2 / 6 + k**4 / 40))
-        density = math.exp(-k * k / 2) / math.sqrt(2 * math.pi)
-        return math.sqrt(1 - 2 * k * density / math.erf(k / math.sqrt(2))) / k
+        from scipy.special import gammainc
+
+        half = truncation**2 / 2
+        return float(np.sqrt(gammainc(1.5, half) / gammainc(0.5, half)) / truncation)
     return {"uniform": 1 / math.sqrt(3), "parabolic": math.sqrt(0.6), "end-point": 1.0}[distribution]
 
 
-def _truncated_normal(u: Array, k: float) -> Array:
-    from scipy.special import ndtr, ndtri
-
-    tail = float(ndtr(-k))
-    # From the nearer tail, where digits are not lost against 1.
-    lower = np.minimum(u, 1 - u)
-    size = -ndtri(tail + (1 - 2 * tail) * lower) / k
-    return np.copysign(np.clip(size, 0.0, 1.0), u - 0.5)
-
-
-def _positive(truncation: float) -> float:
-    if not truncation > 0:
-        raise ValueError(f"truncate: {truncation} is not above zero; give the tolerance in sigmas, e.g. 2")
-    return truncation
+def _inside(uniform: ArrayLike) -> Array:
+    return np.clip(np.asarray(uniform, dtype=np.float64), SMALLEST, 1 - SMALLEST)
 
 
 @dataclass(frozen=True)
@@ -152,16 +135,16 @@ class Draws:
 
     def deviations(self, uniforms: Array) -> Array:
         """Deviations in units of the tolerances, shape (perturbations, trials), from independent uniform numbers."""
-        row = {name: uniforms[index] for index, name in enumerate(self.factors)}
+        row = dict(zip(self.factors, uniforms, strict=True))
         result = np.empty((len(self.perturbations), uniforms.shape[1]))
         for index, p in enumerate(self.perturbations):
-            rho = self._rho(p)
-            if not p.group:
-                u = row[p.place]
-            elif rho == 1:
-                u = row[f"group {p.group}"]
-            else:
-                u = _mixed(row[f"group {p.group}"], row[f"{p.place} (own part)"], rho)
+            u = row[f"group {p.group}" if p.group else p.place]
+            own = row.get(f"{p.place} (own part)")
+            if own is not None:
+                from scipy.special import ndtr, ndtri
+
+                rho = self._rho(p)
+                u = ndtr(np.sqrt(rho) * ndtri(_inside(u)) + np.sqrt(1 - rho) * ndtri(_inside(own)))
             value = deviation(p.distribution, u, p.truncation)
             result[index] = -value if p.opposed else value
         return result
@@ -177,13 +160,11 @@ class Draws:
         Exact for independent and fully tied normal-alike members; for others with a correlation below 1, the normal
         scores' rho stands for the deviations' (right to a few percent of rho).
         """
-        sigma = np.array([p.sigma for p in self.perturbations])
-        matrix = np.diag(sigma**2)
-        for i, p in enumerate(self.perturbations):
-            for j, other in enumerate(self.perturbations):
-                if i != j and p.group and p.group == other.group:
-                    sign = -1.0 if p.opposed != other.opposed else 1.0
-                    matrix[i, j] = sign * self._rho(p) * sigma[i] * sigma[j]
+        signed = np.array([-p.sigma if p.opposed else p.sigma for p in self.perturbations])
+        matrix = np.diag(signed**2)
+        for name, rho in self.correlations:
+            tied = np.where([p.group == name for p in self.perturbations], signed, 0.0)
+            matrix += rho * (np.outer(tied, tied) - np.diag(tied**2))
         return matrix
 
 
@@ -199,11 +180,3 @@ def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
         warnings.simplefilter("ignore", UserWarning)
         points = engine.random(count)
     return np.ascontiguousarray(points.T[:dimensions]) + 2.0 ** -(BITS + 1)
-
-
-def _mixed(shared: Array, own: Array, rho: float) -> Array:
-    from scipy.special import ndtr, ndtri
-
-    a = ndtri(np.clip(shared, SMALLEST, 1 - SMALLEST))
-    b = ndtri(np.clip(own, SMALLEST, 1 - SMALLEST))
-    return np.asarray(ndtr(np.sqrt(rho) * a + np.sqrt(1 - rho) * b))

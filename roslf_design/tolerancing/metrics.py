@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..theory.quantities import QUANTITIES, Quantity
@@ -19,38 +19,29 @@ from .traced import Mounted, TracedBuilds, mounted
 
 Array = NDArray[np.float64]
 
-
-_OF_DECODERS = (
-    Quantity(
-        "blur_pitches",
-        "pitches",
+_OF_DECODERS: dict[str, tuple[str, Callable[[Any], Number]]] = {
+    "blur_pitches": (
         "rms radius on the array of an object point's light, in microlens pitches; of rays alone",
-        local=attrgetter("blur_pitches"),
+        attrgetter("blur_pitches"),
     ),
-    Quantity(
-        "centre_error_px",
-        "px",
+    "centre_error_px": (
         "distance of the image centre from where the decoder believes it",
-        local=attrgetter("centre_error_px"),
+        lambda builds: np.hypot(*builds.centre_error),
     ),
-    Quantity("centre_error_x_px", "px", "the same along x", local=attrgetter("centre_error_x_px")),
-    Quantity("centre_error_y_px", "px", "the same along y", local=attrgetter("centre_error_y_px")),
-    Quantity(
-        "depth_error_mm",
-        "mm",
+    "centre_error_x_px": ("the same along x", lambda builds: builds.centre_error[0]),
+    "centre_error_y_px": ("the same along y", lambda builds: builds.centre_error[1]),
+    "depth_error_mm": (
         "decoded depth less true depth of a point on the field's chief ray",
-        local=attrgetter("depth_error_mm"),
+        attrgetter("depth_error_mm"),
     ),
-)
+}
 METRICS = {
     name: quantity
     for name, quantity in QUANTITIES.items()
     if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
-} | {quantity.name: quantity for quantity in _OF_DECODERS}
+} | {name: Quantity(name, name.rpartition("_")[2], words, local=value) for name, (words, value) in _OF_DECODERS.items()}
 """Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
 values follow `roslf evaluate --json` where it has them."""
-SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
-"""Metrics that take common parts of the stops' images."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +55,6 @@ class Column:
     def label(self) -> str:
         """E.g. ``kept_fraction@2``."""
         return self.metric if self.field is None else f"{self.metric}@{self.field}"
-
-
-def metric_named(name: str) -> Quantity:
-    """Find a metric.
-
-    Raises
-    ------
-    ValueError
-        Not known; names the nearest.
-    """
-    if name in METRICS:
-        return METRICS[name]
-    near = difflib.get_close_matches(name, METRICS, 1, 0.4)
-    raise ValueError(
-        f"'{name}' is no metric; " + (f"did you mean '{near[0]}'?" if near else f"known are {', '.join(METRICS)}")
-    )
 
 
 @dataclass(frozen=True)

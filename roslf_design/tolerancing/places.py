@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from ..camera import TIP, nominal_numbers
 from ..design import PATHS, Design
@@ -58,13 +58,9 @@ def _kind(place: str) -> str:
     return "angle" if ".tilt." in place or place.endswith("rotation") else "length"
 
 
-def nominal_values(design: Design) -> dict[str, float]:
-    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
-    return dict(_nominal_values(design))
-
-
 @lru_cache(maxsize=64)
-def _nominal_values(design: Design) -> Mapping[str, float]:
+def nominal_values(design: Design) -> Mapping[str, float]:
+    """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
     numbers = {place: float(number) for place, number in nominal_numbers(design).items()}
     if design.lens is not None:
         numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
@@ -196,8 +192,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     return value
 
 
-@dataclass(frozen=True)
-class GradeLine:
+class GradeLine(NamedTuple):
     """One place's tolerance in every grade."""
 
     place: str
@@ -219,33 +214,24 @@ class Grades:
     lines: tuple[GradeLine, ...]
 
     def tolerances(self, grade: str, design: Design) -> dict[str, float]:
-        """Half-widths at every place of a design that the table speaks of.
-
-        Parameters
-        ----------
-        grade : str
-            One of `names`.
-        design : Design
-            Percentages are of its values.
+        """Half-widths, to one of the grades, at every place of a design that the table speaks of.
 
         Raises
         ------
         InputError
-            Unknown grade, or a text that is no tolerance of its place.
+            A text that is no tolerance of its place.
         """
-        if grade not in self.names:
-            raise InputError((Problem("grade", f"'{grade}' is not known; use one of {', '.join(self.names)}"),))
-        kinds, nominal, found, problems = perturbable(design), nominal_values(design), {}, []
+        kinds, nominal, column = perturbable(design), nominal_values(design), self.names.index(grade)
+        widths, problems = {}, []
         for line in self.lines:
-            text = line.tolerances[self.names.index(grade)]
             try:
                 for place in _covered(design, line.place):
-                    found[place] = parse_tolerance(text, kinds[place], nominal[place])
+                    widths[place] = parse_tolerance(line.tolerances[column], kinds[place], nominal[place])
             except ValueError as error:
                 problems.append(Problem(f"{line.place}.{grade}", str(error)))
         if problems:
             raise InputError(tuple(problems), "grades")
-        return found
+        return widths
 
     def provenance(self, design: Design) -> dict[str, str]:
         """Place to the words on where its line comes from."""
@@ -254,8 +240,8 @@ class Grades:
 
 def _covered(design: Design, place: str) -> tuple[str, ...]:
     """Places of a design that a line speaks of; a real lens's focal length is no number of its own."""
-    real = design.lens is not None
-    return () if (real and place == FOCAL_LENGTH) or (not real and in_lens(place)) else expand(design, place)
+    idle = place == FOCAL_LENGTH if design.lens is not None else in_lens(place)
+    return () if idle else expand(design, place)
 
 
 def load_grades(path: Path = SHIPPED) -> Grades:
@@ -271,15 +257,13 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     if not isinstance(names, dict) or not names:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
     wanted = ("place", *names, "provenance")
-    problems, lines = [], []
-    for index, line in enumerate(data.get("line", [])):
+    problems, lines = [], data.get("line", [])
+    for index, line in enumerate(lines):
         missing = [key for key in wanted if not isinstance(line.get(key), (str, int, float))]
         unknown = [key for key in line if key not in wanted]
         problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
         problems += [Problem(f"line.{index}.{key}", f"is not known; known are {', '.join(wanted)}") for key in unknown]
-        if not missing:
-            values = tuple(str(line[name]) for name in names)
-            lines.append(GradeLine(line["place"], values, line["provenance"]))
     if problems:
         raise InputError(tuple(problems), str(path))
-    return Grades(tuple(names), tuple(map(str, names.values())), tuple(lines))
+    rows = (GradeLine(line["place"], tuple(str(line[n]) for n in names), line["provenance"]) for line in lines)
+    return Grades(tuple(names), tuple(map(str, names.values())), tuple(rows))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,10 @@ from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..errors import InputError
 from ..json_data import plain
-from . import sketch
 from .analyses import (
     CONFIDENCE,
     Allowed,
-    ColumnSummary,
+    RssRow,
     Sensitivity,
     SobolIndices,
     Variant,
@@ -27,7 +26,7 @@ from .analyses import (
     correlations,
     curve_trials,
     inverse_sensitivity,
-    root_sum_square,
+    rss_rows,
     scale_for_yield,
     sensitivity,
     sobol_indices,
@@ -35,50 +34,24 @@ from .analyses import (
     yield_at,
     yield_curve,
 )
-from .draws import Perturbation
-from .metrics import METRICS, SHAPES, builds_of
+from .metrics import METRICS, builds_of
 from .places import Grades
-from .run import Store
+from .run import Tally
 from .study import Study, TolerancePlan, make_plan
-from .tally import Tally
 from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
 
 Array = NDArray[np.float64]
 
 SCHEMA = "roslf.tolerance/1"
-LINEAR = 0.1
-"""|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 FINEST = 1e-6
 """A finer yield takes more trials than a study may have."""
 SIGMAS = 2.0
 """Of a standard error: what a share is off by in at most 5 % of runs."""
-CHUNKS, PARTS = 8, 20
-"""Chunks from which their scatter is measured; below, that of so many parts of the trials kept one by one."""
-
-
-@dataclass(frozen=True)
-class RssRow:
-    """Root sum of squares beside Monte Carlo, as built."""
-
-    label: str
-    rss: float
-    monte_carlo: float
-    """Standard deviation; NaN where trials are undefined."""
-    shift: float
-    """Mean less nominal: 0 for a linear response."""
-
-    @property
-    def ratio(self) -> float:
-        """Monte Carlo over RSS; infinite where only Monte Carlo scatters."""
-        if self.rss > 0:
-            return self.monte_carlo / self.rss
-        return math.inf if self.monte_carlo > 0 else 1.0
-
-    @property
-    def linear(self) -> bool:
-        """Whether the RSS figure may be used."""
-        return abs(self.ratio - 1) <= LINEAR and abs(self.shift) <= LINEAR * max(self.rss, 1e-300)
+PARTS, LEAST = 20, 10
+"""Parts of the kept trials whose scatter is measured, and trials of each at least."""
+SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
+"""Metrics that take common parts of the stops' images."""
 
 
 @dataclass(frozen=True)
@@ -101,31 +74,28 @@ class WorstTrial:
 
 
 @dataclass(frozen=True)
-class Precision:
-    """Standard errors of a run, as shares of builds.
+class StandardError:
+    """Of a share of builds."""
 
-    A yield is a share of builds, and a quantile is the value below which a share of builds lies: both are told to
-    within an error of that share.
-    """
+    expected: float
+    """From the binomial law."""
+    measured: float | None
+    """From the scatter of parts of the run; None where there are too few."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """How sure a run is, in shares of builds: a quantile is the value below which a share of builds lies."""
 
     accuracy: Accuracy
-    yield_expected: float
-    """From the binomial law."""
-    yield_measured: float | None
-    """From the scatter of parts of the run; None where there are too few."""
-    rank_expected: float
-    """Largest over the quantiles asked for."""
-    rank_measured: float | None
-    """The same, mean square over all columns that are defined."""
+    yield_: StandardError
+    ranks: StandardError
+    """Of quantiles: expected, the largest over those asked for; measured, mean square over all defined columns."""
 
     def to_dict(self, times: bool = False) -> dict[str, Any]:
         """JSON-ready."""
-        return self.accuracy.to_dict(times) | {
-            "standard_errors": {
-                "yield": {"expected": self.yield_expected, "measured": self.yield_measured},
-                "rank_of_quantiles": {"expected": self.rank_expected, "measured": self.rank_measured},
-            }
-        }
+        errors = {"yield": self.yield_, "rank_of_quantiles": self.ranks}
+        return self.accuracy.to_dict(times) | {"standard_errors": plain(errors)}
 
 
 @dataclass(frozen=True)
@@ -134,7 +104,6 @@ class StudyResult:
 
     plan: TolerancePlan
     study: Study
-    tally: Tally
     variants: tuple[Variant, ...]
     """As built; then, where anything is adjusted, after adjustment (last: what counts)."""
     sensitivity: Sensitivity
@@ -165,7 +134,12 @@ class StudyResult:
         plan, draws, moves = self.plan, self.plan.draws, self.sensitivity
         columns = [column.label for column in plan.columns]
         places = [p.place for p in draws.perturbations]
-        low, high = self.final.result.interval
+        missed = ("place", "nominal", "tolerance", "distribution", "sigma", "group", "opposed", "source")
+        by_yield = None
+        if self.scale_for_target is not None:
+            scale, reached = self.scale_for_target
+            tolerances = {p.place: p.tolerance * scale for p in draws.perturbations}
+            by_yield = {"target": self.study.yield_target, "scale": scale, **_yield(reached), "tolerances": tolerances}
         data = {
             "schema": SCHEMA,
             "study": plan.name,
@@ -174,45 +148,32 @@ class StudyResult:
             "seed": draws.seed,
             "sampling": draws.sampling,
             "trials": plan.trials,
-            "fields_mm": [list(field) for field in plan.question.fields],
+            "fields_mm": plan.question.fields,
             "object_distance_mm": plan.question.object_distance,
             "accuracy": None if self.precision is None else self.precision.to_dict(),
             "real_lens": None if self.lens is None else self.lens.to_dict(),
-            "yield": {"value": self.final.result.value, "interval_95": [low, high], "of": self.final.name},
-            "perturbations": [_perturbation(p) for p in draws.perturbations],
+            "yield": {
+                "value": self.final.result.value,
+                "interval_95": self.final.result.interval,
+                "of": self.final.name,
+            },
+            "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [_variant(variant) for variant in self.variants],
             "sensitivity": {
                 "columns": columns,
                 "places": places,
-                "derivative": moves.derivatives.tolist(),
-                "exact": moves.exact.tolist(),
-                "variants": [variant.name for variant in self.variants],
-                "at_plus": moves.plus.tolist(),
-                "at_minus": moves.minus.tolist(),
+                "derivative": moves.derivatives,
+                "exact": moves.exact,
+                "variants": plan.variants,
+                "at_plus": moves.plus,
+                "at_minus": moves.minus,
             },
-            "rss": [
-                {
-                    "column": row.label,
-                    "rss": row.rss,
-                    "monte_carlo": row.monte_carlo,
-                    "ratio": row.ratio,
-                    "mean_shift": row.shift,
-                    "linear": row.linear,
-                }
-                for row in self.rss
-            ],
-            "sobol": None if self.sobol is None else _sobol(self.sobol, columns),
+            "rss": self.rss,
+            "sobol": None if self.sobol is None else {"columns": columns, **plain(self.sobol)},
             "inverse_sensitivity": self.allowed,
             "yield_curve": [{"scale": scale, **_yield(result)} for scale, result in self.yield_curve],
-            "inverse_by_yield": None
-            if self.scale_for_target is None
-            else {
-                "target": self.study.yield_target,
-                "scale": self.scale_for_target[0],
-                **_yield(self.scale_for_target[1]),
-                "tolerances": {p.place: p.tolerance * self.scale_for_target[0] for p in draws.perturbations},
-            },
+            "inverse_by_yield": by_yield,
             "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
             "worst": [{"trial": w.number, "score": w.score, "file": w.file} for w in self.worst],
@@ -222,13 +183,8 @@ class StudyResult:
         return finite
 
 
-def _perturbation(p: Perturbation) -> dict[str, Any]:
-    names = ("place", "nominal", "tolerance", "distribution", "sigma", "group", "opposed", "source")
-    return {name: getattr(p, name) for name in names}
-
-
 def _yield(result: Yield) -> dict[str, Any]:
-    return {"yield": result.value, "interval_95": list(result.interval), "trials": result.trials}
+    return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
 
 
 def _variant(variant: Variant) -> dict[str, Any]:
@@ -239,34 +195,20 @@ def _variant(variant: Variant) -> dict[str, Any]:
             {"column": limit.label, "min": limit.low, "max": limit.high, **_yield(limit.result)}
             for limit in variant.limits
         ],
-        "distributions": [_distribution(column) for column in variant.distributions],
-    }
-
-
-def _distribution(column: ColumnSummary) -> dict[str, Any]:
-    return {
-        "column": column.label,
-        "nominal": column.nominal,
-        "undefined_trials": column.undefined,
-        "mean": column.mean,
-        "standard_deviation": column.deviation,
-        "least": column.low,
-        "greatest": column.high,
-        "quantiles": {f"{p:g}": q for p, q in zip(column.probabilities, column.quantiles, strict=True)},
-        "histogram": {"cuts": list(column.cuts), "trials": list(column.histogram)},
-    }
-
-
-def _sobol(indices: SobolIndices, columns: list[str]) -> dict[str, Any]:
-    return {
-        "columns": columns,
-        "factors": list(indices.factors),
-        "evaluations": indices.evaluations,
-        "first": indices.first.tolist(),
-        "first_interval_95": indices.first_interval.tolist(),
-        "total": indices.total.tolist(),
-        "total_interval_95": indices.total_interval.tolist(),
-        "undefined_evaluations": indices.undefined.tolist(),
+        "distributions": [
+            {
+                "column": column.label,
+                "nominal": column.nominal,
+                "undefined_trials": column.undefined,
+                "mean": column.mean,
+                "standard_deviation": column.deviation,
+                "least": column.low,
+                "greatest": column.high,
+                "quantiles": {f"{p:g}": q for p, q in zip(column.probabilities, column.quantiles, strict=True)},
+                "histogram": {"cuts": column.cuts, "trials": column.histogram},
+            }
+            for column in variant.distributions
+        ],
     }
 
 
@@ -276,10 +218,7 @@ def analyse(
     """Every analysis of a study whose trials have run."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
     lens = trace_check(plan)
-    rss = tuple(
-        RssRow(d.label, float(sigma), d.deviation, d.mean - d.nominal)
-        for d, sigma in zip(variants[0].distributions, root_sum_square(plan, moves), strict=True)
-    )
+    rss = tuple(rss_rows(plan, moves, variants[0]))
     misses = plan.nominal_misses()
     count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
@@ -287,7 +226,6 @@ def analyse(
     return StudyResult(
         plan=plan,
         study=study,
-        tally=tally,
         variants=variants,
         sensitivity=moves,
         rss=rss,
@@ -342,7 +280,7 @@ def _warnings(
                 f"{column.label} is undefined in {column.undefined} of {plan.trials} trials; they count as failures, "
                 "and its mean and standard deviation are not stated"
             )
-    bent = [row.label for row in rss if not row.linear and math.isfinite(row.monte_carlo)]
+    bent = [row.column for row in rss if not row.linear and math.isfinite(row.monte_carlo)]
     if bent:
         yield f"not linear, so RSS misleads (use Monte Carlo): {', '.join(bent)}"
     if plan.draws.sampling == "sobol" and plan.trials & (plan.trials - 1):
@@ -402,12 +340,7 @@ def trials_for(accuracy: float, sampling: str = "random") -> int:
 
 
 def precision(
-    plan: TolerancePlan,
-    tally: Tally,
-    final: Variant,
-    folder: Path,
-    asked: float | None = None,
-    seconds: float | None = None,
+    plan: TolerancePlan, tally: Tally, final: Variant, asked: float | None = None, seconds: float | None = None
 ) -> Precision:
     """What a run's shares are worth.
 
@@ -418,47 +351,51 @@ def precision(
         All trials.
     final : Variant
         That counts.
-    folder : Path
-        Where the run's chunks are.
     asked : float, optional
         What yield and ranks may be off by.
     seconds : float, optional
         That the run took.
+
+    Notes
+    -----
+    Measured from the scatter of `PARTS` parts of the trials that are kept one by one, scaled to the run; not where
+    these are few.
     """
     from scipy.special import ndtri
 
     low, high = final.result.interval
     # Half the interval over its number of sigmas: a share of 0 or 1 has an error, too.
-    of_yield = 0.5 * (high - low) / float(ndtri(0.5 + CONFIDENCE / 2))
-    of_ranks = max(math.sqrt(p * (1 - p) / plan.trials) for p in (*plan.quantiles, 0.0))
-    if plan.chunks >= CHUNKS:
-        shares, share = _of_chunks(plan, final, Store(folder, plan, resume=True).tallies()), 1.0
-        by = f"{plan.chunks} chunks of the run"
-    else:
-        shares, share = _of_kept(plan, tally, final)
+    yields = StandardError(0.5 * (high - low) / float(ndtri(0.5 + CONFIDENCE / 2)), None)
+    ranks = StandardError(max(math.sqrt(p * (1 - p) / plan.trials) for p in (*plan.quantiles, 0.0)), None)
+    measured, by, each = None, "", len(tally.measured) // PARTS
+    if each >= LEAST:
+        values = tally.measured[: each * PARTS, -1].T
+        share = each * PARTS / plan.trials
         by = f"{PARTS} parts of the first {len(tally.measured)} trials" + (", scaled" if share < 1 else "")
-    measured_yield = measured_rank = measured = None
-    scatter = 0.0
-    if len(shares):
-        errors = shares.std(axis=0, ddof=1) / math.sqrt(len(shares)) * math.sqrt(share)
-        measured_yield = float(errors[0, 0])
-        known = np.isfinite(errors[1:])
-        squares = np.where(known, errors[1:], 0.0) ** 2
-        measured_rank = float(np.sqrt(squares.sum(1) / np.maximum(known.sum(1), 1)).max(initial=0.0))
-        measured = SIGMAS * max(measured_yield, measured_rank)
-        scatter = 1 / math.sqrt(2 * (len(shares) - 1))
+
+        def error(good: NDArray[np.bool_]) -> Array:
+            """Of shares of builds, from the builds that are good, shape (..., trials)."""
+            shares = good.reshape(*good.shape[:-1], PARTS, each).mean(axis=-1)
+            return np.asarray(shares.std(axis=-1, ddof=1) * math.sqrt(share / PARTS))
+
+        yields = replace(yields, measured=float(error(np.asarray(plan.passes(values).all(axis=0)))))
+        defined = [c for c, column in enumerate(final.distributions) if not column.undefined]
+        below = [values[c] <= np.array(final.distributions[c].quantiles)[:, None] for c in defined]
+        squares = np.mean(error(np.array(below)) ** 2, axis=0) if below else np.zeros(1)
+        ranks = replace(ranks, measured=math.sqrt(squares.max(initial=0.0)))
+        measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
         "yield and ranks of quantiles, as shares of builds",
         f"{plan.trials} {sampled}; {shapes_text(plan)}",
-        max(SIGMAS * of_ranks, 0.5 * (high - low)),
+        max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,
-        by if measured is not None else "",
+        by,
         asked,
         seconds,
-        scatter=scatter,
+        scatter=1 / math.sqrt(2 * (PARTS - 1)),
     )
-    return Precision(accuracy, of_yield, measured_yield, of_ranks, measured_rank)
+    return Precision(accuracy, yields, ranks)
 
 
 def shapes_text(plan: TolerancePlan) -> str:
@@ -470,33 +407,3 @@ def shapes_text(plan: TolerancePlan) -> str:
     tilted = not plan.question.design.aligned or any(".tilt." in p.place for p in plan.draws.perturbations)
     rims = "ellipses (to 1e-13)" if tilted else "discs (to 1e-15)"
     return f"each by closed forms, shapes as common parts of {rims}"
-
-
-def _of_chunks(plan: TolerancePlan, final: Variant, tallies: Iterable[Tally]) -> Array:
-    """Shares of each whole chunk, (chunks, 1 + quantiles, columns): passed, then at or below each quantile."""
-    parts = []
-    for tally in tallies:
-        if tally.trials < plan.chunk:
-            continue  # the last may be short: its shares scatter more
-        rows = np.full((1 + len(plan.quantiles), len(plan.columns)), tally.passed[-1] / tally.trials)
-        for c, column in enumerate(final.distributions):
-            shift = 0.0 if math.isnan(column.nominal) else column.nominal
-            at = np.array(column.quantiles) - shift
-            low, high = float(tally.low[-1, c]), float(tally.high[-1, c])
-            rows[1:, c] = math.nan if column.undefined else sketch.share_at_most(tally.counts[-1, c], at, low, high)
-        parts.append(rows)
-    return np.array(parts)
-
-
-def _of_kept(plan: TolerancePlan, tally: Tally, final: Variant) -> tuple[Array, float]:
-    """The same of parts of the trials kept one by one (none where these are few), and their share of the run."""
-    each = len(tally.measured) // PARTS
-    if each < 10:
-        return np.empty(0), 1.0
-    values = tally.measured[: each * PARTS, -1].T
-    rows = np.empty((PARTS, 1 + len(plan.quantiles), len(plan.columns)))
-    rows[:, 0] = plan.passes(values).all(axis=0).reshape(PARTS, each).mean(1)[:, None]
-    for c, column in enumerate(final.distributions):
-        below = values[c] <= np.array(column.quantiles)[:, None]
-        rows[:, 1:, c] = math.nan if column.undefined else below.reshape(-1, PARTS, each).mean(2).T
-    return rows, each * PARTS / plan.trials

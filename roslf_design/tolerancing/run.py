@@ -1,27 +1,39 @@
-"""A plan's trials, chunk by chunk, wherever they run: in this process, in a pool, on a Dask cluster. The same bytes."""
+"""A plan's trials, chunk by chunk, wherever they run: in this process, in a pool, on a Dask cluster. The same bytes.
+
+What is kept of them is bounded: counts and sums that add up, the worst trials, the first in full. Distributions are
+counts in bins of equal ratios of the deviation from nominal, `SPLIT` of them each time it doubles, both signs, from
+2^-50 to 2^30: a quantile is then right to a `SPLIT`-th of its own deviation from nominal, whatever the scale, without
+a pilot run. A value at nominal (an unclipped image keeps exactly 1) has a bin of its own.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+import zipfile
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, fields
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
 from .study import TolerancePlan
-from .tally import Tally, counted, merged, pack, unpack
-from .trials import BLOCK, measure_uniforms
+from .trials import BLOCK, MeasuredTrials, measure_uniforms
 
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 Work = Callable[[int], bytes]
 """A picklable function of a chunk's index."""
 Progress = Callable[[int, int], None]
@@ -30,11 +42,25 @@ Progress = Callable[[int, int], None]
 STRETCH = 8 * BLOCK
 """Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
 ATTEMPTS = 4
-"""Times that one chunk may be running when its worker dies before the run gives up on it."""
+"""Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
 CONNECT = 10
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
 SCHEMA = "roslf.tolerance-run/1"
+
+SPLIT_BITS = 7
+SPLIT = 2**SPLIT_BITS
+SMALLEST, LARGEST = -50, 30
+"""Powers of 2 between which deviations are told apart."""
+HALF = (LARGEST - SMALLEST) * SPLIT
+BINS = 2 * HALF + 1
+_SHIFT, _FIRST = 52 - SPLIT_BITS, (1023 + SMALLEST) << SPLIT_BITS
+_POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.float64)
+EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
+"""Of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
+
+SUMMED = ("trials", "passed", "held", "undefined", "counts", "total", "square", "x", "xx", "xy")
+"""What adds up over chunks."""
 
 
 class ChunkLostError(RuntimeError):
@@ -78,17 +104,55 @@ def run_trials(
     OSError
         A file cannot be written; earlier chunks stay as they are.
     """
-    store = Store(folder, plan, resume=resume)
-    missing = store.missing()
-    done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
     report = progress or (lambda done, total: None)
+    digest, paths = plan.digest(), [folder / "chunks" / f"{index:06d}.npz" for index in range(plan.chunks)]
+    _claim(plan, digest, folder, resume)
+    missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest)]
+    done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
     report(done, plan.trials)
     with contextlib.closing(anywhere(partial(run_chunk, plan), missing, where)) as finished:
         for index, content in finished:
-            store.write(index, content)
+            write_atomically(paths[index], content)
             done += plan.chunk_trials(index)
             report(done, plan.trials)
-    return merged(store.tallies())
+    return merged(unpack(path.read_bytes(), digest) for path in paths)
+
+
+def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None:
+    """Write the manifest that says what runs, unless another run, or an earlier one of this plan, lies there."""
+    manifest, chunks, fault = folder / MANIFEST, folder / "chunks", ""
+    chunks.mkdir(parents=True, exist_ok=True)
+    if manifest.exists():
+        try:
+            same = json.loads(manifest.read_text())["digest"] == digest
+        except (ValueError, KeyError, TypeError):
+            fault = f"{manifest} is damaged; delete it or choose another folder"
+        else:
+            if not same:
+                fault = f"{folder} holds another study, seed or trial count; delete it or choose another folder"
+            elif not resume and any(chunks.glob("*.npz")):
+                fault = f"{folder} holds this run already; pass --resume to go on with it"
+    if fault:
+        raise InputError((Problem("", fault),))
+    content = {
+        "schema": SCHEMA,
+        "study": plan.name,
+        "digest": digest,
+        "seed": plan.draws.seed,
+        "trials": plan.trials,
+        "chunk": plan.chunk,
+        "chunks": plan.chunks,
+    }
+    write_atomically(manifest, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    """Whether a chunk has a file, undamaged and of this run."""
+    try:
+        unpack(path.read_bytes(), digest)
+    except (FileNotFoundError, ValueError):
+        return False
+    return True
 
 
 def run_chunk(plan: TolerancePlan, index: int) -> bytes:
@@ -126,51 +190,27 @@ def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tupl
 
 def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple[int, bytes]]:
     """A worker that dies takes the pool with it: the pool is rebuilt and unfinished chunks run again."""
-    waiting, tries = list(reversed(indices)), dict.fromkeys(indices, 0)
-    pool = _pool(workers)
-    running: dict[Future[bytes], int] = {}
-    try:
-        while waiting or running:
-            broken = False
-            try:
-                while waiting and len(running) < 2 * workers:
-                    running[pool.submit(work, waiting[-1])] = waiting[-1]
-                    waiting.pop()
-            except BrokenProcessPool:
-                broken = True
-            done, _ = wait(running, return_when=FIRST_COMPLETED) if running else (set(), set())
-            for future in done:
-                if isinstance(future.exception(), BrokenProcessPool):
-                    broken = True
-                else:
-                    yield running.pop(future), future.result()
-            if broken:
-                pool.shutdown(wait=True, cancel_futures=True)
-                yield from _finished(running)
-                for index in sorted(running.values(), reverse=True):
-                    tries[index] += 1
-                    if tries[index] >= ATTEMPTS:
-                        raise ChunkLostError(
-                            f"chunk {index}: its worker process died {ATTEMPTS} times; is memory short? "
-                            "Run fewer workers (--workers) and go on with --resume"
-                        )
-                    waiting.append(index)
-                running = {}
-                pool = _pool(workers)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _finished(running: dict[Future[bytes], int]) -> Iterator[tuple[int, bytes]]:
-    """Results that arrived before the pool broke."""
-    for future in [future for future in running if future.done() and not future.cancelled()]:
-        if future.exception() is None:
-            yield running.pop(future), future.result()
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
+    left, deaths = dict.fromkeys(indices), 0
     # Not fork: the parent may hold threads (progress bar, numba) that a forked child would inherit half-alive.
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+    context = multiprocessing.get_context("spawn")
+    while left:
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
+        try:
+            running = {pool.submit(work, index): index for index in left}
+            for future in as_completed(running):
+                content, index = future.result(), running.pop(future)
+                del left[index]
+                deaths = 0
+                yield index, content
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths == ATTEMPTS:
+                raise ChunkLostError(
+                    f"chunk {min(left)} or a later one: a worker process died {ATTEMPTS} times; is memory short? "
+                    "Run fewer workers (--workers) and go on with --resume"
+                ) from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _end_with_parent() -> None:
@@ -213,107 +253,207 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
                 (Problem("--scheduler", f"no Dask scheduler answers at {address} ({type(error).__name__}); check it"),)
             ) from None
 
-        def submit(index: int) -> Any:
-            # A key of its own: a scheduler that remembers an earlier run must not hand out that run's results.
-            return client.submit(work, index, key=f"roslf-tolerance-{uuid4().hex}-{index}", pure=False, retries=0)
-
-        waiting = list(reversed(indices))
-        at_once = 2 * max(workers, len(client.scheduler_info(n_workers=-1)["workers"]), 1)
-        first = [submit(waiting.pop()) for _ in range(min(at_once, len(waiting)))]
-        finished = untyped.as_completed(first, loop=client.loop)
-        for future in finished:
+        # Keys of its own: a scheduler that remembers an earlier run must not hand out that run's results.
+        own = f"roslf-tolerance-{uuid4().hex}"
+        futures = [client.submit(work, index, key=f"{own}-{index}", pure=False, retries=0) for index in indices]
+        for future in untyped.as_completed(futures, loop=client.loop):
             index = int(future.key.rsplit("-", 1)[1])
             try:
                 content = future.result()
             except KilledWorker as error:
                 raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with --resume") from None
             future.release()
-            if waiting:
-                finished.add(submit(waiting.pop()))
             yield index, content
 
 
-class Store:
-    """A run's folder: a manifest that says what runs, and one file a finished chunk, each written whole or not at all.
+@dataclass(frozen=True)
+class Tally:
+    """Results of a run of trials. V variants (as built; linearly adjusted; adjusted), C columns, P perturbations."""
 
-    Parameters
-    ----------
-    folder : Path
-        Made where missing.
-    plan : TolerancePlan
-        Whose chunks.
-    resume : bool
-        Go on with what is there; else earlier results of the folder are an error.
+    trials: int
+    passed: Counts
+    """Trials that hold all limits, shape (V,)."""
+    held: Counts
+    """Trials that hold each limit, shape (V, limits)."""
+    undefined: Counts
+    """Trials in which a column is undefined, shape (V, C)."""
+    counts: Counts
+    """Bin counts of deviations from nominal, shape (V, C, BINS)."""
+    total: Array
+    """Sum of defined deviations from nominal, shape (V, C)."""
+    square: Array
+    """Sum of their squares, shape (V, C)."""
+    low: Array
+    high: Array
+    """Least and greatest deviation, shape (V, C); inf and -inf where none is defined."""
+    x: Array
+    """Sum of the perturbations' deviations [tolerances] over trials where the column is defined, shape (C, P)."""
+    xx: Array
+    """Of their squares, shape (C, P)."""
+    xy: Array
+    """Of their products with the final variant's deviations, shape (C, P)."""
+    worst: Counts
+    """Numbers of the worst trials, worst first, shape (k,)."""
+    scores: Array
+    """How far they exceed their limits, in units of what the limit allows, shape (k,); inf where undefined."""
+    drawn: Array
+    """Deviations [tolerances] of the first trials kept, shape (kept, P)."""
+    measured: Array
+    """Their columns, shape (kept, V, C)."""
+    moved: Array
+    """Their adjustments [mm, rad], shape (kept, adjusters)."""
+
+
+def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
+    """Count consecutive trials, the first of which has the number `first`."""
+    drawn, (variants, columns, size) = trials.deviations, trials.variants.shape
+    passes = np.array([plan.passes(values) for values in trials.variants])
+    off = trials.variants - plan.nominal[:, None]
+    undefined = np.isnan(off).sum(axis=2)
+    counts = np.empty((variants, columns, BINS), np.int64)
+    total, square, low, high = np.empty((4, variants, columns))
+    x, xx, xy = np.empty((3, columns, len(drawn)))
+    whole = drawn.sum(axis=1), np.einsum("pt,pt->p", drawn, drawn)
+    for v, c in np.ndindex(variants, columns):
+        good = ~np.isnan(off[v, c])
+        row = off[v, c][good] if undefined[v, c] else off[v, c]
+        counts[v, c] = count(row)
+        total[v, c], square[v, c] = row.sum(), np.einsum("t,t->", row, row)
+        low[v, c], high[v, c] = row.min(initial=np.inf), row.max(initial=-np.inf)
+        if v == variants - 1:
+            part = drawn[:, good] if undefined[v, c] else drawn
+            x[c], xx[c] = (part.sum(axis=1), np.einsum("pt,pt->p", part, part)) if undefined[v, c] else whole
+            xy[c] = np.einsum("pt,t->p", part, row)
+    scores = _scores(plan, trials.variants[-1])
+    worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
+    kept = max(0, min(plan.keep_trials - first, size))
+    return Tally(
+        trials=size,
+        passed=passes.all(axis=1).sum(axis=1),
+        held=passes.sum(axis=2),
+        undefined=undefined,
+        counts=counts,
+        total=total,
+        square=square,
+        low=low,
+        high=high,
+        x=x,
+        xx=xx,
+        xy=xy,
+        worst=worst + first,
+        scores=scores[worst],
+        drawn=np.ascontiguousarray(drawn[:, :kept].T),
+        measured=np.ascontiguousarray(np.moveaxis(trials.variants[:, :, :kept], 2, 0)),
+        moved=np.ascontiguousarray(trials.moved[:, :kept].T),
+    )
+
+
+def _scores(plan: TolerancePlan, columns: Array) -> Array:
+    """How far each trial exceeds its limits: 0 at nominal, 1 at a limit, in units of what the limit allows."""
+    worst = np.full(columns.shape[1], -np.inf)
+    for limit in plan.limits:
+        value, here = columns[limit.column], plan.nominal[limit.column]
+        for edge, over in ((limit.high, value - here), (limit.low, here - value)):
+            if np.isfinite(edge):
+                allowed = abs(edge - here)
+                used = over / allowed if allowed > 0 else np.where(over > 0, 1 + over, over)
+                worst = np.maximum(worst, np.where(np.isnan(used), np.inf, used))
+    return worst
+
+
+def merged(tallies: Iterable[Tally]) -> Tally:
+    """Results of one or more runs of trials, in order; memory does not grow with their number."""
+    return reduce(_both, tallies)
+
+
+def _both(first: Tally, second: Tally) -> Tally:
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(first, name), getattr(second, name)])
+
+    worst, scores = joined("worst"), joined("scores")
+    order = np.lexsort((worst, -scores))[: max(len(first.worst), len(second.worst))]
+    return Tally(
+        **{name: getattr(first, name) + getattr(second, name) for name in SUMMED},
+        **{name: joined(name) for name in ("drawn", "measured", "moved")},
+        low=np.minimum(first.low, second.low),
+        high=np.maximum(first.high, second.high),
+        worst=worst[order],
+        scores=scores[order],
+    )
+
+
+def pack(tally: Tally, digest: str) -> bytes:
+    """As the bytes of an .npz file; the same results give the same bytes. Histograms are stored sparsely."""
+    arrays = {item.name: np.asarray(getattr(tally, item.name)) for item in fields(tally)}
+    counts = arrays.pop("counts")
+    filled = np.flatnonzero(counts)
+    sparse = {"filled": filled.astype(np.int32), "filled_counts": counts.ravel()[filled], "shape": counts.shape}
+    return npz_bytes({"digest": np.array(digest), **arrays, **{k: np.asarray(v) for k, v in sparse.items()}})
+
+
+def unpack(content: bytes, digest: str) -> Tally:
+    """The results in a chunk's bytes.
 
     Raises
     ------
-    InputError
-        The folder holds another study's run, or one of this study and `resume` is false.
-    OSError
-        The folder cannot be made or written.
+    ValueError
+        Not such a file, damaged, or of another study.
     """
+    try:
+        with np.load(io.BytesIO(content)) as archive:
+            arrays = dict(archive)
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+        raise ValueError(f"is damaged ({error})") from None
+    if str(arrays.pop("digest", "")) != digest:
+        raise ValueError("belongs to another study, seed or version")
+    counts = np.zeros(arrays.pop("shape"), np.int64)
+    counts.ravel()[arrays.pop("filled")] = arrays.pop("filled_counts")
+    return Tally(trials=int(arrays.pop("trials")), counts=counts, **arrays)
 
-    def __init__(self, folder: Path, plan: TolerancePlan, *, resume: bool = False) -> None:
-        self.plan, self.digest = plan, plan.digest()
-        self.folder = folder / "chunks"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        manifest = folder / MANIFEST
-        if manifest.exists():
-            fault = self._fault(manifest, resume)
-            if fault:
-                raise InputError((Problem("", fault),))
-        content = {
-            "schema": SCHEMA,
-            "study": plan.name,
-            "digest": self.digest,
-            "seed": plan.draws.seed,
-            "trials": plan.trials,
-            "chunk": plan.chunk,
-            "chunks": plan.chunks,
-        }
-        write_atomically(manifest, (json.dumps(content, indent=1) + "\n").encode())
 
-    def _fault(self, manifest: Path, resume: bool) -> str:
-        """Why the run cannot use this folder; empty where it can."""
-        folder = manifest.parent
-        try:
-            digest = json.loads(manifest.read_text())["digest"]
-        except (ValueError, KeyError, TypeError):
-            return f"{manifest} is damaged; delete it or choose another folder"
-        if digest != self.digest:
-            return f"{folder} holds another study, seed or trial count; delete it or choose another folder"
-        if not resume and any(self.folder.glob("*.npz")):
-            return f"{folder} holds this run already; pass --resume to go on with it"
-        return ""
+def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """The bytes of an .npz file, which has no dates: the same for the same arrays."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array(file, array, allow_pickle=False)
+    return buffer.getvalue()
 
-    def _path(self, index: int) -> Path:
-        return self.folder / f"{index:06d}.npz"
 
-    def missing(self) -> list[int]:
-        """Chunks still to be run: those without a file, and those whose file is damaged or of something else."""
-        return [index for index in range(self.plan.chunks) if not self._good(index)]
+def count(deviations: Array) -> Counts:
+    """Bin counts of deviations from nominal; infinite ones go to the outermost bins, NaN must not occur."""
+    size = (np.abs(deviations).view(np.int64) >> _SHIFT) - (_FIRST - 1)
+    np.clip(size, 0, HALF, out=size)
+    return np.bincount(np.where(deviations < 0, HALF - size, HALF + size), minlength=BINS)
 
-    def _good(self, index: int) -> bool:
-        try:
-            self.read(index)
-        except (FileNotFoundError, ValueError):
-            return False
-        return True
 
-    def write(self, index: int, content: bytes) -> None:
-        """Keep a chunk's results."""
-        write_atomically(self._path(index), content)
+def quantiles(
+    counts: Counts, probabilities: Sequence[float], low: float, high: float, below: int = 0, above: int = 0
+) -> Array:
+    """Quantiles of deviations, linear inside a bin.
 
-    def read(self, index: int) -> Tally:
-        """Results of a chunk.
+    Parameters
+    ----------
+    counts : ndarray, shape (BINS,)
+        Of all defined trials.
+    probabilities : sequence of float
+        In (0, 1).
+    low, high : float
+        Least and greatest deviation; no quantile lies outside.
+    below, above : int
+        Undefined trials, which count as worse than any: on which side is the caller's knowledge of the goal. Quantiles
+        that fall among them are -inf or inf.
+    """
+    heaped = np.concatenate([[0], np.cumsum(counts)]) + below
+    rank, defined = np.multiply(probabilities, heaped[-1] + above), heaped[-1]
+    after = np.clip(np.searchsorted(heaped, rank, side="left"), 1, BINS)
+    first, start = heaped[after - 1], EDGES[after - 1]
+    at = start + (rank - first) / np.maximum(heaped[after] - first, 1) * (EDGES[after] - start)
+    at = np.clip(np.where(after - 1 == HALF, 0.0, at), low, high)
+    return np.where(rank < below, -np.inf, np.where((rank > defined) | (defined + above == 0), np.inf, at))
 
-        Raises
-        ------
-        FileNotFoundError, ValueError
-            Not run yet; damaged.
-        """
-        return unpack(self._path(index).read_bytes(), self.digest)
 
-    def tallies(self) -> Iterator[Tally]:
-        """Results of all chunks in order, one in memory at a time."""
-        return (self.read(index) for index in range(self.plan.chunks))
+def rebin(counts: Counts, cuts: Array) -> Array:
+    """Trials between neighbouring cuts (in deviation), fine bins split evenly; shape (cuts - 1,)."""
+    return np.diff(np.interp(cuts, EDGES, np.concatenate([[0.0], np.cumsum(counts)])))

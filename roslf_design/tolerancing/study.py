@@ -10,8 +10,8 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -35,10 +35,10 @@ from ..design.files import load_beside
 from ..design.kinds import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..toml_files import problems_of, read_toml
+from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
-from .metrics import METRICS, Column, Question, evaluate_builds, metric_named
+from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 3
+FORMAT = 4
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -99,7 +99,9 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
 
 
 def _metric(name: str) -> str:
-    return metric_named(name).name
+    if name not in METRICS:
+        raise ValueError(f"'{name}' is no metric; {nearest(name, METRICS)}")
+    return name
 
 
 FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
@@ -226,24 +228,7 @@ class Study(StrictTable):
 def read_study(
     data: Mapping[str, Any], folder: Path = Path(), origin: str = "", design: Design | None = None
 ) -> tuple[Study, Design, Grades]:
-    """A study from the nested values of its file, with its design and its grades.
-
-    Parameters
-    ----------
-    data : mapping
-        As the file says it.
-    folder : Path
-        Where the files that it names are looked for.
-    origin : str
-        What errors are told of.
-    design : Design, optional
-        Takes the place of the file's own.
-
-    Raises
-    ------
-    InputError
-        Every fault of the study, and of the design or grades it names.
-    """
+    """A study from the nested values of its file, with its design and its grades; arguments as for `tolerance_plan`."""
     problems: list[Problem] = []
     grades = study = None
     if design is not None:
@@ -341,11 +326,7 @@ class TolerancePlan:
 
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
-        held = np.empty((len(self.limits), values.shape[1]), bool)
-        for row, limit in enumerate(self.limits):
-            value = values[limit.column]
-            held[row] = (value >= limit.low) & (value <= limit.high)
-        return held
+        return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
 
     def digest(self) -> str:
         """Fingerprint of all that decides the results' bytes."""
@@ -371,15 +352,40 @@ def load_plan(
     path = Path(path)
     data = read_toml(path, str(path))
     expect_kind(data, "tolerance", str(path))
-    study, design, grades = read_study(data, Path(path).parent, str(path))
+    study, design, grades = read_study(data, path.parent, str(path))
     changes = {"trials": trials, "seed": seed}
     study = study.model_copy(update={key: value for key, value in changes.items() if value is not None})
     return make_plan(study, design, grades, str(path)), study, grades
 
 
+def tolerance_plan(
+    data: Mapping[str, Any], design: Design | None = None, folder: Path = Path(), origin: str = ""
+) -> tuple[TolerancePlan, Study, Grades]:
+    """A tolerance study ready to run.
+
+    Parameters
+    ----------
+    data : mapping
+        As the study's file says it.
+    design : Design, optional
+        Takes the place of the file's own.
+    folder : Path
+        Where files that the study names are looked for.
+    origin : str
+        What errors call it.
+
+    Raises
+    ------
+    InputError
+        Every fault of the study.
+    """
+    study, own, grades = read_study(data, folder, origin, design)
+    return make_plan(study, own, grades, origin), study, grades
+
+
 def plan_from(data: Mapping[str, Any]) -> TolerancePlan:
     """A plan from the nested values of a study, for scripts."""
-    return make_plan(*read_study(data))
+    return tolerance_plan(data)[0]
 
 
 def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") -> TolerancePlan:
@@ -411,13 +417,28 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     ]
     declared = {group.name: group.correlation for group in study.groups}
     groups = dict.fromkeys(p.group for p in perturbations if p.group)
-    limits = [limit for index, goal in enumerate(study.goals) for limit in _limits(index, goal, question, problems)]
+    limits = []
+    for index, goal in enumerate(study.goals):
+        wanted = None if METRICS[goal.metric].local is None else goal.fields
+        problems += [
+            Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
+            for field in wanted or ()
+            if not 0 <= field < len(fields)
+        ]
+        low, high = -math.inf if goal.min is None else goal.min, math.inf if goal.max is None else goal.max
+        limits += [
+            Limit(number, low, high)
+            for number, column in enumerate(question.columns)
+            if column.metric == goal.metric and (wanted is None or column.field in wanted)
+        ]
     if problems:
         raise InputError(tuple(problems), origin)
-    reaches: dict[str, float] = {}
-    for line in study.compensators:
-        widths = _widths(line.range, line.place, design)
-        reaches |= {place: widths.get(place, math.inf) for place in line.place if place != CALIBRATION}
+    reaches = {
+        place: _widths(line.range, line.place, design).get(place, math.inf)
+        for line in study.compensators
+        for place in line.place
+        if place != CALIBRATION
+    }
     return TolerancePlan(
         name=study.name,
         question=question,
@@ -440,15 +461,17 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
 
 def _perturbations(study: Study, design: Design, grades: Grades, problems: list[Problem]) -> tuple[Perturbation, ...]:
     nominal = nominal_values(design)
-    graded = grades.tolerances(study.grade, design) if study.grade else {}
+    missed = partial(Perturbation, distribution=study.distribution, truncation=study.truncate)
+    graded = {}
+    if study.grade:
+        words = grades.provenance(design)
+        graded = {
+            place: missed(place, nominal[place], width, source=f"{study.grade}: {words[place]}")
+            for place, width in grades.tolerances(study.grade, design).items()
+        }
     if design.sensor.relay_magnification == 1:
         graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong
-    origin = {place: f"{study.grade}: {words}" for place, words in grades.provenance(design).items()}
-    result = {
-        p: Perturbation(p, nominal[p], width, study.distribution, study.truncate, source=origin[p])
-        for p, width in graded.items()
-        if p not in study.exclude
-    }
+    result = {place: miss for place, miss in graded.items() if place not in study.exclude}
     given: set[str] = set()
     for index, line in enumerate(study.perturb):
         own = _widths(line.tolerance, line.place, design)
@@ -457,19 +480,19 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
             if place in given:
                 problems.append(Problem(key, f"{place} is given twice; keep one line"))
             given.add(place)
-            if place not in own and place not in graded:
+            miss = graded.get(place)
+            if place in own:
+                miss = missed(place, nominal[place], own[place], source="this study")
+            if miss is None:
                 why = f"the grade '{study.grade}' does not cover it" if study.grade else "the study names no grade"
                 problems.append(Problem(key, f"{place} has no tolerance and {why}; add tolerance = ..."))
                 continue
-            result[place] = Perturbation(
-                place,
-                nominal[place],
-                own[place] if place in own else graded[place],
-                line.distribution or study.distribution,
-                line.truncate or study.truncate,
-                _tied(line.group, place),
-                line.opposed,
-                "this study" if place in own else origin[place],
+            result[place] = replace(
+                miss,
+                distribution=line.distribution or miss.distribution,
+                truncation=line.truncate or miss.truncation,
+                group=_tied(line.group, place),
+                opposed=line.opposed,
             )
     if not result:
         problems.append(Problem("perturb", "nothing is perturbed; name a grade or add [[perturb]] tables"))
@@ -482,19 +505,4 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
 def _tied(group: str | None, place: str) -> str | None:
     """Parts on one barrel share their shift along x, along y, their tilts: each pose is tied to its like."""
     *_, name, axis = place.split(".")
-    pose = f"{TIED}{name} {'xy'[int(axis)]}" if axis.isdigit() else ""
-    return f"{group}{pose}" if group else None
-
-
-def _limits(index: int, goal: MetricGoal, question: Question, problems: list[Problem]) -> list[Limit]:
-    count = len(question.fields)
-    wanted = None if METRICS[goal.metric].local is None else goal.fields
-    key, beyond = f"goals.{index}.fields", [field for field in wanted or () if not 0 <= field < count]
-    problems += [Problem(key, f"{field} is no field; they run from 0 to {count - 1}") for field in beyond]
-    low = -math.inf if goal.min is None else goal.min
-    high = math.inf if goal.max is None else goal.max
-    return [
-        Limit(number, low, high)
-        for number, column in enumerate(question.columns)
-        if column.metric == goal.metric and (wanted is None or column.field in wanted)
-    ]
+    return f"{group}{TIED}{name} {'xy'[int(axis)]}" if group and axis.isdigit() else group

@@ -13,9 +13,9 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..camera import Camera, Frame, Number
+from ..camera import Camera, Number
 from ..camera.frames import frame
 from ..design import Design
 from ..design.conjugates import CONJUGATES
@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25
 """Between the places that tell how image centres move over the array [mm]."""
+MIDDLE = np.zeros((1, 2))
+CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+STENCIL = np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
 ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
 """Direction along which views of targets on the axis are taken."""
 SPOT_RADII, SPOT_TURNS = 4, 12
@@ -68,8 +71,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
     The lens is missed in itself; the stops, the array and the sensor keep the places that the nominal lens gave them,
     but for their own misses.
     """
-    nominal, stops = nominal_values(design), stops_of(design)
-    camera, drawn = camera_of(design), design.lens
+    nominal, camera, drawn = nominal_values(design), camera_of(design), design.lens
     assert drawn is not None
 
     def number(place: str) -> Array:
@@ -88,12 +90,13 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         tilt=pair("main_lens.tilt"),
     )
     mla = camera.first_order.rear_principal + _mla_distance(design, values, number(DISTANCE))
-    fronts = {stop: camera.first_order.front_principal - number(f"{stop}.distance") for stop in stops}
+    fronts = {stop: camera.first_order.front_principal - number(f"{stop}.distance") for stop in stops_of(design)}
     lens_x, lens_y = pair("main_lens.decentre")
 
     def placed(part: str, z: Array, roll: Number = 0.0) -> Array:
         x, y = pair(f"{part}.decentre")
-        return _row(frame((x - lens_x, y - lens_y), z, pair(f"{part}.tilt"), roll), trials)
+        pose = frame((x - lens_x, y - lens_y), z, pair(f"{part}.tilt"), roll)
+        return np.column_stack([np.broadcast_to(part, trials) for vector in pose for part in vector])
 
     rims = [np.column_stack([placed(stop, z), number(f"{stop}.diameter") / 2]) for stop, z in fronts.items()]
     planes = Planes(
@@ -115,24 +118,10 @@ def _mla_distance(design: Design, values: Mapping[str, Any], given: Any) -> Any:
     return design.f * values[PLANE] / (values[PLANE] - design.f) if PLANE in values else given
 
 
-def _row(pose: Frame, trials: int) -> Array:
-    row = np.empty((trials, 12))
-    for column, value in enumerate((*pose.origin, *pose.x, *pose.y, *pose.z)):
-        row[:, column] = value
-    return row
-
-
 def as_built(design: Design, values: Mapping[str, float]) -> Design:
-    """One build as a design of its own, whose traced camera is the build.
+    """One build, by its number at each place, as a design of its own, whose traced camera is the build.
 
     Its lens is written out as made; distances then count from that lens's own principal planes.
-
-    Parameters
-    ----------
-    design : Design
-        The nominal design, behind a real lens.
-    values : mapping
-        Place to number.
 
     Raises
     ------
@@ -143,13 +132,10 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     assert drawn is not None
     nominal = nominal_values(design)
     made = as_made(drawn, of_lens(values), design.wavelength)
-    narrowest = 2 * min(surface.semi_diameter for surface in drawn.surfaces)
     if "main_lens.diameter" in values:
-        wide = values["main_lens.diameter"] / 2
-        cut = [
-            replace(s, semi_diameter=wide) if 2 * s.semi_diameter <= narrowest * (1 + 1e-9) else s
-            for s in made.surfaces
-        ]
+        wide, narrowest = values["main_lens.diameter"] / 2, min(surface.semi_diameter for surface in drawn.surfaces)
+        narrow = (surface.semi_diameter <= narrowest * (1 + 1e-9) for surface in made.surfaces)
+        cut = (replace(s, semi_diameter=wide) if bare else s for s, bare in zip(made.surfaces, narrow, strict=True))
         made = replace(made, surfaces=tuple(cut))
     changes: dict[str, object] = {p: v for p, v in values.items() if not in_lens(p) and p not in (DISTANCE, PLANE)}
     own = first_order(made, values.get("light.wavelength", design.wavelength))
@@ -166,28 +152,17 @@ class LocalMaps(NamedTuple):
 
     place: Array
     """(n, 2)."""
-    value: Array
-    """(n, 2)."""
-    slope: Array
-    """By x and y, (n, 2, 2): second axis the way, last the centre's coordinate."""
-    bend: Array
-    """Second derivatives xx, xy, yy, (n, 3, 2)."""
+    terms: Array
+    """Of 1, u, v, u^2, u v and v^2, the steps from the place, (n, 6, 2)."""
 
     def at(self, x: Array, y: Array) -> Array:
-        """Image centres at places (n, ...) of the array, (n, ..., 2)."""
-        more = (1,) * (np.ndim(x) - 1)
-        u = (x - self.place[:, 0].reshape(-1, *more))[..., None]
-        v = (y - self.place[:, 1].reshape(-1, *more))[..., None]
-        value, dx, dy, xx, xy, yy = (
-            part.reshape(-1, *more, 2)
-            for part in (self.value, *np.moveaxis(self.slope, 1, 0), *np.moveaxis(self.bend, 1, 0))
-        )
-        return np.asarray(value + u * dx + v * dy + u * u * xx / 2 + u * v * xy + v * v * yy / 2)
+        """Image centres at places (n, T) of the array, (n, T, 2)."""
+        u, v = x - self.place[:, :1], y - self.place[:, 1:]
+        return np.asarray(np.einsum("knt,nkc->ntc", np.array([np.ones_like(u), u, v, u * u, u * v, v * v]), self.terms))
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """All that builds of one question share. F fields."""
+class Reference(NamedTuple):
+    """All that builds of one question share: rays in the nominal camera, and what its decoder knows. F fields."""
 
     chief: Aims
     """To the FAP's centre, F."""
@@ -218,37 +193,25 @@ class Reference:
 def reference(
     design: Design, fields: tuple[tuple[float, float], ...], reach: float, distance: float, depths: tuple[float, ...]
 ) -> Reference:
-    """Trace the nominal camera of a question.
-
-    Parameters
-    ----------
-    design : Design
-        With a real main lens.
-    fields : tuple of (x, y)
-        Microlens positions on the array [mm].
-    reach : float
-        Where on the array's axes a calibration looks at image centres [mm].
-    distance, depths : float and tuple of float
-        Z of the decoder's targets and of a calibration's, from the object-side principal plane [mm].
-    """
+    """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
-    mount = mounted(design, {}, 1)
+    mount, thin = mounted(design, {}, 1), Camera.of(design)
     rim, inner = pupil_points()
 
-    def wanted(base: ArrayLike, target: Array, offset: ArrayLike = ((0.0, 0.0),)) -> Aims:
+    def wanted(base: Array, target: Array, offset: Array = MIDDLE) -> Aims:
         """Every offset and target at every place, the places slowest."""
-        at, aside = np.atleast_2d(np.asarray(base, float)), np.asarray(offset, float)
-        per = max(len(target), len(aside))
-        start = np.repeat(at, per, axis=0)
-        nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(at), 1)) for part in (aside, target))
+        per = max(len(target), len(offset))
+        start = np.repeat(base, per, axis=0)
+        nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(base), 1)) for part in (offset, target))
         return aims(camera, start, goal, microlenses(design, start + nudge * design.d / 2), nudge)
 
-    middle = np.zeros((1, 2))
-    crosses = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
-    ends = -reach * crosses
-
-    def centres(at: Array) -> LocalMaps:
-        return _local_maps(at, lambda places: _centres(mount, design, wanted(places, middle)))
+    def centres(place: Array) -> LocalMaps:
+        rays = wanted((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
+        found = traced(mount, np.array([design.d / 2]), rays, 1).landed
+        o, w, e, s, n, sw, ne, nw, se = np.moveaxis(found.reshape(-1, 9, 2), 1, 0)
+        bends = (e - 2 * o + w) / 2, (ne + sw - nw - se) / 4, (n - 2 * o + s) / 2
+        terms = o, (e - w) / 2 / STEP, (n - s) / 2 / STEP, *(bend / STEP**2 for bend in bends)
+        return LocalMaps(place, np.stack(terms, axis=1))
 
     front = camera.first_order.front_principal
 
@@ -259,16 +222,17 @@ def reference(
         return np.concatenate([aside, np.full((len(at), 1), front - depth)], axis=1)
 
     def slopes(points: Array, azimuth: tuple[Array, Array], maps: LocalMaps) -> Array:
-        return epi_slopes(mount, Camera.of(design), points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
+        return epi_slopes(mount, thin, points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
 
-    near, axis = centres(at), centres(middle)
+    near, axis = centres(at), centres(MIDDLE)
     on_axis = np.array([[0.0, 0.0, front - depth] for depth in depths])
+    ends = -reach * CROSS
     return Reference(
-        chief=wanted(at, middle),
+        chief=wanted(at, MIDDLE),
         rim=wanted(at, rim),
         inner=wanted(at, inner),
-        neighbours=wanted(at, middle, crosses),
-        ends=wanted(ends, middle),
+        neighbours=wanted(at, MIDDLE, CROSS),
+        ends=wanted(ends, MIDDLE),
         folded=np.asarray(real_images(camera, microlenses(design, at)).status == FOLDED),
         points=along_chief(distance),
         axis_points=on_axis,
@@ -280,20 +244,15 @@ def reference(
     )
 
 
-def _centres(mount: Mounted, design: Design, wanted: Aims) -> Array:
-    count, half = len(wanted.base), np.array([design.d / 2])
-    rays = next(size for size in range(min(BLOCK, count), 0, -1) if count % size == 0)
-    begin = np.arange(0, count, rays)
-    found = aimed(mount.lens, mount.planes, half, wanted, np.zeros(len(begin), np.int64), begin, rays)
-    return found.landed.reshape(count, 2)
-
-
-def _local_maps(place: Array, centre: Callable[[Array], Array]) -> LocalMaps:
-    steps = STEP * np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
-    o, w, e, s, n, sw, ne, nw, se = np.moveaxis(centre((place[:, None] + steps).reshape(-1, 2)).reshape(-1, 9, 2), 1, 0)
-    slope = np.stack([e - w, n - s], axis=1) / (2 * STEP)
-    bend = np.stack([e - 2 * o + w, (ne + sw - nw - se) / 4, n - 2 * o + s], axis=1) / STEP**2
-    return LocalMaps(place, o, slope, bend)
+def traced(mount: Mounted, half: Array, wanted: Aims, rays: int) -> Aimed:
+    """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,)."""
+    trials, fields = len(half), len(wanted.base) // rays
+    together = next(count for count in range(fields, 0, -1) if fields % count == 0 and count * rays <= BLOCK)
+    groups = fields // together
+    trial = np.repeat(np.arange(trials), groups)
+    begin = np.tile(np.arange(groups) * together * rays, trials)
+    rows = aimed(mount.lens, mount.planes, half, wanted, trial, begin, together * rays)
+    return Aimed(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
 
 
 def epi_slopes(
@@ -303,23 +262,10 @@ def epi_slopes(
     azimuth: tuple[Array, Array],
     centre: Callable[[Array, Array], Array],
 ) -> Array:
-    """Slopes between each point's rays through the FAP's two ends, as a decoder computes them.
+    """Slopes between points' rays through the FAP's two ends, as a decoder has them [microlenses per pixel], (n, T).
 
-    Parameters
-    ----------
-    mount, camera
-        T builds and their thin twins.
-    points : ndarray, shape (n, 3)
-        Object points, in the system's frame [mm].
-    azimuth : pair of ndarray, shape (n, 1)
-        The ends' direction.
-    centre : callable
-        From places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
-
-    Returns
-    -------
-    ndarray, shape (n, T)
-        [microlenses per pixel].
+    Of points (n, 3) in the system's frame and directions of the ends (n, 1), by T builds and their thin twins; `centre`
+    takes places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
     """
     cos, sin = azimuth
     way = np.concatenate([cos, sin], axis=1)
@@ -344,17 +290,7 @@ class TracedShapes(NamedTuple):
 
 
 class TracedBuilds(IdealBuilds):
-    """Builds behind a real lens: their thin twins, with everything of a field traced instead.
-
-    Parameters
-    ----------
-    design : Design
-        As designed.
-    mount : Mounted
-        The builds.
-    camera, fields, object_distance, calibrated
-        As for `IdealBuilds`; `camera` their twins.
-    """
+    """Builds (`mount`) of a design behind a real lens: their thin twins, with everything of a field traced instead."""
 
     def __init__(
         self,
@@ -371,14 +307,7 @@ class TracedBuilds(IdealBuilds):
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
 
     def _aimed(self, wanted: Aims, rays: int) -> Aimed:
-        """Rays of every field of every build, (trials * fields, rays) with the fields running fastest."""
-        fields = len(wanted.base) // rays
-        together = next(count for count in range(fields, 0, -1) if fields % count == 0 and count * rays <= BLOCK)
-        groups = fields // together
-        trial = np.repeat(np.arange(self.trials), groups)
-        begin = np.tile(np.arange(groups) * together * rays, self.trials)
-        rows = aimed(self.mount.lens, self.mount.planes, self.half, wanted, trial, begin, together * rays)
-        return Aimed(*(part.reshape(self.trials * fields, rays, *part.shape[2:]) for part in rows))
+        return traced(self.mount, self.half, wanted, rays)
 
     def _grid(self, column: Array) -> Array:
         """From (trials * fields, ...) to (fields, trials, ...)."""
@@ -510,43 +439,30 @@ class TraceCheck:
 
     builds: int
     """How many were compared; images undefined in a study are left out."""
-    centre_px: float
-    """Of image centres [px]."""
-    diameter: float
-    """Of image diameters, as a share."""
-    kept_fraction: float
-    """Of the parts of the FAP that are seen."""
+    largest: dict[str, float]
+    """Of image centres [px], of image diameters, as a share, and of the parts of the FAP that are seen."""
     folded: tuple[tuple[float, float], ...]
     """Fields whose nominal image is folded [mm]."""
 
-    def __str__(self) -> str:
-        return (
-            f"{METHOD} {self.builds} builds traced one at a time differ by up to {self.centre_px:.1g} px in image "
-            f"centres, {self.diameter:.1g} of image diameters and {self.kept_fraction:.1g} in kept fractions"
-        )
-
     def notes(self) -> tuple[str, ...]:
         """What a study says of it."""
+        centre, diameter, kept = self.largest.values()
+        how = (
+            f"{METHOD} {self.builds} builds traced one at a time differ by up to {centre:.1g} px in image centres, "
+            f"{diameter:.1g} of image diameters and {kept:.1g} in kept fractions"
+        )
         where = ", ".join(f"{x:g}, {y:g} mm" for x, y in self.folded)
         shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
-        return (str(self), shape) if where else (str(self),)
+        return (how, shape) if where else (how,)
 
     def to_dict(self) -> dict[str, Any]:
         """For the JSON object."""
-        return {
-            "method": METHOD,
-            "builds_compared": self.builds,
-            "largest_difference": {
-                "image_centre_px": self.centre_px,
-                "image_diameter_share": self.diameter,
-                "kept_fraction": self.kept_fraction,
-            },
-        }
+        return {"method": METHOD, "builds_compared": self.builds, "largest_difference": self.largest}
 
 
 def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Array]) -> TraceCheck:
     """Trace builds one at a time; `values` are the numbers that made them, by place, (T,) each."""
-    centre, diameter, kept, compared = 0.0, 0.0, 0.0, 0
+    off, compared = np.zeros(3), 0
     with np.errstate(all="ignore"):
         chief, sizes = np.stack(builds.chief, axis=-1), np.asarray(builds.diameter)
         shares = builds.shapes.kept_fraction
@@ -559,12 +475,9 @@ def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Arra
             continue  # no camera; the study says so too
         compared += 1
         there = at + images.chief - np.subtract(one.sensor.decentre, one.main_lens.decentre)
-        centre = max(centre, _largest(there - chief[:, trial]) / one.q)
-        diameter = max(diameter, _largest(images.diameter / sizes[:, trial] - 1))
-        kept = max(kept, _largest(images.kept_fraction - shares[:, trial]))
+        centre = (there - chief[:, trial]) / one.q
+        differences = centre, images.diameter / sizes[:, trial] - 1, images.kept_fraction - shares[:, trial]
+        off = np.maximum(off, [np.max(np.abs(part[np.isfinite(part)]), initial=0.0) for part in differences])
     folded = [(float(x), float(y)) for x, y in builds.fields[builds.known.folded]]
-    return TraceCheck(compared, centre, diameter, kept, tuple(folded))
-
-
-def _largest(off: Array) -> float:
-    return float(np.max(np.abs(off[np.isfinite(off)]), initial=0.0))
+    names = ("image_centre_px", "image_diameter_share", "kept_fraction")
+    return TraceCheck(compared, dict(zip(names, off.tolist(), strict=True)), tuple(folded))

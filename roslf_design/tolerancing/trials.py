@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
 from .metrics import evaluate_builds
-from .places import nominal_values
+from .places import nominal_values, perturbable
 from .study import TolerancePlan
 from .traced import as_built
 
@@ -25,8 +25,7 @@ DAMPING = 1e-10
 """Of the largest curvature, against adjusters that do the same."""
 
 
-@dataclass(frozen=True)
-class MeasuredTrials:
+class MeasuredTrials(NamedTuple):
     """Consecutive trials, measured."""
 
     deviations: Array
@@ -36,48 +35,29 @@ class MeasuredTrials:
     moved: Array
     """Adjustments [mm, rad], shape (adjusters, trials)."""
 
-    @staticmethod
-    def joined(blocks: list[MeasuredTrials]) -> MeasuredTrials:
-        """Several, one after the other."""
-        parts = ([getattr(block, name) for block in blocks] for name in ("deviations", "variants", "moved"))
-        return MeasuredTrials(*(np.concatenate(part, axis=-1) for part in parts))
 
-
-def measure(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> MeasuredTrials:
-    """Measure trials given by their deviations.
-
-    Parameters
-    ----------
-    plan : TolerancePlan
-        What is measured.
-    deviations : ndarray, shape (P, trials)
-        [tolerances].
-    scale : float
-        All tolerances times this.
-    """
-    values = plan.draws.values(deviations, scale)
-    trials = deviations.shape[1]
-    columns = [evaluate_builds(plan.question, values, trials)]
-    moved = np.empty((0, trials))
+def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
+    """Measure trials given by their deviations [tolerances], shape (P, trials)."""
+    values, trials = plan.draws.values(deviations), deviations.shape[1]
+    variants, moved = [evaluate_builds(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
-        compensator = compensator_of(plan)
-        start = compensator.linear(deviations * scale)
-        columns.append(compensator.measured(values, start))
-        moved, after = compensator.newton(values, start)
-        columns.append(after)
+        moved, *adjusted = compensator_of(plan).adjusted(values, deviations)
+        variants += adjusted
     elif plan.calibrated:
-        columns.append(evaluate_builds(plan.question, values, trials, calibrated=True))
-    return MeasuredTrials(deviations, np.stack(columns), moved)
+        variants.append(evaluate_builds(plan.question, values, trials, calibrated=True))
+    return MeasuredTrials(deviations, np.stack(variants), moved)
 
 
 def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Array:
-    """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials), block by block."""
+    """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials), block by block.
+
+    All tolerances count `scale` times.
+    """
 
     def columns(some: Array) -> Array:
         values = plan.draws.values(some, scale)
         if plan.adjusters:
-            compensator = compensator_of(plan)
-            return compensator.newton(values, compensator.linear(some * scale))[1]
+            return compensator_of(plan).adjusted(values, some * scale)[-1]
         return evaluate_builds(plan.question, values, some.shape[1], calibrated=plan.calibrated)
 
     starts = range(0, deviations.shape[1], BLOCK)
@@ -86,28 +66,10 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) 
 
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
     """Trials given by their independent uniform numbers, shape (factors, trials), block by block."""
-    draws, starts = plan.draws, range(0, uniforms.shape[1], BLOCK)
-    return MeasuredTrials.joined(
-        [measure(plan, draws.deviations(np.ascontiguousarray(uniforms[:, at : at + BLOCK]))) for at in starts]
-    )
-
-
-def trial_measured(plan: TolerancePlan, number: int) -> MeasuredTrials:
-    """What was measured of trial `number`, bit for bit (its whole block runs again, so arrays have the same shapes).
-
-    Raises
-    ------
-    ValueError
-        There is no such trial.
-    """
-    if not 0 <= number < plan.trials:
-        raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
-    index, within = divmod(number, plan.chunk)
-    start = within - within % BLOCK
-    trials = plan.chunk_trials(index)
-    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + BLOCK, trials)])
-    pick = slice(within - start, within - start + 1)
-    return MeasuredTrials(block.deviations[:, pick], block.variants[:, :, pick], block.moved[:, pick])
+    starts = range(0, uniforms.shape[1], BLOCK)
+    drawn = (plan.draws.deviations(np.ascontiguousarray(uniforms[:, at : at + BLOCK])) for at in starts)
+    blocks = [measure(plan, deviations) for deviations in drawn]
+    return MeasuredTrials(*(np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)))
 
 
 def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]:
@@ -118,29 +80,27 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     ValueError
         There is no such trial, or its numbers make no design (d_3 >= d_f and the like).
     """
-    measured = trial_measured(plan, number)
+    if not 0 <= number < plan.trials:
+        raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
+    index, within = divmod(number, plan.chunk)
+    # Its whole block runs again, so that arrays have the same shapes.
+    start, end = within - within % BLOCK, plan.chunk_trials(index)
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + BLOCK, end)])
+    measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
         values = compensator_of(plan).applied(values, measured.moved)
     changes = {place: float(value[0]) for place, value in values.items()}
     design = plan.question.design
-    if design.lens is None:
-        return design.replace(changes), measured
-    return as_built(design, changes), measured
+    return design.replace(changes) if design.lens is None else as_built(design, changes), measured
 
 
 class Compensator:
-    """Adjusts builds of one plan: the limited columns back to nominal, each in units of what its limit allows.
-
-    Parameters
-    ----------
-    plan : TolerancePlan
-        With at least one adjuster.
-    """
+    """Adjusts builds of a plan with adjusters: limited columns back to nominal, in units of what their limits allow."""
 
     def __init__(self, plan: TolerancePlan) -> None:
-        self.plan = plan
-        self.nominal = nominal_values(plan.question.design)
+        self.plan, design = plan, plan.question.design
+        self.nominal, kinds = nominal_values(design), perturbable(design)
         aim = evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated)[:, 0]
         allowed: dict[int, float] = {}
         for limit in plan.limits:
@@ -151,9 +111,7 @@ class Compensator:
         widths = np.array([allowed[column] for column in self.columns])
         self.aim = aim[self.columns, None]
         self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]
-        d_1 = plan.question.design.d_1
-        angles = [".tilt." in a.place or a.place.endswith("rotation") for a in plan.adjusters]
-        self.steps = np.where(angles, 1e-5, 1e-5 * d_1)
+        self.steps = np.array([1e-5 * (1 if kinds[a.place] == "angle" else design.d_1) for a in plan.adjusters])
         self.reach = np.array([adjuster.reach for adjuster in plan.adjusters])[:, None]
         self.gain = self._gain()
 
@@ -189,23 +147,24 @@ class Compensator:
         plan = self.plan
         return evaluate_builds(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
 
-    def newton(self, values: Mapping[str, Array], start: Array) -> tuple[Array, Array]:
+    def adjusted(self, values: Mapping[str, Array], deviations: Array) -> tuple[Array, Array, Array]:
         """Adjustments that bring each trial's targets closest to nominal in the least-squares sense.
 
         Parameters
         ----------
         values : mapping
             The builds' numbers, unadjusted.
-        start : ndarray, shape (adjusters, trials)
-            First guess, e.g. from `linear`.
+        deviations : ndarray, shape (P, trials)
+            The same as deviations [tolerances].
 
         Returns
         -------
-        (adjustments, columns)
-            Shapes (adjusters, trials) and (columns, trials). Never worse than the start: a step that does not lower a
-            trial's residual is halved once, then refused for that trial.
+        (adjustments, columns, columns)
+            Shapes (adjusters, trials) and (C, trials): the columns of linear adjustment, then the final ones. These
+            are never worse: a step that does not lower a trial's residual is halved once, then refused for that trial.
         """
-        moved, columns = start, self.measured(values, start)
+        moved = self.linear(deviations)
+        columns = start = self.measured(values, moved)
         residual = self.residual(columns)
         cost = _cost(residual)
         for _ in range(ITERATIONS):
@@ -225,7 +184,7 @@ class Compensator:
                 residual = np.where(better, left, residual)
                 cost = np.where(better, _cost(left), cost)
                 change = np.where(better, 0.0, change)
-        return moved, columns
+        return moved, start, columns
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""

@@ -21,8 +21,8 @@ from roslf_design.reporting.story import (
     run_optimisation,
     story_report,
     study_report,
-    tolerance_plan,
 )
+from roslf_design.tolerancing.study import tolerance_plan
 
 OPTIMIZE = """
 name = "shorter"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from roslf_design.cli import main
-from roslf_design.tolerancing.analyses import summarise
+from roslf_design.tolerancing.analyses import Yield, summarise
 from roslf_design.tolerancing.result import precision, shapes_text, trials_for
-from roslf_design.tolerancing.run import run_trials
+from roslf_design.tolerancing.run import merged, tally_chunk
 from roslf_design.tolerancing.study import plan_from
 
 GOALS = [{"metric": "fill_factor", "max": 1.02}]
@@ -27,60 +27,52 @@ max = 1.02
 """
 
 
-def run_of(folder, trials, seed=0, sampling="random", chunk=None):
-    plan = plan_from({"name": "s", "design": "paper", "goals": GOALS, "perturb": PERTURB, "trials": trials})
-    draws = replace(plan.draws, seed=seed, sampling=sampling)
-    plan = replace(plan, draws=draws, chunk=chunk or plan.chunk)
-    tally = run_trials(plan, folder)
+DATA = {"name": "s", "design": "paper", "goals": GOALS, "perturb": PERTURB}
+
+
+def run_of(trials, seed=0):
+    plan = plan_from(DATA | {"trials": trials, "seed": seed})
+    tally = merged(tally_chunk(plan, index) for index in range(plan.chunks))
     return plan, tally, summarise(plan, tally)[-1]
 
 
-def test_standard_errors_are_the_spread_of_repeated_runs(tmp_path):
+def test_standard_errors_are_the_spread_of_repeated_runs():
     """100 runs of other seeds: the spread of their yields is known to 7 %, one run's measured error to 16 %."""
-    yields, medians, told = [], [], None
-    for seed in range(100):
-        folder = tmp_path / str(seed)
-        plan, tally, final = run_of(folder, 2000, seed)
-        yields.append(final.result.value)
-        medians.append(final.distributions[0].quantiles[3])
-        if seed == 0:
-            told = precision(plan, tally, final, folder, 0.05)
+    runs = [run_of(2000, seed) for seed in range(100)]
+    told = precision(*runs[0], 0.05)
+    yields = [final.result.value for _, _, final in runs]
+    medians = [final.distributions[0].quantiles[3] for _, _, final in runs]
     spread = np.std(yields, ddof=1)
-    assert told.yield_expected == pytest.approx(spread, rel=0.3)
-    assert told.yield_measured == pytest.approx(spread, rel=0.6)
-    assert told.rank_expected == pytest.approx(0.5 / np.sqrt(2000), rel=1e-12)
+    assert told.yield_.expected == pytest.approx(spread, rel=0.3)
+    assert told.yield_.measured == pytest.approx(spread, rel=0.6)
+    assert told.ranks.expected == pytest.approx(0.5 / np.sqrt(2000), rel=1e-12)
     # The rank of a median is the share of one long run below it.
-    _, _, whole = run_of(tmp_path / "long", 200_000, 999)
+    _, _, whole = run_of(200_000, 999)
     column = whole.distributions[0]
     ranks = np.interp(medians, column.quantiles, column.probabilities)
-    assert np.std(ranks, ddof=1) == pytest.approx(told.rank_expected, rel=0.3)
+    assert np.std(ranks, ddof=1) == pytest.approx(told.ranks.expected, rel=0.3)
     assert told.accuracy.kept
 
 
-def test_errors_measured_from_chunks_and_from_kept_trials_agree(tmp_path):
-    """Both estimate the same standard error, to a quarter and to a sixth."""
-    folder = tmp_path / "run"
-    plan, tally, final = run_of(folder, 40_000, chunk=2000)
-    chunks = precision(plan, tally, final, folder)
-    assert "20 chunks" in chunks.accuracy.measured_by
-    assert chunks.yield_measured == pytest.approx(chunks.yield_expected, rel=0.7)
-    assert chunks.rank_measured == pytest.approx(chunks.rank_expected, rel=0.7)
-    other = tmp_path / "other"
-    plan, tally, final = run_of(other, 40_000, chunk=20_000)
-    kept = precision(plan, tally, final, other)
-    assert "first 10000 trials, scaled" in kept.accuracy.measured_by
-    assert kept.rank_measured == pytest.approx(chunks.rank_measured, rel=0.8)
-    assert chunks.accuracy.asked is None
-    assert chunks.accuracy.kept is None
+def test_errors_measured_from_part_of_a_run_are_scaled_to_it():
+    """20 parts of a quarter of the run tell its errors to a sixth; too few kept trials tell nothing."""
+    plan = replace(plan_from(DATA | {"trials": 40_000}), chunk=40_000)
+    tally = tally_chunk(plan, 0)
+    final = summarise(plan, tally)[-1]
+    kept = precision(plan, tally, final)
+    assert kept.accuracy.measured_by == "20 parts of the first 10000 trials, scaled"
+    assert kept.yield_.measured == pytest.approx(kept.yield_.expected, rel=0.7)
+    assert kept.ranks.measured == pytest.approx(kept.ranks.expected, rel=0.7)
+    assert (kept.accuracy.asked, kept.accuracy.kept) == (None, None)
+    few = precision(plan, replace(tally, measured=tally.measured[:100]), final)
+    assert few.yield_.measured is few.ranks.measured is few.accuracy.measured_error is None
 
 
 @pytest.mark.parametrize("accuracy", [1.0, 0.3, 0.1, 0.01, 1e-3])
 def test_trials_are_enough_whatever_the_yield(accuracy):
-    from roslf_design.tolerancing.analyses import binomial_interval
-
     n = trials_for(accuracy)
     for passed in {0, n // 4, n // 2, n}:
-        low, high = binomial_interval(passed, n)
+        low, high = Yield(passed, n).interval
         assert (high - low) / 2 <= accuracy
     sobol = trials_for(accuracy, "sobol")
     assert sobol & (sobol - 1) == 0

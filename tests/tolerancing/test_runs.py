@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,11 +17,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roslf_design.cli import main
 from roslf_design.errors import InputError
 from roslf_design.tolerancing import run as runs
-from roslf_design.tolerancing.run import ChunkLostError, Where, anywhere, run_trials, tally_chunk
+from roslf_design.tolerancing.run import (
+    ChunkLostError,
+    Where,
+    anywhere,
+    merged,
+    pack,
+    run_trials,
+    tally_chunk,
+    unpack,
+)
 from roslf_design.tolerancing.study import plan_from
-from roslf_design.tolerancing.tally import merged, pack, unpack
 
 STUDY = """
 name = "small"
@@ -43,10 +53,16 @@ def plan():
 
 
 @pytest.fixture(scope="module")
-def expected(plan, tmp_path_factory):
+def whole(plan, tmp_path_factory):
+    """The folder of a run that nothing disturbed."""
     folder = tmp_path_factory.mktemp("reference")
     run_trials(plan, folder)
-    return fingerprint(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def expected(whole):
+    return fingerprint(whole)
 
 
 def fingerprint(folder):
@@ -111,7 +127,7 @@ def die(_index):
 
 def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
     monkeypatch.setattr(runs, "ATTEMPTS", 2)
-    with pytest.raises(ChunkLostError, match="its worker process died 2 times"):
+    with pytest.raises(ChunkLostError, match="a worker process died 2 times"):
         list(anywhere(die, [0, 1], Where(2)))
 
 
@@ -146,8 +162,8 @@ def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(p
     assert fingerprint(tmp_path) == expected
 
 
-def test_a_damaged_chunk_is_run_again(plan, expected, tmp_path):
-    run_trials(plan, tmp_path)
+def test_a_damaged_chunk_is_run_again(plan, whole, expected, tmp_path):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     chunk = tmp_path / "chunks" / "000003.npz"
     chunk.write_bytes(chunk.read_bytes()[:1000])
     run_trials(plan, tmp_path, resume=True)
@@ -212,34 +228,30 @@ def roslf(*arguments, **options):
     )
 
 
-def test_a_run_killed_and_resumed_ends_in_the_same_bytes(tmp_path):
-    study = write_study(tmp_path, 230_000)
+def test_a_run_killed_and_resumed_ends_in_the_same_bytes(tmp_path, capsys):
+    study = write_study(tmp_path, 150_000)
     whole, cut = tmp_path / "whole", tmp_path / "cut"
-    out, errors = roslf(study, "-o", whole).communicate(timeout=120)
-    assert errors == ""
-    assert "Yield" in out
+    assert main(["tolerance", str(study), "-o", str(whole)]) == 0
+    assert "Yield" in capsys.readouterr().out
     process = roslf(study, "-o", cut, "--workers", 2)
     deadline = time.monotonic() + 60
-    while len(list(cut.glob("chunks/0*.npz"))) < 2 and time.monotonic() < deadline:
+    while not len(list(cut.glob("chunks/0*.npz"))) and time.monotonic() < deadline:
         time.sleep(0.005)
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=120)
     assert not (cut / "results.json").exists()
-    assert 2 <= len(list(cut.glob("chunks/0*.npz"))) < 8
+    assert 1 <= len(list(cut.glob("chunks/0*.npz"))) < 5
     for stray in cut.glob("chunks/.*"):  # what was being written when the power went
         stray.unlink()
-    process = roslf(study, "-o", cut, "--resume", "--workers", 2)
-    process.communicate(timeout=120)
-    assert process.returncode == 0
+    assert main(["tolerance", str(study), "-o", str(cut), "--resume"]) == 0
     assert fingerprint(cut) == fingerprint(whole)
 
 
-def test_the_command_writes_all_its_files_and_json(tmp_path):
+def test_the_command_writes_all_its_files_and_json(tmp_path, capsys):
     study = write_study(tmp_path)
-    process = roslf(study, "-o", tmp_path / "out", "--json", "--trials", 5000, "--seed", 8)
-    out, errors = process.communicate(timeout=120)
-    assert (process.returncode, errors) == (0, "")
-    data = json.loads(out)
+    line = ["tolerance", str(study), "-o", str(tmp_path / "out"), "--json", "--trials", "5000", "--seed", "8"]
+    assert main(line) == 0
+    data = json.loads(capsys.readouterr().out)
     assert data["schema"] == "roslf.tolerance/1"
     assert (data["trials"], data["seed"]) == (5000, 8)
     assert data["accuracy"].pop("seconds") > 0  # printed only: files repeat themselves
@@ -254,19 +266,18 @@ def test_the_command_writes_all_its_files_and_json(tmp_path):
     assert trials["places"].tolist() == [p["place"] for p in data["perturbations"]]
 
 
-def test_wrong_input_is_exit_code_2_and_one_line_each(tmp_path):
+def test_wrong_input_is_exit_code_2_and_one_line_each(tmp_path, capsys):
     study = write_study(tmp_path)
     study.write_text(study.read_text().replace("fill_factor", "fil_factor").replace('"d_2"', '"d_22"'))
-    process = roslf(study, "-o", tmp_path / "out")
-    out, errors = process.communicate(timeout=120)
-    assert (process.returncode, out) == (2, "")
+    assert main(["tolerance", str(study), "-o", str(tmp_path / "out")]) == 2
+    out, errors = capsys.readouterr()
+    assert out == ""
     lines = errors.splitlines()
     assert len(lines) == 2
     assert all(line.startswith(f"roslf: {study}: ") for line in lines)
     for bad in (["--trials", "0"], ["--workers", "0"], ["--seed", "-1"]):
-        process = roslf(write_study(tmp_path), "-o", tmp_path / "out", *bad)
-        assert bad[0] in process.communicate(timeout=120)[1]
-        assert process.returncode == 2
+        assert main(["tolerance", str(write_study(tmp_path)), "-o", str(tmp_path / "out"), *bad]) == 2
+        assert bad[0] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("way", ["file", "limit"])
@@ -276,7 +287,7 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path, way):
         (tmp_path / "out").write_text("in the way")
         process = roslf(study, "-o", tmp_path / "out")
     else:
-        limit = (20_000, 20_000)  # the kernel refuses larger files: as a full disk does
+        limit = (5000, 5000)  # the kernel refuses larger files: as a full disk does
         process = roslf(
             study, "-o", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
         )
@@ -289,6 +300,6 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path, way):
         assert not list((tmp_path / "out" / "chunks").glob("*"))
 
 
-def test_help_shows_an_example():
-    out, _ = roslf("--help").communicate(timeout=120)
-    assert "roslf tolerance studies/tolerance-paper/study.toml" in out
+def test_help_shows_an_example(capsys):
+    assert main(["tolerance", "--help"]) == 0
+    assert "roslf tolerance studies/tolerance-paper/study.toml" in capsys.readouterr().out
