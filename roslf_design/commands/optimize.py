@@ -14,9 +14,8 @@ from ..accuracy.statement import check_accuracy
 from ..design import dumps
 from ..design.write import write_atomically
 from ..errors import InputError
-from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK
-from ..optimization.study import load_study
+from ..optimization.study import designs, load_study, run, to_dict
 from ..reporting.html import render_html
 from ..reporting.optimization import optimization_report, statements, tables
 from ..reporting.study_figures import optimisation_pictures
@@ -27,7 +26,7 @@ from .progress import StatusLine
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..optimization.run import Result
+    from ..optimization.study import Result
 
 
 def optimize(

@@ -15,7 +15,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..optimization.run import Result
+from ..optimization.study import Result
 from ..pictures.lettering import short
 from ..pictures.optimise import SearchEnd, VariableMove, ends_of
 from ..pictures.tolerance import LimitSpread, Offender, Yields, YieldShare

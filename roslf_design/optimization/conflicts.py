@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .problem import SIGNS, DesignProblem, Side, sobol_units
-from .search import FEASIBLE, Guard, least_violation, violation_of, violations
+from .search import FEASIBLE, Guard, least_violation, violation_of
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
     deadline = max(deadline, time.monotonic() + 10.0)
     pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, STARTS, seed + 1)])
     unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
-    violation = violation_of(rows, problem.equalities)
+    violation = violation_of(rows)
     if violation <= FEASIBLE:
         return Conflict(unit, 0.0, feasible_after_all=True)
     smallest, complete = _smallest(pool, len(problem.constraints))
@@ -79,8 +79,12 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
         violations=_violations(problem, unit, rows),
         smallest=tuple(str(problem.constraints[index]) for index in clashing),
         complete=complete,
-        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].sides),
-        bounds=_bounds(problem, unit),
+        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
+        bounds=tuple(
+            f"{name} {variable.end(place > 0.5)}"
+            for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
+            if not 1e-6 <= place <= 1 - 1e-6
+        ),
     )
 
 
@@ -94,10 +98,7 @@ class _Pool:
         self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
 
     def add(self, units: Array) -> None:
-        rows = self.problem.vector(units)[1:]
-        equal = np.array([row.side == "equal" for row in self.problem.rows])
-        with np.errstate(invalid="ignore"):
-            good = np.where(equal[:, None], np.abs(rows), rows) <= FEASIBLE
+        good = self.problem.vector(units)[1:] <= FEASIBLE
         owner = np.array([row.constraint for row in self.problem.rows])
         each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
         for column in np.unique(each[:, each[0]], axis=1).T:
@@ -106,7 +107,7 @@ class _Pool:
     def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
         """Least violation of some of the constraints; rows are those of the problem with only these."""
         part = self.problem.without(keep)
-        guard = Guard(part, self.deadline)
+        guard = Guard(part.vector, self.deadline)
         weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
         unit, rows = least_violation(guard, self.starts[: 2 * STARTS], weights)
         self.add(unit[None])
@@ -121,18 +122,18 @@ class _Pool:
         if any(keep <= held for held in self.held):
             return True
         _, rows = self.relaxed(keep)
-        return violation_of(rows, self.problem.without(keep).equalities) <= FEASIBLE
+        return violation_of(rows) <= FEASIBLE
 
     def alone(self, index: int, side: Side) -> Relaxation:
         """What one limit would have to be, all others kept."""
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
-        guard = Guard(self.problem, self.deadline)
+        guard = Guard(self.problem.vector, self.deadline)
         unit, rows = least_violation(guard, self.starts[: 2 * STARTS], np.where(soft, 1.0, np.inf).tolist())
         value = self.problem.number(constraint, unit)
-        helps = bool((violations(rows, self.problem.equalities)[~soft] <= 1e-7).all()) and np.isfinite(value)
+        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
         label = f"{constraint.label} {SIGNS[side]}"
-        return Relaxation(label, constraint.limit(side), value if helps else None, constraint.quantity.unit)
+        return Relaxation(label, constraint.limits[side], value if helps else None, constraint.quantity.unit)
 
 
 def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
@@ -158,20 +159,10 @@ def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
 
 def _violations(problem: DesignProblem, unit: Array, rows: Array) -> tuple[Violation, ...]:
     missed = {}
-    for row, over in zip(problem.rows, violations(rows, problem.equalities), strict=True):
+    for row, over in zip(problem.rows, rows, strict=True):
         if over <= FEASIBLE or row.constraint < 0:
             continue
         constraint = problem.constraints[row.constraint]
         label, value = f"{constraint.label} {SIGNS[row.side]}", problem.number(constraint, unit)
-        missed[label] = Violation(label, value, constraint.limit(row.side), constraint.quantity.unit)
+        missed[label] = Violation(label, value, constraint.limits[row.side], constraint.quantity.unit)
     return tuple(missed.values())
-
-
-def _bounds(problem: DesignProblem, unit: Array) -> tuple[str, ...]:
-    touched = []
-    for variable, place in zip(problem.variables, unit, strict=True):
-        if place < 1e-6:
-            touched.append(f"{variable.name} >= {variable.low:.6g} mm")
-        elif place > 1 - 1e-6:
-            touched.append(f"{variable.name} <= {variable.high:.6g} mm")
-    return tuple(touched)

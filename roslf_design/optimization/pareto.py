@@ -6,10 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from ..tolerancing.study import StrictTable
 from .problem import Constraint, DesignProblem, Goal, sobol_units
 from .search import search
 
@@ -19,6 +22,15 @@ STARTS = 6
 """Fresh starts for each end of the front."""
 HAIR = 1e-6
 """What an end of the front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
+
+
+class ParetoTable(StrictTable):
+    """Two or three goals to trade."""
+
+    goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
+    """Names of quantities among [[goals]]."""
+    points: Annotated[int, Field(ge=3, le=100)] = 13
+    """Along each limited goal."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +88,7 @@ def pareto_front(
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
         posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits), order="weighted")
-        results = [search(posed, start, deadline) for start in starts]
+        results = [search(posed.vector, start, deadline) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator
 
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
 from ..tolerancing.analyses import Yield
-from ..tolerancing.draws import Draws, Perturbation
+from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, parse_tolerance, perturbable
+from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE, simplex
-from .study import RobustTable
+from .search import FEASIBLE, derivative_free
 
 Array = NDArray[np.float64]
 
@@ -31,6 +33,34 @@ FRESH = 16
 """Times as many trials for the final figures."""
 HARD = 20.0
 """What a share of the yield, or of the goal, that is missing costs against what is maximised."""
+
+
+class PerturbTable(StrictTable):
+    """What a build misses."""
+
+    place: tuple[str, ...]
+    tolerance: str | float
+    distribution: Distribution = "normal"
+    truncate: Annotated[float, Field(gt=0)] = 2.0
+
+    @field_validator("place", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, str) else value
+
+
+class RobustTable(StrictTable):
+    """What to make of builds that scatter."""
+
+    maximise: Literal["yield", "quantile"] = "yield"
+    """"yield": the share of builds that hold every constraint; "quantile": the first goal, as `quantile` of the builds
+    reach it, with at least `wanted_yield`."""
+    quantile: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    wanted_yield: Annotated[float, Field(gt=0, le=1)] = 0.9
+    give_up: Annotated[float, Field(gt=0)] | None = None
+    """Share of the first goal that robustness may cost at most; None: any."""
+    trials: Annotated[int, Field(ge=16, le=100_000)] = 512
+    perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -132,7 +162,7 @@ def maximise_robustness(
     best, spent = nominal, 0
     for width in SHARP:
         tell(f"robust: {table.maximise}, softened by {width:g}")
-        best, count = simplex(
+        best, count = derivative_free(
             "LN_SBPLX",
             lambda unit, width=width: (-aim.merit(unit, width),),  # type: ignore[misc]
             best,
@@ -165,7 +195,7 @@ class _Aim:
         goal = problem.goals[0]
         if not np.isfinite(problem.vector(unit[None])[0, 0]):
             return -1e6
-        rows = problem.rows_of(builds(problem, self.scatter, unit, self.scatter.deviations))
+        rows = problem.rows_of(builds(problem, self.scatter, unit, self.scatter.deviations), table.trials)
         worst = np.where(np.isfinite(rows), rows, 1e3).max(axis=0, initial=-1e3)
         margin = np.clip(-worst, -50.0, 50.0)
         soft = float(np.mean(1 / (1 + np.exp(np.clip(-margin / (0.1 * width), -50, 50)))))
@@ -196,7 +226,7 @@ class _Aim:
     def statistics(self, unit: Array) -> BuildStatistics:
         """On fresh deviations."""
         problem, fresh = self.problem, self.scatter.fresh
-        rows = problem.rows_of(builds(problem, self.scatter, unit, fresh))
+        rows = problem.rows_of(builds(problem, self.scatter, unit, fresh), fresh.shape[1])
         held = np.nan_to_num(rows, nan=np.inf) <= FEASIBLE
         owner = np.array([row.constraint for row in problem.rows])
         each = tuple(float(held[owner == k].all(axis=0).mean()) for k in range(len(problem.constraints)))

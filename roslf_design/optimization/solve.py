@@ -15,17 +15,7 @@ from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
 from .conflicts import Conflict, explain
 from .problem import Constraint, DesignProblem, Goal, sobol_units
-from .search import (
-    FTOL,
-    GLOBAL_FTOL,
-    Global,
-    Guard,
-    Search,
-    globally,
-    gradient_error,
-    search,
-    value_and_jacobian,
-)
+from .search import FTOL, GLOBAL_FTOL, Global, Guard, Search, globally, gradient_error, search, value_and_jacobian
 
 Array = NDArray[np.float64]
 
@@ -123,15 +113,6 @@ class Active:
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """First-order conditions at a point."""
-
-    active: tuple[Active, ...]
-    residual: float
-    """Length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum."""
-
-
-@dataclass(frozen=True)
 class Answer:
     """What was found."""
 
@@ -144,8 +125,10 @@ class Answer:
     merit: float
     violation: float
     feasible: bool
-    conditions: Conditions | None
-    """None where infeasible."""
+    active: tuple[Active, ...]
+    """Limits that the optimum rests on; none where infeasible."""
+    residual: float
+    """Of the first-order conditions: length of what no multiplier explains, over the length of the merit's gradient."""
     conflict: Conflict | None
     """Why nothing is feasible; None where something is."""
     searches: tuple[Search, ...]
@@ -178,10 +161,8 @@ class Answer:
     def loose(self) -> dict[str, tuple[float, float]]:
         """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
         designs = [self.problem.named(s.unit) for s in self.equals]
-        ends = {
-            v.name: (min(d[v.name] for d in designs), max(d[v.name] for d in designs))
-            for v in (self.problem.variables if designs else ())
-        }
+        values = {name: [design[name] for design in designs] for name in (self.problem.variables if designs else ())}
+        ends = {name: (min(each), max(each)) for name, each in values.items()}
         return {name: (low, high) for name, (low, high) in ends.items() if high - low > LOOSE * max(abs(high), 1e-12)}
 
     def variables(self) -> dict[str, float]:
@@ -198,9 +179,8 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
     began = time.monotonic()
     deadline = began + settings.seconds
     starts = _starts(problem, settings)
-    if problem.order == "weighted" or len(problem.goals) == 1:
-        answer = _solve(problem, settings, deadline, tell, starts)
-        return replace(answer, seconds=time.monotonic() - began)
+    if problem.order == "weighted":
+        return replace(_solve(problem, settings, deadline, tell, starts), seconds=time.monotonic() - began)
     stages: list[Stage] = []
     current, spent = replace(problem, order="weighted"), 0
     for number, goal in enumerate(problem.goals, 1):
@@ -212,10 +192,8 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
         if not answer.feasible:
             break
         value = answer.number(goal)
-        give = problem.slack * (abs(value) if goal.quantity.positive else current.goal_scale(0))
-        held = goal.held(value + goal.sign * give)
-        limit = "" if last else f"{goal.label} {'<=' if goal.sign > 0 else '>='} {value + goal.sign * give:.6g}"
-        stages.append(Stage(goal.label, value, limit))
+        held = goal.held(value + goal.sign * problem.slack * _goal_per_merit(current, answer.unit))
+        stages.append(Stage(goal.label, value, "" if last else str(held)))
         starts = [answer.unit, *starts]
         if not last:
             current = replace(current, constraints=(*current.constraints, held))
@@ -224,14 +202,13 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
     """Where searches start: as given, not clipped, so that a start outside its bounds can be told; Sobol points."""
-    first = []
-    if any(v.start is not None for v in problem.variables):
-        units = [
-            0.5 if v.start is None else -0.01 if v.start < v.low else 1.01 if v.start > v.high else v.unit(v.start)
-            for v in problem.variables
-        ]
-        first = [np.array(units)]
-    return [*first, *sobol_units(problem.n, settings.starts, settings.seed)]
+    bounds = problem.variables.values()
+    first = [
+        0.5 if v.start is None else -0.01 if v.start < v.min else 1.01 if v.start > v.max else v.unit(v.start)
+        for v in bounds
+    ]
+    given = [np.array(first)] if any(v.start is not None for v in bounds) else []
+    return [*given, *sobol_units(problem.n, settings.starts, settings.seed)]
 
 
 def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Tell, starts: Sequence[Array]) -> Answer:
@@ -240,10 +217,12 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         if searches and time.monotonic() > deadline:
             break
         tell(f"start {number} of {len(starts)}")
-        searches.append(_search(problem, start, deadline, settings))
+        searches.append(search(problem.vector, start, deadline, settings.evaluations, settings.tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
+    notes = _notes(searches, len(starts))
     checks: list[Check] = []
-    for name in _checkers(settings):
+    wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
+    for name in (name for name, asked in wanted.items() if asked):
         if time.monotonic() > deadline:
             break
         tell(f"checking with {name}")
@@ -253,7 +232,7 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = search(problem, best.unit, deadline, settings.evaluations)
+        polished = search(problem.vector, best.unit, deadline, settings.evaluations)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
@@ -262,11 +241,12 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         conflict = explain(problem, points, deadline, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
         if conflict.feasible_after_all:
-            again = search(problem, conflict.unit, deadline, settings.evaluations)
+            again = search(problem.vector, conflict.unit, deadline, settings.evaluations)
             if again.feasible:
                 searches.append(again)
                 best, conflict = again, None
     feasible = best.feasible and conflict is None
+    active, residual = conditions(problem, best.unit) if feasible else ((), 0.0)
     return Answer(
         problem=problem,
         asked=problem,
@@ -274,7 +254,8 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         merit=best.merit,
         violation=best.violation,
         feasible=feasible,
-        conditions=conditions(problem, best.unit) if feasible else None,
+        active=active,
+        residual=residual,
         conflict=conflict,
         searches=tuple(searches),
         checks=tuple(checks),
@@ -282,35 +263,21 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         gradient_error=gradient_error(problem.vector, best.unit),
         evaluations=sum(s.evaluations for s in searches) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
-        notes=tuple(_notes(searches, len(starts))),
+        notes=tuple(notes),
         agree=settings.agree,
         gained=gained,
     )
 
 
-def _search(problem: DesignProblem, start: Array, deadline: float, settings: Settings) -> Search:
-    """A local search, as thorough as the accuracy asks for."""
-    polish = settings.accuracy is None
-    return search(problem, start, deadline, settings.evaluations, polish=polish, tolerance=settings.tolerance)
-
-
-def _checkers(settings: Settings) -> list[Global]:
-    asked: tuple[tuple[Global, bool], ...] = (("crs2", settings.check), ("isres", settings.isres))
-    return [name for name, wanted in asked if wanted]
-
-
 def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: float, best: Search) -> Check:
-    known = conditions(problem, best.unit).active if best.feasible else ()
+    known = conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
-    guard = Guard(problem, deadline)
-    ftol = max(GLOBAL_FTOL, settings.tolerance)
-    unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
-    if name == "isres" and guard.unit is not None:
-        unit = guard.unit  # it minimises no penalty: its best point is the best feasible one
-    polished = _search(problem, unit, deadline, settings)
+    guard = Guard(problem.vector, deadline)
+    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
+    polished = search(problem.vector, unit, deadline, settings.evaluations, settings.tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
-    merit = guard.merit if guard.feasible else None
-    return Check(solver, guard.evaluations, merit, polished, settings.agree)
+    return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished, settings.agree)
 
 
 def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
@@ -325,47 +292,41 @@ def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
     return notes
 
 
-def conditions(problem: DesignProblem, unit: Array) -> Conditions:
-    """Active limits and their multipliers, by non-negative least squares on the gradients."""
+def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
+    """Limits that a point rests on, hardest first, by non-negative least squares on the gradients.
+
+    Beside it the length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum.
+    """
     from scipy.optimize import nnls
 
     values, jacobian = value_and_jacobian(problem.vector, unit)
-    slope, rows = jacobian[0], values[1:]
     columns: list[Array] = []
     limits: list[tuple[str, str, float]] = []
-    for number, row in enumerate(problem.rows):
-        equal = row.side == "equal"
-        if row.constraint < 0 or (rows[number] < -TOUCHING and not equal):
-            continue
-        kind = problem.constraints[row.constraint].quantity.unit
-        for sign in (1.0, -1.0) if equal else (1.0,):
-            columns.append(sign * jacobian[1 + number])
-            limits.append((row.label, kind, row.size))
-    for i, variable in enumerate(problem.variables):
-        if variable.high == variable.low or TOUCHING <= unit[i] <= 1 - TOUCHING:
-            continue
-        upper = unit[i] > 0.5
-        columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
-        words = f"<= {variable.high:.6g} mm" if upper else f">= {variable.low:.6g} mm"
-        limits.append((f"{variable.name} {words}", "mm", variable.rate(float(unit[i]))))
-    length = float(np.linalg.norm(slope))
+    for row, value, slope in zip(problem.rows, values[1:], jacobian[1:], strict=True):
+        if row.constraint >= 0 and value >= -TOUCHING:
+            columns.append(slope)
+            limits.append((row.label, problem.constraints[row.constraint].quantity.unit, row.size))
+    for i, (name, variable) in enumerate(problem.variables.items()):
+        if variable.max > variable.min and not TOUCHING <= unit[i] <= 1 - TOUCHING:
+            upper = unit[i] > 0.5
+            columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
+            limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i]))))
+    length = float(np.linalg.norm(jacobian[0]))
     if not columns:
-        return Conditions((), 1.0 if length > 1e-6 else 0.0)
-    per_merit = _goal_per_merit(problem, unit)
-    multipliers, residual = nnls(np.stack(columns, axis=1), -slope)
+        return (), 1.0 if length > 1e-6 else 0.0
+    per_merit = _goal_per_merit(problem, unit) if len(problem.goals) == 1 else None
+    multipliers, residual = nnls(np.stack(columns, axis=1), -jacobian[0])
     merged: dict[str, Active] = {}
     for (label, kind, size), multiplier in zip(limits, multipliers.tolist(), strict=True):
         gain = multiplier / size
         if label not in merged or multiplier > merged[label].multiplier:
             merged[label] = Active(label, kind, multiplier, gain, None if per_merit is None else gain * per_merit)
     order = sorted(merged.values(), key=lambda a: -a.multiplier)
-    return Conditions(tuple(order), float(residual) / max(length, 1e-12))
+    return tuple(order), float(residual) / max(length, 1e-12)
 
 
-def _goal_per_merit(problem: DesignProblem, unit: Array) -> float | None:
+def _goal_per_merit(problem: DesignProblem, unit: Array) -> float:
     """How much a single goal changes where the merit changes by 1."""
-    if len(problem.goals) != 1:
-        return None
     goal = problem.goals[0]
     return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ..calibration import CapturePlan
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
-    from ..optimization.run import Result
+    from ..optimization.study import Result
     from ..tolerancing.result import StudyResult
 
 FACTS = (18, 15, 0)

@@ -9,8 +9,8 @@ from ..optimization.conflicts import Conflict
 from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
-from ..optimization.run import Result
 from ..optimization.solve import Answer, optimum_accuracy
+from ..optimization.study import Result
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from .study_figures import optimisation_pictures
@@ -114,7 +114,6 @@ def _about_front(front: Front) -> Iterator[Statement]:
 
 
 def _agreement(answer: Answer) -> Statement:
-    worst = answer.conditions.residual if answer.conditions is not None else 0.0
     text = (
         f"{answer.same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
         f"{answer.evaluations} evaluations"
@@ -122,11 +121,12 @@ def _agreement(answer: Answer) -> Statement:
     doubts = [check.solver for check in answer.checks if not check.agrees(answer.merit)]
     if answer.checks and not doubts:
         text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
-    if answer.same > 1 and worst < 1e-4 and not doubts:
+    if answer.same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
     remedy = "Give more starts." if answer.same <= 1 else ""
-    if worst >= 1e-4:
-        remedy += f" First-order conditions hold only to {worst:.1g}: the goals have a kink here, or a bound is missed."
+    if answer.residual >= 1e-4:
+        only = f"{answer.residual:.1g}: the goals have a kink here, or a bound is missed"
+        remedy += f" First-order conditions hold only to {only}."
     return Statement("caution", f"{text}.", remedy.strip())
 
 
@@ -171,7 +171,7 @@ def _tables(result: Result) -> Iterator[Table]:
     answer = result.answer
     yield _variables(result)
     yield _held(answer)
-    if answer.conditions is not None and answer.conditions.active:
+    if answer.active:
         yield _active(answer)
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
@@ -188,11 +188,11 @@ def _variables(result: Result) -> Table:
     moved = {} if robust is None else answer.problem.named(robust.unit)
     rows = tuple(
         (
-            variable.name,
-            *(f"{value:.5g}" for value in (variable.low, values[variable.name], variable.high)),
-            *(() if robust is None else (f"{moved[variable.name]:.5g}",)),
+            name,
+            *(f"{value:.5g}" for value in (variable.min, values[name], variable.max)),
+            *(() if robust is None else (f"{moved[name]:.5g}",)),
         )
-        for variable in answer.problem.variables
+        for name, variable in answer.problem.variables.items()
     )
     heads = ("variable", "from [mm]", "value [mm]", "to [mm]", *(() if robust is None else ("robust [mm]",)))
     title = "The design" if answer.feasible else "The least-violating point"
@@ -205,7 +205,7 @@ def _held(answer: Answer) -> Table:
     parts: list[Goal | Constraint] = [goal for goal in answer.asked.goals if goal.label not in limited]
     rows = []
     for part in [*parts, *answer.asked.constraints]:
-        limits = (part.low, part.high) if isinstance(part, Constraint) else (None, None)
+        limits = (part.min, part.max) if isinstance(part, Constraint) else (None, None)
         low, high = ("" if limit is None else f"{limit:.6g}" for limit in limits)
         value = number(answer.number(part), zero=1e-9)
         rows.append((part.label, low, value, high, part.quantity.unit, wanted.get(part.label, "")))
@@ -213,10 +213,9 @@ def _held(answer: Answer) -> Table:
 
 
 def _active(answer: Answer) -> Table:
-    assert answer.conditions is not None
     single = len(answer.problem.goals) == 1
     rows = []
-    for active in answer.conditions.active:
+    for active in answer.active:
         fine = active.unit == "mm" and active.merit_gain_per_unit > 1
         per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
         size = 1e-3 if fine else 1.0
@@ -253,10 +252,10 @@ def _parts(ranking: Ranking) -> Table:
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append((str(place), *names, *goals, *(f"{values[v.name]:.5g}" for v in own.variables)))
+        rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
     kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
     goals = [_headed(goal) for goal in problem.goals]
-    heads = ("", *kinds, *goals, *(f"{v.name} [mm]" for v in problem.variables))
+    heads = ("", *kinds, *goals, *(f"{name} [mm]" for name in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
 

@@ -39,7 +39,7 @@ from ..design import Design, preset_names
 from ..design.files import load_beside
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
-from ..optimization.run import designs
+from ..optimization.study import designs
 from ..tolerancing.study import StrictTable
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Paragraph, Report, Section, Statements
@@ -49,7 +49,7 @@ from .optimization import optimization_section, statements
 from .studies import Tell, quick_tolerances, run_optimisation, run_tolerances
 
 if TYPE_CHECKING:
-    from ..optimization.run import Result
+    from ..optimization.study import Result
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..evaluation import default_fields
-from ..optimization.run import run
 from ..optimization.study import read_study as read_optimisation
+from ..optimization.study import run
 from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import make_plan, read_study
 
 if TYPE_CHECKING:
     from ..design import Design
-    from ..optimization.run import Result
+    from ..optimization.study import Result
     from ..tolerancing.places import Grades
     from ..tolerancing.result import StudyResult
     from ..tolerancing.study import Study

@@ -11,7 +11,7 @@ from ..calibration.datasheet import UNITS
 from ..calibration.result import Outcome
 from ..optimization.pareto import Front
 from ..optimization.problem import Goal
-from ..optimization.run import Result
+from ..optimization.study import Result
 from ..pictures import calibration
 from ..pictures.optimise import bore_and_stop, goal_front, robust_yields
 from ..pictures.picture import Picture

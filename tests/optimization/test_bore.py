@@ -66,7 +66,7 @@ def test_no_stop_nearby_does_better():
     found = reduce_bore(PAPER, tube)
     for diameter in np.linspace(0.9, 1.1, 9) * found.diameter:
         for distance in np.linspace(60, 120, 13):
-            other = judge_pupil(PAPER, tube, (float(diameter), float(distance)))
+            other = judge_pupil(PAPER, tube, float(diameter), float(distance))
             assert other.worst_misplaced >= found.worst_misplaced - 1e-6
 
 

@@ -19,7 +19,7 @@ RELATIVE = 1e-6
 def optima(problem):
     """Variables at the ends of searches from twenty starts."""
     for start in np.random.default_rng(11).random((20, problem.n)):
-        found = search(problem, start)
+        found = search(problem.vector, start)
         assert found.feasible
         yield problem.named(found.unit)
 
@@ -104,7 +104,7 @@ def test_six_variables_no_worse_than_brute_force():
     assert answer.same >= 6
     assert all(check.agrees(answer.merit) for check in answer.checks)
     assert answer.checks[0].polished.merit == pytest.approx(answer.merit, abs=1e-6)
-    assert answer.conditions.residual < 1e-6
+    assert answer.residual < 1e-6
 
 
 def test_lexicographic_order_holds_what_came_first():
@@ -122,14 +122,14 @@ def test_multipliers_say_what_a_relaxed_limit_buys():
     answer = solve(one, Settings(starts=6, check=False))
     before, checked = answer.number(DEPTH), 0
     for index, held in enumerate(one.constraints):
-        rows = [a for a in answer.conditions.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
+        rows = [a for a in answer.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
         if not rows:
             continue
         lower = ">=" in rows[0].limit
-        step = 1e-4 * abs(held.low if lower else held.high)
-        moved = replace(held, low=held.low - step) if lower else replace(held, high=held.high + step)
+        step = 1e-4 * abs(held.min if lower else held.max)
+        moved = held.model_copy(update={"min": held.min - step} if lower else {"max": held.max + step})
         relaxed = replace(one, constraints=(*one.constraints[:index], moved, *one.constraints[index + 1 :]))
-        gain = before - relaxed.number(DEPTH, search(relaxed, answer.unit).unit)
+        gain = before - relaxed.number(DEPTH, search(relaxed.vector, answer.unit).unit)
         # First order: off by the curvature over a step of 1e-4.
         assert gain / step == pytest.approx(rows[0].goal_gain_per_unit, rel=2e-3)
         checked += 1
@@ -164,7 +164,7 @@ def refused():
 
 def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert not refused.feasible
-    assert refused.conditions is None
+    assert refused.active == ()
     assert refused.violation > 0.1
     assert refused.conflict.violations
     assert refused.conflict.complete
@@ -178,9 +178,9 @@ def relaxed(relaxation, needed):
     """The problem with the limit moved that a relaxation names."""
     changed = []
     for held in IMPOSSIBLE.constraints:
-        for side in held.sides:
+        for side in held.limits:
             if relaxation.label == f"{held.label} {SIGNS[side]}":
-                held = replace(held, **{"low" if side == "min" else "high": needed})
+                held = held.model_copy(update={side: needed})
         changed.append(held)
     return replace(IMPOSSIBLE, constraints=tuple(changed))
 
