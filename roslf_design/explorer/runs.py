@@ -538,4 +538,5 @@ def _part_done(text: str) -> float | None:
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:
-    return () if result.front is None else tuple((p.values[0], p.values[1]) for p in result.front.points)
+    points = () if result.front is None else result.front.points
+    return tuple((first, second) for first, second, *_ in (point.goals.values() for point in points))

@@ -74,28 +74,31 @@ class BoreTable(StrictTable):
 class EquivalentPupil:
     """One stop in place of a bore."""
 
-    diameter: float
-    """D_F [mm]."""
-    distance: float
-    """d_3 [mm]."""
-    field_mm: Array
-    """Microlens positions that were compared, along the diagonal [mm]."""
+    pupil_diameter_mm: float
+    """D_F."""
+    pupil_distance_mm: float
+    """d_3."""
+    fields_mm: Array
+    """Microlens positions that were compared, along the diagonal."""
     kept_bore: Array
     """Light through bore and main lens, over that of the unclipped equivalent pupil; may be above 1."""
     kept_pupil: Array
     """The same through the equivalent pupil and the main lens."""
     misplaced: Array
     """Share of the pupil's light that one lets through and the other does not."""
+    worst_kept_difference: float
+    """Largest difference of kept fractions over the field."""
+    worst_misplaced: float
+    """Largest share on the wrong side; never below the difference of kept fractions."""
+    passes: int = 1
+    """How many times the bore was reduced, each for the optimum behind the last pupil."""
+    settled: bool = False
+    """Whether another reduction would change nothing."""
 
     @property
-    def worst_kept_difference(self) -> float:
-        """Largest difference of kept fractions over the field."""
-        return float(np.abs(self.kept_bore - self.kept_pupil).max())
-
-    @property
-    def worst_misplaced(self) -> float:
-        """Largest share on the wrong side; never below the difference of kept fractions."""
-        return float(self.misplaced.max())
+    def stop(self) -> tuple[float, float]:
+        """Diameter and distance [mm]."""
+        return self.pupil_diameter_mm, self.pupil_distance_mm
 
     @property
     def cost(self) -> tuple[float, float]:
@@ -104,19 +107,8 @@ class EquivalentPupil:
 
     def close_to(self, other: EquivalentPupil) -> bool:
         """Whether both are the same stop."""
-        size = max(self.distance, self.diameter)
-        narrower = abs(self.diameter - other.diameter) <= SETTLED * self.diameter
-        return narrower and abs(self.distance - other.distance) <= SETTLED * size
-
-
-@dataclass(frozen=True)
-class Bore:
-    """What stands for the bore."""
-
-    pupil: EquivalentPupil
-    passes: int
-    settled: bool
-    """Whether another reduction would change nothing."""
+        narrower, nearer = np.abs(np.subtract(self.stop, other.stop))
+        return bool(narrower <= SETTLED * self.pupil_diameter_mm and nearer <= SETTLED * max(self.stop))
 
 
 def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
@@ -145,12 +137,12 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
     if best.worst_misplaced == 0 or far == near:
         return best
     # The cost has kinks where another field becomes the worst: Nelder and Mead's simplex.
-    low, high = np.array([0.3 * best.diameter, near]), np.array([2.0 * best.diameter, far])
+    low, high = np.array([0.3 * best.stop[0], near]), np.array([2.0 * best.stop[0], far])
 
     def pupil(unit: Array) -> EquivalentPupil:
         return _judged(camera, *(low + unit * (high - low)).tolist())
 
-    start = (np.array([best.diameter, best.distance]) - low) / (high - low)
+    start = (np.array(best.stop) - low) / (high - low)
     unit, _ = derivative_free("LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, xtol=1e-7, evaluations=400)
     return min(best, pupil(unit), key=lambda each: each.cost)
 
@@ -174,43 +166,47 @@ def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
         intersect(centres[:, some], radii[:, some]).area / whole for some in (slice(2), slice(1, None), slice(None))
     )
     misplaced = np.maximum(pupil - both, 0.0) + np.maximum(through - both, 0.0)
-    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced)
+    worst = float(np.abs(through - pupil).max()), float(misplaced.max())
+    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *worst)
 
 
-def solve_through(problem: DesignProblem, rims: Sequence[Stop], settings: Settings, tell: Tell) -> tuple[Answer, Bore]:
+def solve_through(
+    problem: DesignProblem, rims: Sequence[Stop], settings: Settings, tell: Tell
+) -> tuple[Answer, EquivalentPupil]:
     """The best design behind the bore's equivalent pupil, for the field and focus that the optimum itself has.
 
     Which stop stands for the bore depends on the optimum, and the optimum on the stop: they are found in turn until
     they agree. Where they go round in circles, the stop counts that suits its own optimum best.
     """
     quick = settings.model_copy(update={"starts": min(4, settings.starts), "check": False, "isres": False})
-    tried: list[Bore] = []
+    tried: list[EquivalentPupil] = []
     pupil = reduce_bore(problem.design, rims)
     for number in range(1, PASSES + 1):
         tell(f"reducing the bore, pass {number}")
-        posed = _with_pupil(problem, pupil)
+        posed = _behind_pupil(problem, pupil)
         try:
             optimum = posed.design_at(solve(posed, quick, tell).unit)
             after = reduce_bore(optimum, rims)
         except InputError:
             break  # what was found is no design, or focuses inside the bore
         settled = after.close_to(pupil)
-        tried.append(Bore(judge_pupil(optimum, rims, pupil.diameter, pupil.distance), number, settled))
-        if settled or any(after.close_to(earlier.pupil) for earlier in tried):
+        tried.append(replace(judge_pupil(optimum, rims, *pupil.stop), passes=number, settled=settled))
+        if settled or any(after.close_to(earlier) for earlier in tried):
             break
         pupil = after
-    tried = tried or [Bore(pupil, 1, False)]
-    best = tried[-1] if tried[-1].settled else min(tried, key=lambda bore: bore.pupil.worst_misplaced)
-    answer = solve(_with_pupil(problem, best.pupil), settings, tell)
+    tried = tried or [pupil]
+    best = tried[-1] if tried[-1].settled else min(tried, key=lambda pupil: pupil.worst_misplaced)
+    answer = solve(_behind_pupil(problem, best), settings, tell)
     try:
         design = answer.problem.design_at(answer.unit)
     except InputError:
         return answer, best
     if design.d_f > max(rim.distance for rim in rims):
-        best = replace(best, pupil=judge_pupil(design, rims, best.pupil.diameter, best.pupil.distance))
+        own = judge_pupil(design, rims, *best.stop)
+        best = replace(own, passes=best.passes, settled=best.settled)
     return answer, best
 
 
-def _with_pupil(problem: DesignProblem, pupil: EquivalentPupil) -> DesignProblem:
-    stop = {"aperture.diameter": pupil.diameter, "aperture.distance": pupil.distance}
+def _behind_pupil(problem: DesignProblem, pupil: EquivalentPupil) -> DesignProblem:
+    stop = dict(zip(("aperture.diameter", "aperture.distance"), pupil.stop, strict=True))
     return replace(problem, given={**problem.given, **stop})

@@ -37,9 +37,9 @@ class ParetoTable(StrictTable):
 class FrontPoint:
     """One design of a front."""
 
-    unit: Array
-    values: tuple[float, ...]
-    """Of the front's goals, in their order and units."""
+    goals: dict[str, float]
+    """Label to value, in the order of the front's goals."""
+    variables_mm: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,13 @@ class Front:
     """Designs of which none is better in every goal."""
 
     goals: tuple[Goal, ...]
-    points: tuple[FrontPoint, ...]
+    points: tuple[FrontPoint, ...] = ()
     """In the order of the first limited goal."""
-    failed: int
-    """Limits at which no feasible design was found."""
-    dominated: int
+    limits_without_design: int = 1
+    dominated: int = 0
     """Designs left out since another was better in every goal."""
-    evaluations: int
-    complete: bool
+    evaluations: int = 0
+    complete: bool = False
     """Whether all limits were tried before the time was up."""
 
 
@@ -81,39 +80,35 @@ def pareto_front(
     deadline : float
         On the monotonic clock [s].
     """
-    designs: list[FrontPoint] = []
+    met: list[Array] = []
     spent = 0
-    fresh = [*known, *sobol_units(problem.n, STARTS, seed)]
 
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
-        posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits), order="weighted")
+        posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
         results = [search(posed.vector, start, deadline) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None
 
-    def keep(unit: Array) -> Array:
-        designs.append(FrontPoint(unit, tuple(problem.number(goal, unit) for goal in goals)))
-        return unit
+    def values(units: Sequence[Array]) -> Array:
+        return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
 
-    ends = []
     for number, goal in enumerate(goals):
         tell(f"front: end {number + 1} of {len(goals)}")
-        end = best_of(goal, (), fresh)
+        end = best_of(goal, (), [*known, *sobol_units(problem.n, STARTS, seed)])
         if end is None:
-            return Front(tuple(goals), (), 1, 0, spent, False)
+            return Front(tuple(goals), evaluations=spent)
         if number:
             # Of designs equally good in this goal, the one that is best in the first.
             value = problem.number(goal, end)
             refined = best_of(goals[0], [goal.held(value + goal.sign * HAIR * abs(value))], [end])
             end = end if refined is None else refined
-        ends.append(keep(end))
-    payoff = np.array([point.values for point in designs])
+        met.append(end)
+    ends, payoff = list(met), values(met)
     ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
     grid = [limits[::-1] for limits in product(*ladders[::-1])]
-    failed, complete = 0, True
-    warm = ends[0]
+    failed, complete, warm = 0, True, ends[0]
     for number, limits in enumerate(grid, 1):
         if time.monotonic() > deadline:
             complete = False
@@ -128,9 +123,15 @@ def pareto_front(
         if best is None:
             failed += 1
         else:
-            warm = keep(best)
-    undominated = _undominated(designs, goals)
-    return Front(tuple(goals), undominated, failed, len(designs) - len(undominated), spent, complete)
+            warm = best
+            met.append(best)
+    reached = values(met)
+    labels = [goal.label for goal in goals]
+    front = tuple(
+        FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
+        for i in _undominated(reached * [goal.sign for goal in goals])
+    )
+    return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)
 
 
 def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
@@ -139,8 +140,8 @@ def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
     return list(map(float, (np.geomspace if goal.quantity.positive else np.linspace)(worst, best, count)))
 
 
-def _undominated(designs: Sequence[FrontPoint], goals: Sequence[Goal]) -> tuple[FrontPoint, ...]:
-    values = np.array([point.values for point in designs]) * [goal.sign for goal in goals]
+def _undominated(values: Array) -> list[int]:
+    """Which designs none is better than, small is good; each once, in the order of the second value."""
     tiny = 1e-7 * np.maximum(np.abs(values), 1e-12)
     front: list[int] = []
     for i, own in enumerate(values):
@@ -148,4 +149,4 @@ def _undominated(designs: Sequence[FrontPoint], goals: Sequence[Goal]) -> tuple[
         twin = any(np.allclose(values[j], own, rtol=1e-6, atol=0) for j in front)
         if not better.any() and not twin:
             front.append(i)
-    return tuple(designs[i] for i in sorted(front, key=lambda i: tuple(values[i][1:][::-1])))
+    return sorted(front, key=lambda i: tuple(values[i][1:][::-1]))

@@ -78,12 +78,6 @@ class Check:
     """Of its own best feasible point; None where it met none."""
     polished: Search
     """A local search from its best point."""
-    within: float = AGREE
-    """Difference of merit that does not count."""
-
-    def agrees(self, merit: float) -> bool:
-        """Whether its polished point is the answer, or no better."""
-        return not self.polished.feasible or self.polished.merit >= merit - self.within
 
 
 @dataclass(frozen=True)
@@ -138,15 +132,14 @@ class Answer:
     evaluations: int
     seconds: float
     notes: tuple[str, ...]
-    agree: float = AGREE
-    """Difference of merit within which two searches found the same."""
+    settings: Settings
     gained: float = 0.0
     """By how much the merit fell when the best was polished once more: what the searches had left."""
 
     @property
     def equals(self) -> tuple[Search, ...]:
         """Searches that ended at the answer, or equally good."""
-        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.agree)
+        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.settings.agree)
 
     @property
     def same(self) -> int:
@@ -157,6 +150,10 @@ class Answer:
     def reached(self) -> int:
         """How many starts ended at a feasible point."""
         return sum(s.feasible for s in self.searches)
+
+    def agrees(self, check: Check) -> bool:
+        """Whether another solver's polished point is the answer, or no better."""
+        return not check.polished.feasible or check.polished.merit >= self.merit - self.settings.agree
 
     def loose(self) -> dict[str, tuple[float, float]]:
         """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
@@ -179,7 +176,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
     began = time.monotonic()
     deadline = began + settings.seconds
     starts = _starts(problem, settings)
-    if problem.order == "weighted":
+    if problem.order == "weighted" or len(problem.goals) == 1:
         return replace(_solve(problem, settings, deadline, tell, starts), seconds=time.monotonic() - began)
     stages: list[Stage] = []
     current, spent = replace(problem, order="weighted"), 0
@@ -264,7 +261,7 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         evaluations=sum(s.evaluations for s in searches) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
         notes=tuple(notes),
-        agree=settings.agree,
+        settings=settings,
         gained=gained,
     )
 
@@ -277,7 +274,7 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: f
     unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
     polished = search(problem.vector, unit, deadline, settings.evaluations, settings.tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
-    return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished, settings.agree)
+    return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
 
 def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
@@ -331,19 +328,19 @@ def _goal_per_merit(problem: DesignProblem, unit: Array) -> float:
     return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
 
 
-def optimum_accuracy(answer: Answer, settings: Settings, seconds: float | None = None) -> Accuracy | None:
+def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy | None:
     """Method, expected and measured error of an answer's merit; None where no design was found."""
     if not answer.feasible:
         return None
-    checks = ", ".join(check.solver for check in answer.checks)
-    method = f"SLSQP from {len(answer.searches)} starts to {settings.tolerance:g}, the best polished"
+    asked, checks = answer.settings.accuracy, ", ".join(check.solver for check in answer.checks)
+    method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
     return Accuracy(
         "merit of the optimum (0.01: 1 % of a goal)",
         method + (f"; checked by {checks}" if checks else ""),
-        AGREE if settings.accuracy is None else settings.accuracy,
+        AGREE if asked is None else asked,
         answer.gained,
         "what one more search gained",
-        settings.accuracy,
+        asked,
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
     )

@@ -22,7 +22,7 @@ from ..json_data import plain
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
-from .bore import Bore, BoreTable, solve_through
+from .bore import BoreTable, EquivalentPupil, solve_through
 from .conflicts import Conflict
 from .pareto import Front, ParetoTable, pareto_front
 from .parts import given_by, load_catalogue
@@ -193,7 +193,7 @@ class Result:
 
     study: OptimizeStudy
     answer: Answer
-    bore: Bore | None
+    bore: EquivalentPupil | None
     front: Front | None
     robust: Robust | None
     scatter: Scatter | None
@@ -264,7 +264,7 @@ def designs(result: Result) -> Iterator[tuple[str, Design]]:
 def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
     """The study's results as one JSON object, what is not finite null; without timings the same bytes every time."""
     answer = result.answer
-    accuracy = optimum_accuracy(answer, result.study.settings, result.seconds)
+    accuracy = optimum_accuracy(answer, result.seconds)
     data: dict[str, Any] = {
         "schema": SCHEMA,
         "study": answer.asked.name,
@@ -280,8 +280,8 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "trust": _trust(answer),
         "stages": answer.stages,
         "infeasible": None if answer.conflict is None else _conflict(answer.conflict),
-        "bore": None if result.bore is None else _bore(result.bore),
-        "front": None if result.front is None else _front(result.front, answer),
+        "bore": result.bore,
+        "front": None if result.front is None else _front(result.front),
         "robust": _robust(result),
         "catalogue": None if result.ranking is None else _ranking(result.ranking, timings),
         "loose_variables_mm": answer.loose(),
@@ -313,7 +313,7 @@ def _trust(answer: Answer) -> dict[str, Any]:
                 "evaluations": check.evaluations,
                 "merit": check.merit,
                 "merit_polished": check.polished.merit if check.polished.feasible else None,
-                "agrees": check.agrees(answer.merit),
+                "agrees": answer.agrees(check),
             }
             for check in answer.checks
         ],
@@ -333,36 +333,9 @@ def _conflict(conflict: Conflict) -> dict[str, Any]:
     }
 
 
-def _bore(bore: Bore) -> dict[str, Any]:
-    return {
-        "pupil_diameter_mm": bore.pupil.diameter,
-        "pupil_distance_mm": bore.pupil.distance,
-        "worst_kept_difference": bore.pupil.worst_kept_difference,
-        "worst_misplaced": bore.pupil.worst_misplaced,
-        "fields_mm": bore.pupil.field_mm,
-        "kept_bore": bore.pupil.kept_bore,
-        "kept_pupil": bore.pupil.kept_pupil,
-        "passes": bore.passes,
-        "settled": bore.settled,
-    }
-
-
-def _front(front: Front, answer: Answer) -> dict[str, Any]:
-    labels = [goal.label for goal in front.goals]
-    return {
-        "goals": [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals],
-        "points": [
-            {
-                "goals": dict(zip(labels, point.values, strict=True)),
-                "variables_mm": answer.problem.named(point.unit),
-            }
-            for point in front.points
-        ],
-        "limits_without_design": front.failed,
-        "dominated": front.dominated,
-        "evaluations": front.evaluations,
-        "complete": front.complete,
-    }
+def _front(front: Front) -> dict[str, Any]:
+    goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals]
+    return {**plain(front), "goals": goals}
 
 
 def _robust(result: Result) -> dict[str, Any] | None:

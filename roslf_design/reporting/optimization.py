@@ -78,7 +78,7 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     reached = ", ".join(f"{goal.label} = {number(answer.number(goal))}{_unit(goal)}" for goal in answer.asked.goals)
     yield Statement("good", f"A design holds every limit; best found: {reached}.")
     yield _agreement(answer)
-    accuracy = optimum_accuracy(answer, result.study.settings)
+    accuracy = optimum_accuracy(answer)
     if accuracy is not None and accuracy.asked is not None:
         yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
     loose = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in answer.loose().items())
@@ -118,7 +118,7 @@ def _agreement(answer: Answer) -> Statement:
         f"{answer.same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
         f"{answer.evaluations} evaluations"
     )
-    doubts = [check.solver for check in answer.checks if not check.agrees(answer.merit)]
+    doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
         text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
     if answer.same > 1 and answer.residual < 1e-4 and not doubts:
@@ -131,18 +131,18 @@ def _agreement(answer: Answer) -> Statement:
 
 
 def _about_bore(result: Result) -> Statement:
-    assert result.bore is not None
-    pupil = result.bore.pupil
+    pupil = result.bore
+    assert pupil is not None
     text = (
-        f"The bore acts as one stop of {pupil.diameter:.4g} mm at {pupil.distance:.4g} mm; over the field kept "
-        f"fractions differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the "
-        "light is on the wrong side of its rim"
+        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field kept fractions "
+        f"differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the light is on "
+        "the wrong side of its rim"
     )
     good = pupil.worst_misplaced <= 0.05
     remedy = "" if good else "Check the result with every rim as a stop of the design."
-    if not result.bore.settled:
+    if not pupil.settled:
         remedy += " The stop that suits an optimum best changes with it, without end: of those tried this misled least."
-    return Statement("plain" if good and result.bore.settled else "caution", f"{text}.", remedy.strip())
+    return Statement("plain" if good and pupil.settled else "caution", f"{text}.", remedy.strip())
 
 
 def _price(result: Result) -> Statement:

@@ -132,8 +132,8 @@ def optimisation_pictures(result: Result) -> dict[str, Picture]:
     """Name to picture; empty where an optimisation has nothing to draw."""
     drawn = {}
     if result.bore is not None:
-        pupil = result.bore.pupil
-        drawn["bore"] = bore_and_stop(pupil.field_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
+        pupil = result.bore
+        drawn["bore"] = bore_and_stop(pupil.fields_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
     if result.front is not None and len(result.front.points) > 1:
         drawn["front"] = _front(result.front, result)
     if result.robust is not None:
@@ -147,7 +147,7 @@ def optimisation_pictures(result: Result) -> dict[str, Picture]:
 def _front(front: Front, result: Result) -> Picture:
     """The first goal over the second; the third, where there is one, by shade."""
     order = [1, 0, *range(2, len(front.goals))][: max(len(front.goals), 2)]
-    values = np.array([point.values for point in front.points])[:, order[:3]]
+    values = np.array([list(point.goals.values()) for point in front.points])[:, order[:3]]
     goals = [front.goals[k] for k in order[:3]]
     log = [
         goal.quantity.positive and bool(column.max() > 3 * column.min() > 0)

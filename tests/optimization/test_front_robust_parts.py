@@ -20,8 +20,8 @@ def test_front_against_its_closed_form():
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max", 150.0))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 9, [], NEVER)
     assert len(front.points) >= 8
-    assert front.failed == 0
-    sigma, field = np.array([point.values for point in front.points]).T
+    assert front.limits_without_design == 0
+    sigma, field = np.array([list(point.goals.values()) for point in front.points]).T
     assert (np.diff(sigma[np.argsort(field)]) > 0).all()
     # sigma_z = Z^2 d s/(D_F A), field = w (d_f - f)/f Z/g = w Z/A: their ratio is fixed at the widest pupil.
     width = min(PAPER.sensor_size[0], PAPER.microlens_array.size[0]) / 2
@@ -36,7 +36,7 @@ def test_three_goals_give_points_none_of_which_is_better():
     )
     problem = posed({"d_f": (200.0, 800.0), "d": (0.03, 0.2), "D_F": (1.0, 3.0)}, (), *goals)
     front = pareto_front(problem, goals, 7, [], NEVER)
-    values = np.array([point.values for point in front.points]) * np.array([1, -1, -1])
+    values = np.array([list(point.goals.values()) for point in front.points]) * np.array([1, -1, -1])
     assert len(values) >= 5
     for own in values:
         others = values[(values != own).any(axis=1)]
@@ -47,7 +47,7 @@ def test_ends_of_a_front_waste_nothing():
     """The field does not depend on D_F: the design at its end must have the widest pupil all the same."""
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max"))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 4, [], NEVER)
-    assert [point.unit[1] for point in front.points] == pytest.approx([1.0] * len(front.points), abs=1e-6)
+    assert [point.variables_mm["D_F"] for point in front.points] == pytest.approx([3.0] * len(front.points), rel=1e-6)
 
 
 TIGHT = posed(

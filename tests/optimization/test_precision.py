@@ -39,7 +39,7 @@ def test_optimum_of_a_study_is_within_what_was_asked_for():
     for accuracy in (0.3, 1e-2, 1e-5):
         settings = study.settings.model_copy(update={"accuracy": accuracy})
         answer = solve(study.problem, settings)
-        told = optimum_accuracy(answer, settings)
+        told = optimum_accuracy(answer)
         assert abs(answer.merit - best) <= told.expected_error == accuracy
         assert told.measured_error <= accuracy
         assert told.kept
@@ -50,7 +50,7 @@ def test_optimum_of_a_study_is_within_what_was_asked_for():
 def test_nothing_is_told_of_no_design():
     study = load_study(STUDY)
     answer = solve(study.problem, study.settings.model_copy(update={"starts": 1, "check": False}))
-    assert optimum_accuracy(replace(answer, feasible=False), study.settings) is None
+    assert optimum_accuracy(replace(answer, feasible=False)) is None
 
 
 def test_the_command_tells_it(tmp_path, capsys):

@@ -102,7 +102,7 @@ def test_six_variables_no_worse_than_brute_force():
     # The grid comes close enough to be a judge: within 3 % of the goals.
     assert -1e-9 <= grid - answer.merit < 0.03
     assert answer.same >= 6
-    assert all(check.agrees(answer.merit) for check in answer.checks)
+    assert all(answer.agrees(check) for check in answer.checks)
     assert answer.checks[0].polished.merit == pytest.approx(answer.merit, abs=1e-6)
     assert answer.residual < 1e-6
 
