@@ -1,10 +1,15 @@
-"""Solving a problem: many starts, a second solver as a check, and an answer that says how far to trust it."""
+"""Solving a problem: many starts, a second solver as a check, and an answer that says how far to trust it.
+
+Where nothing is feasible, why: the least-violating point, the smallest set of limits that conflict, and remedies. Where
+goals compete, a front: all but one limited, going from limit to limit, each warm-started.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import Annotated
 
 import numpy as np
@@ -13,9 +18,21 @@ from pydantic import Field
 
 from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
-from .conflicts import Conflict, explain
-from .problem import Constraint, DesignProblem, Goal, sobol_units
-from .search import FTOL, GLOBAL_FTOL, Global, Guard, Search, globally, gradient_error, search, value_and_jacobian
+from .problem import SIGNS, Constraint, DesignProblem, Goal, Side, sobol_units
+from .search import (
+    FEASIBLE,
+    FTOL,
+    GLOBAL_FTOL,
+    Global,
+    Guard,
+    Search,
+    globally,
+    gradient_error,
+    least_violation,
+    search,
+    value_and_jacobian,
+    violation_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -25,6 +42,13 @@ LOOSE = 0.01
 """Relative difference of a variable between equally good designs that is worth telling."""
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
+
+CONFLICT_STARTS = 6
+"""Of each question whether a subset of the limits can hold."""
+FRONT_STARTS = 6
+"""Fresh starts for each end of a front."""
+HAIR = 1e-6
+"""What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
 
 Tell = Callable[[str], None]
 
@@ -104,6 +128,47 @@ class Active:
     """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit."""
     goal_gain_per_unit: float | None
     """The same for a single goal, in the goal's unit: how much better it gets."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a limit is missed at the least-violating point."""
+
+    limit: str
+    """E.g. ``fill_factor <=``."""
+    value: float
+    wanted: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A limit that, moved alone, makes the whole problem feasible."""
+
+    label: str
+    limit: float
+    """As asked."""
+    needed: float | None
+    """What it would have to be; None where moving it alone does not help."""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """What stands in the way."""
+
+    unit: Array
+    """The least-violating point."""
+    violation: float
+    violations: tuple[Violation, ...] = ()
+    smallest: tuple[str, ...] = ()
+    """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
+    complete: bool = True
+    """Whether every smaller set was shown to be feasible before the time was up."""
+    relaxations: tuple[Relaxation, ...] = ()
+    bounds: tuple[str, ...] = ()
+    """Bounds of variables that the least-violating point touches: relaxing these may help too."""
+    feasible_after_all: bool = False
 
 
 @dataclass(frozen=True)
@@ -344,3 +409,239 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
     )
+
+
+def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, seed: int) -> Conflict:
+    """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
+
+    The deadline is on the monotonic clock; a few seconds more are taken where it has passed.
+    """
+    deadline = max(deadline, time.monotonic() + 10.0)
+    pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, CONFLICT_STARTS, seed + 1)])
+    unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
+    violation = violation_of(rows)
+    if violation <= FEASIBLE:
+        return Conflict(unit, 0.0, feasible_after_all=True)
+    smallest, complete = _smallest(pool, len(problem.constraints))
+    clashing = sorted(smallest)
+    return Conflict(
+        unit=unit,
+        violation=violation,
+        violations=_violations(problem, unit, rows),
+        smallest=tuple(str(problem.constraints[index]) for index in clashing),
+        complete=complete,
+        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
+        bounds=tuple(
+            f"{name} {variable.end(place > 0.5)}"
+            for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
+            if not 1e-6 <= place <= 1 - 1e-6
+        ),
+    )
+
+
+class _Pool:
+    """Points met so far, and which constraints each of them holds."""
+
+    def __init__(self, problem: DesignProblem, deadline: float, starts: Sequence[Array]) -> None:
+        self.problem, self.deadline = problem, deadline
+        self.starts = [np.clip(start, 0, 1) for start in starts]
+        self.held: list[frozenset[int]] = []
+        self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
+
+    def add(self, units: Array) -> None:
+        good = self.problem.vector(units)[1:] <= FEASIBLE
+        owner = np.array([row.constraint for row in self.problem.rows])
+        each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
+        for column in np.unique(each[:, each[0]], axis=1).T:
+            self.held.append(frozenset(np.flatnonzero(column[1:]).tolist()))
+
+    def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
+        """Least violation of some of the constraints; rows are those of the problem with only these."""
+        part = self.problem.without(keep)
+        guard = Guard(part.vector, self.deadline)
+        weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
+        unit, rows = least_violation(guard, self.starts[: 2 * CONFLICT_STARTS], weights)
+        self.add(unit[None])
+        if guard.unit is not None:
+            self.add(guard.unit[None])
+            if guard.feasible:
+                unit, rows = guard.unit, part.vector(guard.unit[None])[1:, 0]
+        return unit, rows
+
+    def possible(self, keep: frozenset[int]) -> bool:
+        """Whether some constraints can hold together, as far as searches tell."""
+        if any(keep <= held for held in self.held):
+            return True
+        _, rows = self.relaxed(keep)
+        return violation_of(rows) <= FEASIBLE
+
+    def alone(self, index: int, side: Side) -> Relaxation:
+        """What one limit would have to be, all others kept."""
+        constraint = self.problem.constraints[index]
+        soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
+        guard = Guard(self.problem.vector, self.deadline)
+        unit, rows = least_violation(guard, self.starts[: 2 * CONFLICT_STARTS], np.where(soft, 1.0, np.inf).tolist())
+        value = self.problem.number(constraint, unit)
+        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
+        label = f"{constraint.label} {SIGNS[side]}"
+        return Relaxation(label, constraint.limits[side], value if helps else None, constraint.quantity.unit)
+
+
+def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
+    """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
+    for size in range(1, count + 1):
+        for keep in combinations(range(count), size):
+            if time.monotonic() > pool.deadline:
+                return _by_deletion(pool, count), False
+            if not pool.possible(frozenset(keep)):
+                return frozenset(keep), True
+    return frozenset(range(count)), True
+
+
+def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
+    """Where time is short: leave out what the conflict does not need, one after the other."""
+    pool.deadline = time.monotonic() + 5.0
+    keep = set(range(count))
+    for index in range(count):
+        if time.monotonic() < pool.deadline and not pool.possible(frozenset(keep - {index})):
+            keep.discard(index)
+    return frozenset(keep)
+
+
+def _violations(problem: DesignProblem, unit: Array, rows: Array) -> tuple[Violation, ...]:
+    missed = {}
+    for row, over in zip(problem.rows, rows, strict=True):
+        if over <= FEASIBLE or row.constraint < 0:
+            continue
+        constraint = problem.constraints[row.constraint]
+        label, value = f"{constraint.label} {SIGNS[row.side]}", problem.number(constraint, unit)
+        missed[label] = Violation(label, value, constraint.limits[row.side], constraint.quantity.unit)
+    return tuple(missed.values())
+
+
+class ParetoTable(StrictTable):
+    """Two or three goals to trade."""
+
+    goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
+    """Names of quantities among [[goals]]."""
+    points: Annotated[int, Field(ge=3, le=100)] = 13
+    """Along each limited goal."""
+
+
+@dataclass(frozen=True)
+class FrontPoint:
+    """One design of a front."""
+
+    goals: dict[str, float]
+    """Label to value, in the order of the front's goals."""
+    variables_mm: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Front:
+    """Designs of which none is better in every goal."""
+
+    goals: tuple[Goal, ...]
+    points: tuple[FrontPoint, ...] = ()
+    """In the order of the first limited goal."""
+    limits_without_design: int = 1
+    dominated: int = 0
+    """Designs left out since another was better in every goal."""
+    evaluations: int = 0
+    complete: bool = False
+    """Whether all limits were tried before the time was up."""
+
+
+def pareto_front(
+    problem: DesignProblem,
+    goals: Sequence[Goal],
+    points: int,
+    known: Sequence[Array],
+    deadline: float,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Front:
+    """Trade two or three goals, of which the first is optimised while the others are limited.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Its own goals are not looked at.
+    goals : sequence of Goal
+    points : int
+        Limits along the second goal; of the third a third as many.
+    known : sequence of ndarray
+        Feasible points, scaled; searches start there, and from Sobol points by the seed.
+    deadline : float
+        On the monotonic clock [s].
+    """
+    met: list[Array] = []
+    spent = 0
+
+    def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
+        nonlocal spent
+        posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
+        results = [search(posed.vector, start, deadline) for start in starts]
+        spent += sum(result.evaluations for result in results)
+        feasible = [result for result in results if result.feasible]
+        return min(feasible, key=lambda result: result.merit).unit if feasible else None
+
+    def values(units: Sequence[Array]) -> Array:
+        return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
+
+    for number, goal in enumerate(goals):
+        tell(f"front: end {number + 1} of {len(goals)}")
+        end = best_of(goal, (), [*known, *sobol_units(problem.n, FRONT_STARTS, seed)])
+        if end is None:
+            return Front(tuple(goals), evaluations=spent)
+        if number:
+            # Of designs equally good in this goal, the one that is best in the first.
+            value = problem.number(goal, end)
+            refined = best_of(goals[0], [goal.held(value + goal.sign * HAIR * abs(value))], [end])
+            end = end if refined is None else refined
+        met.append(end)
+    ends, payoff = list(met), values(met)
+    ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
+    grid = [limits[::-1] for limits in product(*ladders[::-1])]
+    failed, complete, warm = 0, True, ends[0]
+    for number, limits in enumerate(grid, 1):
+        if time.monotonic() > deadline:
+            complete = False
+            break
+        tell(f"front: limit {number} of {len(grid)}")
+        if limits[0] == ladders[0][0]:
+            warm = ends[0]
+        held = [goal.held(value) for goal, value in zip(goals[1:], limits, strict=True)]
+        best = best_of(goals[0], held, [warm])
+        if best is None:
+            best = best_of(goals[0], held, ends)
+        if best is None:
+            failed += 1
+        else:
+            warm = best
+            met.append(best)
+    reached = values(met)
+    labels = [goal.label for goal in goals]
+    front = tuple(
+        FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
+        for i in _undominated(reached * [goal.sign for goal in goals])
+    )
+    return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)
+
+
+def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
+    """Limits from the worst value at another goal's end to the best, in equal ratios where ratios count."""
+    worst, best = (goal.sign * float(end) for end in ((goal.sign * values).max(), (goal.sign * values).min()))
+    return list(map(float, (np.geomspace if goal.quantity.positive else np.linspace)(worst, best, count)))
+
+
+def _undominated(values: Array) -> list[int]:
+    """Which designs none is better than, small is good; each once, in the order of the second value."""
+    tiny = 1e-7 * np.maximum(np.abs(values), 1e-12)
+    front: list[int] = []
+    for i, own in enumerate(values):
+        better = (values <= own + tiny[i]).all(axis=1) & (values < own - tiny[i]).any(axis=1)
+        twin = any(np.allclose(values[j], own, rtol=1e-6, atol=0) for j in front)
+        if not better.any() and not twin:
+            front.append(i)
+    return sorted(front, key=lambda i: tuple(values[i][1:][::-1]))

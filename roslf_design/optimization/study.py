@@ -23,13 +23,22 @@ from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
-from .conflicts import Conflict
-from .pareto import Front, ParetoTable, pareto_front
 from .parts import given_by, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
 from .robust import BuildStatistics, Robust, RobustTable, Scatter, maximise_robustness, scatter_of
-from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
+from .solve import (
+    Answer,
+    Conflict,
+    Front,
+    ParetoTable,
+    Settings,
+    SolverTable,
+    Tell,
+    optimum_accuracy,
+    pareto_front,
+    solve,
+)
 
 SCHEMA = "roslf.optimization/1"
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ..optimization.conflicts import Conflict
-from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
-from ..optimization.solve import Answer, optimum_accuracy
+from ..optimization.solve import Answer, Conflict, Front, optimum_accuracy
 from ..optimization.study import Result
 from ..words import in_words, number, sentence
 from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table

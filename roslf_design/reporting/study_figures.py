@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..calibration.datasheet import UNITS
 from ..calibration.result import Outcome
-from ..optimization.pareto import Front
 from ..optimization.problem import Goal
+from ..optimization.solve import Front
 from ..optimization.study import Result
 from ..pictures import calibration
 from ..pictures.optimise import bore_and_stop, goal_front, robust_yields

@@ -6,6 +6,40 @@ from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, V
 PAPER = roslf.load("paper")
 
 
+GOOD = """
+name = "small"
+design = "paper"
+seed = 2
+
+[variables]
+d_2 = ["0.5 mm", "9 mm"]
+D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}
+
+[[constraints]]
+quantity = "fill_factor"
+min = 0.98
+max = 1.0
+
+[[constraints]]
+quantity = "non_distortion_room_mm"
+min = "0 mm"
+
+[[goals]]
+quantity = "sigma_z_mm"
+at = "200 mm"
+direction = "min"
+
+[[goals]]
+quantity = "views_independent"
+direction = "max"
+weight = 0.1
+
+[solver]
+starts = 4
+"""
+"""A study's file."""
+
+
 def limit(name, low=None, high=None, at=None):
     return Constraint(quantity=name, min=low, max=high, at=at)
 

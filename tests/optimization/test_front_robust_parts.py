@@ -5,11 +5,11 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
-from roslf_design.optimization.pareto import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import Combinations, rank
 from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of
 from roslf_design.optimization.search import QUICK, search
+from roslf_design.optimization.solve import pareto_front
 from tests.optimization.posing import PAPER, goal, limit, posed
 
 NEVER = float("inf")
@@ -88,7 +88,6 @@ def test_robust_design_beside_the_nominal_one():
         held += 0.98 <= seen.f_number.fill_factor <= 1.0 and seen.non_distortion.room_at_corner_mm >= 0
     own = (TIGHT.rows_of(builds(TIGHT, scatter, found.unit, scatter.fresh[:, :count]), count) <= 1e-9).all(axis=0).sum()
     assert held == own
-    assert (made_robust(maximise="yield")[1].unit == found.unit).all()
 
 
 def test_what_robustness_may_cost_is_kept():
@@ -119,7 +118,7 @@ def test_perturbations_that_make_no_sense(line, said):
 @pytest.fixture(scope="module")
 def few():
     parts = load_catalogue()
-    lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:6]
+    lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:4]
     return parts.model_copy(update={"lenses": tuple(lenses), "sensors": parts.sensors[-3:]})
 
 
@@ -135,7 +134,7 @@ def test_ranking_against_every_combination_optimised(few):
     combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
     found = rank(combinations, 5, 60.0)
     assert found.open == 0
-    assert found.ruled_out + found.optimised == len(combinations) == 90
+    assert found.ruled_out + found.optimised == len(combinations) == 60
     assert found.ruled_out > 20
     every = []
     for number in range(len(combinations)):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import SIGNS
+from roslf_design.optimization.problem import SIGNS, sobol_units
 from roslf_design.optimization.search import search
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory.light import half_diagonal
@@ -96,7 +96,7 @@ def test_six_variables_no_worse_than_brute_force():
         rows = problem.vector(units)
         return rows[0], np.where(np.isfinite(rows[1:]), rows[1:], np.inf).max(axis=0)
 
-    _, grid = brute_force(evaluate, 6, 6, 14)
+    _, grid = brute_force(evaluate, 6, 6, 9)
     answer = solve(problem, Settings(starts=8))
     assert answer.feasible
     # The grid comes close enough to be a judge: within 3 % of the goals.
@@ -109,17 +109,17 @@ def test_six_variables_no_worse_than_brute_force():
 
 def test_lexicographic_order_holds_what_came_first():
     problem = scope(DEPTH, LENGTH, order="lexicographic", slack=0.02)
-    answer = solve(problem, Settings(starts=6, check=False))
+    answer = solve(problem, Settings(starts=3, check=False))
     first, last = answer.stages
     assert answer.number(DEPTH) <= first.value * (1.02 + 1e-8)
-    alone = solve(scope(DEPTH), Settings(starts=6, check=False))
+    alone = solve(scope(DEPTH), Settings(starts=3, check=False))
     assert first.value == pytest.approx(alone.number(DEPTH), rel=1e-6)
     assert last.value <= alone.number(LENGTH) * (1 + 1e-9)
 
 
 def test_multipliers_say_what_a_relaxed_limit_buys():
     one = scope(DEPTH)
-    answer = solve(one, Settings(starts=6, check=False))
+    answer = solve(one, Settings(starts=3, check=False))
     before, checked = answer.number(DEPTH), 0
     for index, held in enumerate(one.constraints):
         rows = [a for a in answer.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
@@ -157,9 +157,13 @@ IMPOSSIBLE = posed(
 )
 
 
+def can_hold(problem):
+    return any(search(problem.vector, start).feasible for start in sobol_units(problem.n, 8, 0))
+
+
 @pytest.fixture(scope="module")
 def refused():
-    return solve(IMPOSSIBLE, Settings(starts=6))
+    return solve(IMPOSSIBLE, Settings(starts=6, check=False))
 
 
 def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
@@ -171,7 +175,7 @@ def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert refused.conflict.smallest == ("field_half_diagonal_mm >= 60 mm", "sigma_z_mm <= 0.5 mm")
     # Each of the two can hold without the other, together with all the rest.
     for index in (4, 5):
-        assert solve(IMPOSSIBLE.without(frozenset(range(6)) - {index}), Settings(starts=6, check=False)).feasible
+        assert can_hold(IMPOSSIBLE.without(frozenset(range(6)) - {index}))
 
 
 def relaxed(relaxation, needed):
@@ -190,17 +194,17 @@ def test_each_relaxation_makes_it_feasible_and_less_does_not(refused):
     assert len(helpful) == 2
     for relaxation in helpful:
         share = 1 - 1e-6 if relaxation.label.endswith(">=") else 1 + 1e-6
-        assert solve(relaxed(relaxation, relaxation.needed * share), Settings(starts=8, check=False)).feasible
+        assert can_hold(relaxed(relaxation, relaxation.needed * share))
         short = relaxation.limit + 0.98 * (relaxation.needed - relaxation.limit)
-        assert not solve(relaxed(relaxation, short), Settings(starts=4)).feasible
+        assert not can_hold(relaxed(relaxation, short))
 
 
 def test_a_limit_or_a_bound_that_stands_in_the_way_alone_is_named():
-    answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2))
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2, check=False))
     assert not answer.feasible
     assert answer.conflict.smallest == ("D_F >= 5 mm",)
     assert answer.conflict.relaxations[0].needed == pytest.approx(2.9)
-    answer = solve(replace(IMPOSSIBLE, constraints=(limit("d_2", 12.0),)), Settings(starts=2))
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("d_2", 12.0),)), Settings(starts=2, check=False))
     assert answer.conflict.bounds == ("d_2 <= 10 mm",)
     assert answer.conflict.relaxations[0].needed == pytest.approx(10.0)
     assert np.isfinite(answer.unit).all()

@@ -6,38 +6,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.cli import main
-
-GOOD = """
-name = "small"
-design = "paper"
-seed = 2
-
-[variables]
-d_2 = ["0.5 mm", "9 mm"]
-D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}
-
-[[constraints]]
-quantity = "fill_factor"
-min = 0.98
-max = 1.0
-
-[[constraints]]
-quantity = "non_distortion_room_mm"
-min = "0 mm"
-
-[[goals]]
-quantity = "sigma_z_mm"
-at = "200 mm"
-direction = "min"
-
-[[goals]]
-quantity = "views_independent"
-direction = "max"
-weight = 0.1
-
-[solver]
-starts = 4
-"""
+from tests.optimization.posing import GOOD
 
 
 def run(capsys, *arguments):
