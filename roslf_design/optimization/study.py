@@ -26,7 +26,7 @@ from .bore import BoreTable, EquivalentPupil, solve_through
 from .parts import given_by, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
-from .robust import BuildStatistics, Robust, RobustTable, Scatter, maximise_robustness, scatter_of
+from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of
 from .solve import (
     Answer,
     Conflict,
@@ -205,7 +205,6 @@ class Result:
     bore: EquivalentPupil | None
     front: Front | None
     robust: Robust | None
-    scatter: Scatter | None
     ranking: Ranking | None
     seconds: float
 
@@ -245,7 +244,7 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
     if table.catalogue is not None:
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds)
         ranking = rank(combinations, table.catalogue.keep, settings.seconds, settings.seed, tell)
-    return Result(study, answer, bore, front, robust, scatter, ranking, time.monotonic() - began)
+    return Result(study, answer, bore, front, robust, ranking, time.monotonic() - began)
 
 
 def designs(result: Result) -> Iterator[tuple[str, Design]]:
@@ -348,8 +347,8 @@ def _front(front: Front) -> dict[str, Any]:
 
 
 def _robust(result: Result) -> dict[str, Any] | None:
-    robust, table, scatter = result.robust, result.study.table.robust, result.scatter
-    if robust is None or table is None or scatter is None:
+    robust, table = result.robust, result.study.table.robust
+    if robust is None or table is None:
         return None
 
     def told(builds: BuildStatistics) -> dict[str, Any]:
@@ -364,7 +363,8 @@ def _robust(result: Result) -> dict[str, Any] | None:
         "maximised": table.maximise,
         "quantile": table.quantile,
         "perturbations": [
-            {"place": p.place, "tolerance": p.tolerance, "distribution": p.distribution} for p in scatter.perturbations
+            {"place": p.place, "tolerance": p.tolerance, "distribution": p.distribution}
+            for p in robust.scatter.perturbations
         ],
         "nominal": told(robust.nominal),
         "robust": told(robust.robust),
