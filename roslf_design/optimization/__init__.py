@@ -1,7 +1,42 @@
 """Optimising designs: from a bore and what must be seen to a design and a parts list, or to what stands in the way.
 
-`study.load_study` reads a file that poses a `problem.DesignProblem` (variables, constraints, goals); `solve.solve`
-finds the best design from many starts and says how far to trust it, or names the smallest set of limits that cannot
-hold together and what would relax it. `study.run` does everything that a file asks for: reduce a bore to one stop,
-trace a front, make a design robust, choose parts.
+A study file gives a `DesignProblem` (variables, constraints, goals); `solve` finds the best design from many starts and
+says how far to trust it, or names the smallest set of limits that cannot hold together and what would relax it. `run`
+does everything that a study file asks for: reduce a bore to one stop, trace a front, make a design robust,
+choose parts.
 """
+
+from ..theory.quantities import QUANTITIES, Quantity, quantity_named
+from .bore import EquivalentPupil, reduce_bore
+from .parts import Catalogue, load_catalogue
+from .problem import Constraint, DesignProblem, Goal, Variable
+from .ranking import Combinations, Ranking, rank
+from .solve import Answer, Front, Settings, pareto_front, solve
+from .study import OptimizeStudy, Result, load_study, read_study, run
+
+__all__ = [
+    "QUANTITIES",
+    "Answer",
+    "Catalogue",
+    "Combinations",
+    "Constraint",
+    "DesignProblem",
+    "EquivalentPupil",
+    "Front",
+    "Goal",
+    "OptimizeStudy",
+    "Quantity",
+    "Ranking",
+    "Result",
+    "Settings",
+    "Variable",
+    "load_catalogue",
+    "load_study",
+    "pareto_front",
+    "quantity_named",
+    "rank",
+    "read_study",
+    "reduce_bore",
+    "run",
+    "solve",
+]

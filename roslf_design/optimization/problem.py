@@ -188,6 +188,10 @@ class Constraint(_Asked):
         given: dict[Side, float | None] = {"min": self.min, "max": self.max}
         return {side: limit for side, limit in given.items() if limit is not None}
 
+    def said(self, side: Side) -> str:
+        """A limit in words, without its number, e.g. ``fill_factor <=``."""
+        return f"{self.label} {SIGNS[side]}"
+
     def measured(self, camera: Camera) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
         if self.quantity.name == "fill_factor":
@@ -206,7 +210,7 @@ class Constraint(_Asked):
         if len(self.limits) == 2:
             return f"{self.min:.6g} <= {self.label} <= {self.with_unit(self.limits['max'])}"
         side, limit = next(iter(self.limits.items()))
-        return f"{self.label} {SIGNS[side]} {self.with_unit(limit)}"
+        return f"{self.said(side)} {self.with_unit(limit)}"
 
 
 class Goal(_Asked):

@@ -125,11 +125,6 @@ class Guard:
         """Whether the best point holds every row."""
         return self.violation <= FEASIBLE
 
-    @property
-    def seconds_left(self) -> float:
-        """Until the deadline."""
-        return self.deadline - time.monotonic()
-
 
 def violation_of(rows: Array) -> float:
     """Largest violation of the rows (without the merit), 0 where all hold."""
@@ -348,14 +343,14 @@ def search(
     guard = Guard(vector, deadline)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
-    if not guard.feasible and guard.seconds_left > 0:
+    if not guard.feasible and time.monotonic() < deadline:
         starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
         unit, _ = least_violation(guard, starts, evaluations=evaluations)
         if guard.feasible:
             slsqp(guard, unit, evaluations, tolerance)
     for _ in range(4 if polish else 0):
         before = guard.merit
-        if guard.unit is None or not guard.feasible or guard.seconds_left <= 0:
+        if guard.unit is None or not guard.feasible or time.monotonic() >= deadline:
             break
         slsqp(guard, guard.unit, evaluations)
         if before - guard.merit <= 1e-12 * max(1.0, abs(before)):

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
-from .problem import SIGNS, Constraint, DesignProblem, Goal, Side, sobol_units
+from .problem import Constraint, DesignProblem, Goal, Side, sobol_units
 from .search import (
     FEASIBLE,
     FTOL,
@@ -43,10 +43,8 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
-CONFLICT_STARTS = 6
-"""Of each question whether a subset of the limits can hold."""
-FRONT_STARTS = 6
-"""Fresh starts for each end of a front."""
+FRESH = 6
+"""Sobol points from which it is asked whether some of the limits can hold, and for the ends of a front."""
 HAIR = 1e-6
 """What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
 
@@ -205,11 +203,6 @@ class Answer:
     def equals(self) -> tuple[Search, ...]:
         """Searches that ended at the answer, or equally good."""
         return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.settings.agree)
-
-    @property
-    def same(self) -> int:
-        """How many starts ended at the answer."""
-        return len(self.equals)
 
     @property
     def reached(self) -> int:
@@ -417,17 +410,28 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
     The deadline is on the monotonic clock; a few seconds more are taken where it has passed.
     """
     deadline = max(deadline, time.monotonic() + 10.0)
-    pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, CONFLICT_STARTS, seed + 1)])
+    pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, FRESH, seed + 1)])
     unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
     violation = violation_of(rows)
     if violation <= FEASIBLE:
         return Conflict(unit, 0.0, feasible_after_all=True)
     smallest, complete = _smallest(pool, len(problem.constraints))
     clashing = sorted(smallest)
+    missed = {
+        constraint.said(row.side): Violation(
+            constraint.said(row.side),
+            problem.number(constraint, unit),
+            constraint.limits[row.side],
+            constraint.quantity.unit,
+        )
+        for row, over in zip(problem.rows, rows, strict=True)
+        if over > FEASIBLE and row.constraint >= 0
+        for constraint in [problem.constraints[row.constraint]]
+    }
     return Conflict(
         unit=unit,
         violation=violation,
-        violations=_violations(problem, unit, rows),
+        violations=tuple(missed.values()),
         smallest=tuple(str(problem.constraints[index]) for index in clashing),
         complete=complete,
         relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
@@ -460,7 +464,7 @@ class _Pool:
         part = self.problem.without(keep)
         guard = Guard(part.vector, self.deadline)
         weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
-        unit, rows = least_violation(guard, self.starts[: 2 * CONFLICT_STARTS], weights)
+        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], weights)
         self.add(unit[None])
         if guard.unit is not None:
             self.add(guard.unit[None])
@@ -480,11 +484,11 @@ class _Pool:
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
         guard = Guard(self.problem.vector, self.deadline)
-        unit, rows = least_violation(guard, self.starts[: 2 * CONFLICT_STARTS], np.where(soft, 1.0, np.inf).tolist())
+        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], np.where(soft, 1.0, np.inf).tolist())
         value = self.problem.number(constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
-        label = f"{constraint.label} {SIGNS[side]}"
-        return Relaxation(label, constraint.limits[side], value if helps else None, constraint.quantity.unit)
+        needed, unit_name = value if helps else None, constraint.quantity.unit
+        return Relaxation(constraint.said(side), constraint.limits[side], needed, unit_name)
 
 
 def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
@@ -506,17 +510,6 @@ def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
         if time.monotonic() < pool.deadline and not pool.possible(frozenset(keep - {index})):
             keep.discard(index)
     return frozenset(keep)
-
-
-def _violations(problem: DesignProblem, unit: Array, rows: Array) -> tuple[Violation, ...]:
-    missed = {}
-    for row, over in zip(problem.rows, rows, strict=True):
-        if over <= FEASIBLE or row.constraint < 0:
-            continue
-        constraint = problem.constraints[row.constraint]
-        label, value = f"{constraint.label} {SIGNS[row.side]}", problem.number(constraint, unit)
-        missed[label] = Violation(label, value, constraint.limits[row.side], constraint.quantity.unit)
-    return tuple(missed.values())
 
 
 class ParetoTable(StrictTable):
@@ -591,7 +584,7 @@ def pareto_front(
 
     for number, goal in enumerate(goals):
         tell(f"front: end {number + 1} of {len(goals)}")
-        end = best_of(goal, (), [*known, *sobol_units(problem.n, FRONT_STARTS, seed)])
+        end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH, seed)])
         if end is None:
             return Front(tuple(goals), evaluations=spent)
         if number:

@@ -312,7 +312,7 @@ def _trust(answer: Answer) -> dict[str, Any]:
         "evaluations": answer.evaluations,
         "starts": len(answer.searches),
         "starts_feasible": answer.reached,
-        "starts_at_the_answer": answer.same,
+        "starts_at_the_answer": len(answer.equals),
         "first_order_residual": answer.residual if answer.feasible else None,
         "gradient_error": answer.gradient_error,
         "checks": [

@@ -112,16 +112,17 @@ def _about_front(front: Front) -> Iterator[Statement]:
 
 
 def _agreement(answer: Answer) -> Statement:
+    same = len(answer.equals)
     text = (
-        f"{answer.same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
+        f"{same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
         f"{answer.evaluations} evaluations"
     )
     doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
         text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
-    if answer.same > 1 and answer.residual < 1e-4 and not doubts:
+    if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
-    remedy = "Give more starts." if answer.same <= 1 else ""
+    remedy = "Give more starts." if same <= 1 else ""
     if answer.residual >= 1e-4:
         only = f"{answer.residual:.1g}: the goals have a kink here, or a bound is missed"
         remedy += f" First-order conditions hold only to {only}."
