@@ -36,6 +36,7 @@ weight = 0.1
 
 [solver]
 starts = 4
+check = false
 """
 """A study's file."""
 
