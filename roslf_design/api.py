@@ -14,9 +14,8 @@ from .commands.calibrate import calibrated
 from .design import Design, load
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
-from .optimization.run import Result
-from .optimization.run import run as run_study
-from .optimization.study import load_study
+from .optimization.study import Result, load_study
+from .optimization.study import run as run_study
 from .reporting.blocks import Report
 from .reporting.design import design_report
 from .scenes import Scene, load_scene

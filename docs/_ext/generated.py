@@ -21,6 +21,7 @@ from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
+from roslf_design.optimization import bore, robust
 from roslf_design.optimization import study as optimise
 from roslf_design.reporting import story
 from roslf_design.scenes.objects import OBJECTS, TEXTURES
@@ -62,17 +63,17 @@ TOLERANCE: tuple[Table, ...] = (
 )
 OPTIMISE: tuple[Table, ...] = (
     ("The file", optimise.StudyTable),
-    ("`[variables]`, each", optimise.VariableTable),
-    ("`[[constraints]]`", optimise.ConstraintTable),
-    ("`[[goals]]`", optimise.GoalTable),
+    ("`[variables]`, each", optimise.Variable),
+    ("`[[constraints]]`", optimise.Constraint),
+    ("`[[goals]]`", optimise.Goal),
     ("`[bore]`", optimise.BoreTable),
-    ("`[bore.tube]`", optimise.TubeTable),
-    ("`[[bore.stops]]`", optimise.StopTable),
+    ("`[bore.tube]`", bore.TubeTable),
+    ("`[[bore.stops]]`", bore.StopTable),
     ("`[solver]`", optimise.SolverTable),
     ("`[pareto]`", optimise.ParetoTable),
     ("`[catalogue]`", optimise.CatalogueTable),
     ("`[robust]`", optimise.RobustTable),
-    ("`[[robust.perturb]]`", optimise.PerturbTable),
+    ("`[[robust.perturb]]`", robust.PerturbTable),
 )
 STORY: tuple[Table, ...] = (
     ("`[story]`", story.Opening),

@@ -47,7 +47,7 @@ def catalogue(
     """
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])
-    found = [row for row in rows(parts, kind or KINDS) if all(condition.holds(row) for condition in conditions)]
+    found = [row for row in rows(parts, kind or KINDS) if all(condition(row) for condition in conditions)]
     if json:
         print(json_text({"schema": "roslf.catalogue/1", "parts": found}))
         return

@@ -7,9 +7,8 @@ from pathlib import Path
 from ..accuracy.statement import check_accuracy
 from ..design import dumps
 from ..errors import InputError
-from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK
-from ..optimization.study import load_study
+from ..optimization.study import designs, load_study, run, to_dict
 from ..reporting.optimization import optimisation_pictures, optimization_report
 from ..reporting.printers import render_html
 from .terminal import Flag, Output, StatusLine, check_options, json_text, print_blocks, typed, write_files

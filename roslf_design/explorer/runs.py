@@ -15,7 +15,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..optimization.run import Result
+from ..optimization.study import Result
 from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Yields, YieldShare, ends_of
 from ..pictures.theme import short
 from ..reporting.blocks import Statement
@@ -536,4 +536,5 @@ def _part_done(text: str) -> float | None:
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:
-    return () if result.front is None else tuple((p.values[0], p.values[1]) for p in result.front.points)
+    points = () if result.front is None else result.front.points
+    return tuple((first, second) for first, second, *_ in (point.goals.values() for point in points))

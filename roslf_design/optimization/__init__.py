@@ -6,17 +6,13 @@ does everything that a study file asks for: reduce a bore to one stop, trace a f
 choose parts.
 """
 
-from __future__ import annotations
-
 from ..theory.quantities import QUANTITIES, Quantity, quantity_named
 from .bore import EquivalentPupil, reduce_bore
-from .pareto import Front, pareto_front
 from .parts import Catalogue, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable
 from .ranking import Combinations, Ranking, rank
-from .run import Result, run
-from .solve import Answer, Settings, solve
-from .study import OptimizeStudy, load_study, read_study
+from .solve import Answer, Front, Settings, pareto_front, solve
+from .study import OptimizeStudy, Result, load_study, read_study, run
 
 __all__ = [
     "QUANTITIES",

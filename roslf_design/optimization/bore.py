@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from ..camera import Camera
 from ..design import Design, Stop
@@ -20,8 +20,10 @@ from ..errors import InputError, Problem
 from ..shapes.discs import intersect
 from ..theory.light import half_diagonal
 from ..theory.stop_images import stop_discs
+from ..tolerancing.study import StrictTable
+from ..units import Distance, Length
 from .problem import DesignProblem
-from .search import simplex
+from .search import derivative_free
 from .solve import Answer, Settings, Tell, solve
 
 Array = NDArray[np.float64]
@@ -34,32 +36,69 @@ SETTLED = 1e-6
 """Relative change of D_F and d_3 at which the bore's reduction has settled."""
 
 
+class StopTable(StrictTable):
+    """One rim."""
+
+    diameter: Length
+    distance: Distance
+
+
+class TubeTable(StopTable):
+    """A straight tube."""
+
+    length: Length
+
+
+class BoreTable(StrictTable):
+    """The bore, instead of a flexible angular plane: a tube, or several stops."""
+
+    tube: TubeTable | None = None
+    stops: tuple[StopTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _one(self) -> BoreTable:
+        if (self.tube is None) == (not self.stops):
+            raise ValueError("a bore is a tube or a list of stops; give [bore.tube] or [[bore.stops]], not both")
+        return self
+
+    @property
+    def rims(self) -> tuple[Stop, ...]:
+        """Every rim; of a tube the nearer end first."""
+        if self.tube is None:
+            return tuple(Stop(diameter=stop.diameter, distance=stop.distance) for stop in self.stops)
+        ends = self.tube.distance, self.tube.distance + self.tube.length
+        return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
+
+
 @dataclass(frozen=True)
 class EquivalentPupil:
     """One stop in place of a bore."""
 
-    diameter: float
-    """D_F [mm]."""
-    distance: float
-    """d_3 [mm]."""
-    field_mm: Array
-    """Microlens positions that were compared, along the diagonal [mm]."""
+    pupil_diameter_mm: float
+    """D_F."""
+    pupil_distance_mm: float
+    """d_3."""
+    fields_mm: Array
+    """Microlens positions that were compared, along the diagonal."""
     kept_bore: Array
     """Light through bore and main lens, over that of the unclipped equivalent pupil; may be above 1."""
     kept_pupil: Array
     """The same through the equivalent pupil and the main lens."""
     misplaced: Array
     """Share of the pupil's light that one lets through and the other does not."""
+    worst_kept_difference: float
+    """Largest difference of kept fractions over the field."""
+    worst_misplaced: float
+    """Largest share on the wrong side; never below the difference of kept fractions."""
+    passes: int = 1
+    """How many times the bore was reduced, each for the optimum behind the last pupil."""
+    settled: bool = False
+    """Whether another reduction would change nothing."""
 
     @property
-    def worst_kept_difference(self) -> float:
-        """Largest difference of kept fractions over the field."""
-        return float(np.abs(self.kept_bore - self.kept_pupil).max())
-
-    @property
-    def worst_misplaced(self) -> float:
-        """Largest share on the wrong side; never below the difference of kept fractions."""
-        return float(self.misplaced.max())
+    def stop(self) -> tuple[float, float]:
+        """Diameter and distance [mm]."""
+        return self.pupil_diameter_mm, self.pupil_distance_mm
 
     @property
     def cost(self) -> tuple[float, float]:
@@ -68,19 +107,8 @@ class EquivalentPupil:
 
     def close_to(self, other: EquivalentPupil) -> bool:
         """Whether both are the same stop."""
-        size = max(self.distance, self.diameter)
-        narrower = abs(self.diameter - other.diameter) <= SETTLED * self.diameter
-        return narrower and abs(self.distance - other.distance) <= SETTLED * size
-
-
-@dataclass(frozen=True)
-class Bore:
-    """What stands for the bore."""
-
-    pupil: EquivalentPupil
-    passes: int
-    settled: bool
-    """Whether another reduction would change nothing."""
+        narrower, nearer = np.abs(np.subtract(self.stop, other.stop))
+        return bool(narrower <= SETTLED * self.pupil_diameter_mm and nearer <= SETTLED * max(self.stop))
 
 
 def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
@@ -100,87 +128,85 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
             f"a rim at {far:g} mm is not in front of the object plane ({design.d_f:g} mm): the object is in the bore"
         )
         raise InputError((Problem("bore", f"{words}; focus the base design farther out, or shorten the bore"),))
+    camera = _behind(design, rims)
     # On the axis the rim with the smallest angle seen from the focal plane is the pupil, wherever it stands.
     angle = min(rim.diameter / (design.d_f - rim.distance) for rim in rims)
     tried = [(rim.diameter, rim.distance) for rim in rims]
     tried += [(angle * (design.d_f - z), z) for z in np.linspace(near, far, 9).tolist()]
-    best = min((judge_pupil(design, rims, stop) for stop in tried), key=lambda pupil: pupil.cost)
+    best = min((_judged(camera, *stop) for stop in tried), key=lambda pupil: pupil.cost)
     if best.worst_misplaced == 0 or far == near:
         return best
-    return _refined(design, rims, best)
-
-
-def _refined(design: Design, rims: Sequence[Stop], best: EquivalentPupil) -> EquivalentPupil:
-    """Nelder and Mead's simplex on (D_F, d_3): the cost has kinks where another field becomes the worst."""
-    ends = [rim.distance for rim in rims]
-    low, high = np.array([0.3 * best.diameter, min(ends)]), np.array([2.0 * best.diameter, max(ends)])
+    # The cost has kinks where another field becomes the worst: Nelder and Mead's simplex.
+    low, high = np.array([0.3 * best.stop[0], near]), np.array([2.0 * best.stop[0], far])
 
     def pupil(unit: Array) -> EquivalentPupil:
-        diameter, distance = (low + unit * (high - low)).tolist()
-        return judge_pupil(design, rims, (diameter, distance))
+        return _judged(camera, *(low + unit * (high - low)).tolist())
 
-    start = (np.array([best.diameter, best.distance]) - low) / (high - low)
-    unit, _ = simplex("LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, step=0.1, xtol=1e-7, evaluations=400)
+    start = (np.array(best.stop) - low) / (high - low)
+    unit, _ = derivative_free("LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, xtol=1e-7, evaluations=400)
     return min(best, pupil(unit), key=lambda each: each.cost)
 
 
-def judge_pupil(design: Design, rims: Sequence[Stop], stop: tuple[float, float]) -> EquivalentPupil:
+def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance: float) -> EquivalentPupil:
     """How well a stop of some diameter and distance [mm] stands for a bore; the rest as for `reduce_bore`."""
-    camera = _behind(design, tuple(rims)).replace({"aperture.diameter": stop[0], "aperture.distance": stop[1]})
+    return _judged(_behind(design, rims), diameter, distance)
+
+
+def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
+    centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
+    return Camera.of(design.replace({"stops": tuple(rims), **centred}))
+
+
+def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
+    camera = bore.replace({"aperture.diameter": diameter, "aperture.distance": distance})
     fields = np.linspace(0.0, float(half_diagonal(camera)), FIELDS)
     centres, radii = stop_discs(camera, fields, 0.0)
     whole = np.pi * radii[:, 0] ** 2
-    pupil, bore, both = (
+    pupil, through, both = (
         intersect(centres[:, some], radii[:, some]).area / whole for some in (slice(2), slice(1, None), slice(None))
     )
-    misplaced = np.maximum(pupil - both, 0.0) + np.maximum(bore - both, 0.0)
-    return EquivalentPupil(stop[0], stop[1], fields, bore, pupil, misplaced)
+    misplaced = np.maximum(pupil - both, 0.0) + np.maximum(through - both, 0.0)
+    worst = float(np.abs(through - pupil).max()), float(misplaced.max())
+    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *worst)
 
 
-@lru_cache(maxsize=8)
-def _behind(design: Design, rims: tuple[Stop, ...]) -> Camera:
-    centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
-    return Camera.of(design.replace({"stops": rims, **centred}))
-
-
-def through_bore(
+def solve_through(
     problem: DesignProblem, rims: Sequence[Stop], settings: Settings, tell: Tell
-) -> tuple[DesignProblem, Bore]:
-    """The problem with the bore's equivalent pupil, for the field and focus that the optimum itself has.
+) -> tuple[Answer, EquivalentPupil]:
+    """The best design behind the bore's equivalent pupil, for the field and focus that the optimum itself has.
 
     Which stop stands for the bore depends on the optimum, and the optimum on the stop: they are found in turn until
     they agree. Where they go round in circles, the stop counts that suits its own optimum best.
     """
     quick = settings.model_copy(update={"starts": min(4, settings.starts), "check": False, "isres": False})
-    base = problem.design
-    tried: list[Bore] = []
-    pupil = reduce_bore(base, rims)
+    tried: list[EquivalentPupil] = []
+    pupil = reduce_bore(problem.design, rims)
     for number in range(1, PASSES + 1):
         tell(f"reducing the bore, pass {number}")
-        problem = replace(problem, design=base.replace(D_F=pupil.diameter, d_3=pupil.distance))
+        posed = _behind_pupil(problem, pupil)
         try:
-            optimum = problem.design_at(solve(problem, quick, tell).unit)
+            optimum = posed.design_at(solve(posed, quick, tell).unit)
             after = reduce_bore(optimum, rims)
         except InputError:
             break  # what was found is no design, or focuses inside the bore
         settled = after.close_to(pupil)
-        own = judge_pupil(optimum, rims, (pupil.diameter, pupil.distance))
-        tried.append(Bore(own, number, settled))
-        if settled or any(after.close_to(earlier.pupil) for earlier in tried):
+        tried.append(replace(judge_pupil(optimum, rims, *pupil.stop), passes=number, settled=settled))
+        if settled or any(after.close_to(earlier) for earlier in tried):
             break
         pupil = after
-    if not tried:
-        tried.append(Bore(pupil, 1, False))
-    best = tried[-1] if tried[-1].settled else min(tried, key=lambda bore: bore.pupil.worst_misplaced)
-    return replace(problem, design=base.replace(D_F=best.pupil.diameter, d_3=best.pupil.distance)), best
-
-
-def judged_at(bore: Bore, rims: Sequence[Stop], answer: Answer) -> Bore:
-    """The bore's pupil judged at the answer itself, where that is a design in front of the bore."""
+    tried = tried or [pupil]
+    best = tried[-1] if tried[-1].settled else min(tried, key=lambda pupil: pupil.worst_misplaced)
+    answer = solve(_behind_pupil(problem, best), settings, tell)
     try:
         design = answer.problem.design_at(answer.unit)
     except InputError:
-        return bore
-    if design.d_f <= max(rim.distance for rim in rims):
-        return bore
-    return replace(bore, pupil=judge_pupil(design, rims, (bore.pupil.diameter, bore.pupil.distance)))
+        return answer, best
+    if design.d_f > max(rim.distance for rim in rims):
+        own = judge_pupil(design, rims, *best.stop)
+        best = replace(own, passes=best.passes, settled=best.settled)
+    return answer, best
+
+
+def _behind_pupil(problem: DesignProblem, pupil: EquivalentPupil) -> DesignProblem:
+    stop = dict(zip(("aperture.diameter", "aperture.distance"), pupil.stop, strict=True))
+    return replace(problem, given={**problem.given, **stop})

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
-import operator
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import attrgetter, eq, ge, gt, le, lt
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+import numpy as np
+from pydantic import ValidationError, model_validator
 
 from ..errors import InputError, Problem
-from ..toml_files import problems_of, read_toml
+from ..tolerancing.study import StrictTable
+from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, parse_quantity
 
 Kind = Literal["lenses", "microlens_arrays", "sensors"]
@@ -24,17 +24,16 @@ Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typica
 """measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
 maker; unverified: stated without a source at hand; typical: a size that many makers list, not one part."""
 
+Gives = Mapping[str, Callable[[Any], Any]]
+"""Place of a design to what a part has there."""
+
 SHIPPED = Path(__file__).with_name("catalogue")
 
 
-class Entry(BaseModel):
+class Entry(StrictTable):
     """What every part has."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    places: ClassVar[tuple[str, ...]] = ()
-    """Of a design, that such a part gives."""
-
+    gives: ClassVar[Gives] = {}
     part: str
     """Name or number; unique among its kind."""
     maker: str = ""
@@ -44,18 +43,18 @@ class Entry(BaseModel):
     remark: str = ""
 
     @property
-    def numbers(self) -> dict[str, float]:
-        """Place of a design to what this part gives there [mm]."""
-        return dict(zip(self.places, self._lengths(), strict=True))
-
-    def _lengths(self) -> tuple[float, ...]:
-        return ()
+    def numbers(self) -> dict[str, Any]:
+        """Place of a design to what this part gives there [mm]; words for a layout and a shape."""
+        return {place: read(self) for place, read in self.gives.items()}
 
 
 class LensPart(Entry):
     """A main lens."""
 
-    places = ("main_lens.diameter", "main_lens.focal_length")
+    gives: ClassVar[Gives] = {
+        "main_lens.diameter": attrgetter("aperture"),
+        "main_lens.focal_length": attrgetter("focal_length"),
+    }
 
     type: str = ""
     diameter: Length
@@ -69,9 +68,6 @@ class LensPart(Entry):
         """D [mm]."""
         return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
 
-    def _lengths(self) -> tuple[float, ...]:
-        return self.aperture, self.focal_length
-
     @model_validator(mode="after")
     def _inside(self) -> LensPart:
         if self.clear_aperture is not None and self.clear_aperture > self.diameter:
@@ -82,12 +78,14 @@ class LensPart(Entry):
 class ArrayPart(Entry):
     """A microlens array."""
 
-    places = (
-        "microlens_array.pitch",
-        "microlens_array.focal_length",
-        "microlens_array.size.0",
-        "microlens_array.size.1",
-    )
+    gives: ClassVar[Gives] = {
+        "microlens_array.pitch": attrgetter("pitch"),
+        "microlens_array.focal_length": attrgetter("focal"),
+        "microlens_array.size.0": lambda array: array.size[0],
+        "microlens_array.size.1": lambda array: array.size[1],
+        "microlens_array.layout": attrgetter("layout"),
+        "microlens_array.lens_shape": attrgetter("lens_shape"),
+    }
 
     pitch: Length
     focal_length: Length
@@ -103,14 +101,15 @@ class ArrayPart(Entry):
         """f_ml [mm]: the effective one where it is known."""
         return self.effective_focal_length if self.effective_focal_length is not None else self.focal_length
 
-    def _lengths(self) -> tuple[float, ...]:
-        return self.pitch, self.focal, *self.size
-
 
 class SensorPart(Entry):
     """An image sensor."""
 
-    places = ("sensor.pixel", "sensor.size.0", "sensor.size.1")
+    gives: ClassVar[Gives] = {
+        "sensor.pixel": attrgetter("pixel"),
+        "sensor.size.0": lambda sensor: sensor.size[0],
+        "sensor.size.1": lambda sensor: sensor.size[1],
+    }
 
     pixel: Length
     pixels: tuple[int, int]
@@ -119,9 +118,6 @@ class SensorPart(Entry):
     def size(self) -> tuple[float, float]:
         """Of the pixel field [mm]."""
         return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
-
-    def _lengths(self) -> tuple[float, ...]:
-        return self.pixel, *self.size
 
     @model_validator(mode="after")
     def _some(self) -> SensorPart:
@@ -135,13 +131,11 @@ MODELS: Mapping[Kind, type[Entry]] = {"lenses": LensPart, "microlens_arrays": Ar
 
 def given_by(kinds: Iterable[Kind]) -> frozenset[str]:
     """Places of a design that parts of some kinds give together."""
-    return frozenset(place for kind in kinds for place in MODELS[kind].places)
+    return frozenset(place for kind in kinds for place in MODELS[kind].gives)
 
 
-class Catalogue(BaseModel):
+class Catalogue(StrictTable):
     """Parts by kind."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     lenses: tuple[LensPart, ...] = ()
     microlens_arrays: tuple[ArrayPart, ...] = ()
@@ -169,9 +163,10 @@ def load_catalogue(paths: Iterable[str | os.PathLike[str]] = (), *, shipped: boo
     own = {path: path.name for path in sorted(SHIPPED.glob("*.toml"))} if shipped else {}
     for path, label in [*own.items(), *((Path(path), str(path)) for path in paths)]:
         try:
-            catalogue = catalogue + _read(path)
-        except InputError as error:
-            faults += [Problem("", f"{label}: {fault}") for fault in error.problems]
+            catalogue += Catalogue.model_validate(read_toml(path, ""), context={"from_file": True})
+        except (InputError, ValidationError) as error:
+            problems = error.problems if isinstance(error, InputError) else problems_of(error, Catalogue)
+            faults += [Problem("", f"{label}: {fault}") for fault in problems]
     for kind in KINDS:
         names = [entry.part for entry in catalogue.of(kind)]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -179,14 +174,6 @@ def load_catalogue(paths: Iterable[str | os.PathLike[str]] = (), *, shipped: boo
     if faults:
         raise InputError(tuple(faults))
     return catalogue
-
-
-def _read(path: Path) -> Catalogue:
-    data = read_toml(path, "")
-    try:
-        return Catalogue.model_validate(data, context={"from_file": True})
-    except ValidationError as error:
-        raise InputError(problems_of(error, Catalogue)) from None
 
 
 def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[str, Any]]:
@@ -201,38 +188,16 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
             yield row
 
 
-COMPARE = {"=": operator.eq, "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, ">": gt, ">=": ge}
 LENGTHS = ("diameter", "clear_aperture", "focal_length", "effective_focal_length", "pitch", "pixel", "size")
 NEAR = 1e-9
 """Relative difference at which lengths count as equal."""
 
 
-@dataclass(frozen=True)
-class PartCondition:
-    """A condition on one key of a part, as typed: "focal_length<=100 mm", "maker=Thorlabs"."""
+def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
+    """Whether a part (of `rows`) meets a condition as typed: "focal_length<=100 mm", "maker=Thorlabs".
 
-    key: str
-    sign: str
-    value: float | str
-
-    def holds(self, row: Mapping[str, Any]) -> bool:
-        """Whether a part (of `rows`) meets it; of several numbers (a size) all must."""
-        own = row.get(self.key)
-        if own is None:
-            return False
-        if isinstance(self.value, str):
-            return self.value.lower() in str(own).lower()
-        numbers = own if isinstance(own, (list, tuple)) else [own]
-        return all(self._compare(float(number), self.value) for number in numbers)
-
-    def _compare(self, number: float, value: float) -> bool:
-        if abs(number - value) <= NEAR * abs(value):
-            return self.sign in ("=", "<=", ">=")
-        return bool(COMPARE[self.sign](number, value))
-
-
-def read_condition(text: str) -> PartCondition:
-    """Read a condition.
+    A part without the key does not; of several numbers (a size) all must. Lengths that differ by rounding are equal.
 
     Raises
     ------
@@ -240,28 +205,37 @@ def read_condition(text: str) -> PartCondition:
         Unknown key, no comparison, a length without a unit.
     """
     try:
-        return _read_condition(text)
+        key, sign, value = _condition(text)
     except ValueError as error:
         raise InputError((Problem("--where", str(error)),)) from None
 
+    def holds(row: Mapping[str, Any]) -> bool:
+        own = row.get(key)
+        if own is None:
+            return False
+        if isinstance(value, str):
+            return value.lower() in str(own).lower()
+        over = np.ravel(own) - value
+        return bool(COMPARE[sign](np.where(np.abs(over) <= NEAR * abs(value), 0, over), 0).all())
 
-def _read_condition(text: str) -> PartCondition:
+    return holds
+
+
+def _condition(text: str) -> tuple[str, str, float | str]:
     known = sorted({"kind", *(name for model in MODELS.values() for name in model.model_fields)})
     match = re.fullmatch(r"\s*(\w+)\s*(<=|>=|<|>|=)\s*(.+?)\s*", text)
     if match is None:
         raise ValueError(f'cannot read "{text}"; write e.g. "focal_length<=100 mm" or "maker=Thorlabs"')
     key, sign, value = match.groups()
     if key not in known:
-        near = difflib.get_close_matches(key, known, 1, 0.5)
-        hint = f"did you mean '{near[0]}'?" if near else ", ".join(known)
-        raise ValueError(f"'{key}' is no key of a part; {hint}")
+        raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
     if key in LENGTHS:
-        return PartCondition(key, sign, parse_quantity(value, "length"))
+        return key, sign, parse_quantity(value, "length")
     if key == "pixels":
         try:
-            return PartCondition(key, sign, float(value))
+            return key, sign, float(value)
         except ValueError:
             raise ValueError(f'"{value}" is no number of pixels; write e.g. "pixels>=400"') from None
     if sign != "=":
         raise ValueError(f"'{key}' holds words, which {sign} does not compare; write {key}={value}")
-    return PartCondition(key, sign, value)
+    return key, sign, value

@@ -8,27 +8,29 @@ one per cent of a goal is worth against one per cent of another.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import itemgetter
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
 
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..theory.f_number import inverse_fill_factor
-from ..theory.quantities import Quantity
+from ..theory.quantities import Quantity, quantity_named
 from ..tolerancing.draws import sobol_points
+from ..tolerancing.study import StrictTable
+from ..toml_files import nearest
+from ..units import Distance, Length, format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 
-Direction = Literal["min", "max"]
 Side = Literal["min", "max", "equal"]
 SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
 
@@ -46,56 +48,86 @@ DERIVED = {
 """Lengths that set several places."""
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A length that may change within bounds [mm]."""
+class Variable(StrictTable):
+    """Bounds [mm] of a length that may change: ``["0.5 mm", "8 mm"]`` for short."""
 
-    name: str
-    """As written in the study: a symbol of the paper, a dotted place, or one of `DERIVED`."""
-    low: float
-    high: float
-    start: float | None = None
-    """Where one search starts; None leaves it to the Sobol points."""
+    min: Distance
+    max: Length
+    start: Distance | None = None
+    """Where one of the searches starts."""
 
-    @property
-    def place(self) -> str:
-        """Dotted place in the design, or the derived name."""
-        return PATHS.get(self.name, self.name)
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, value: Any) -> Any:
+        if isinstance(value, (list, tuple)) and len(value) == 2:
+            return {"min": value[0], "max": value[1]}
+        if not isinstance(value, Mapping):
+            raise ValueError(f'{value!r} is no pair of bounds; write e.g. ["0.5 mm", "8 mm"]')
+        return value
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Variable:
+        if self.min > self.max:
+            shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
+            raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
+        return self
 
     @property
     def logarithmic(self) -> bool:
         """Whether it is scaled by its logarithm."""
-        return self.low > 0 and self.high / self.low >= LOG_ABOVE
+        return self.min > 0 and self.max / self.min >= LOG_ABOVE
 
     def value(self, unit: Array) -> Array:
         """[mm] from the scaled value, 0 at the lower and 1 at the upper bound; exact at both."""
         if self.logarithmic:
-            inside = self.low * np.exp(unit * math.log(self.high / self.low))
+            inside = self.min * np.exp(unit * math.log(self.max / self.min))
         else:
-            inside = self.low + unit * (self.high - self.low)
-        return np.where(unit == 1, self.high, inside)
+            inside = self.min + unit * (self.max - self.min)
+        return np.where(unit == 1, self.max, inside)
 
     def unit(self, value: float) -> float:
         """Scaled value, clipped to the bounds."""
-        if self.high == self.low:
-            return 0.0
-        value = min(max(value, self.low), self.high)
+        value = min(max(value, self.min), self.max)
         if self.logarithmic:
-            return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
+            return math.log(value / self.min) / math.log(self.max / self.min)
+        return (value - self.min) / ((self.max - self.min) or 1.0)
+
+    def end(self, upper: bool) -> str:
+        """A bound in words, e.g. ``<= 8 mm``."""
+        return f"<= {self.max:.6g} mm" if upper else f">= {self.min:.6g} mm"
 
     def rate(self, unit: float) -> float:
         """Millimetres per scaled unit, there."""
         if self.logarithmic:
-            return float(self.value(np.asarray(unit))) * math.log(self.high / self.low)
-        return self.high - self.low
+            return float(self.value(np.asarray(unit))) * math.log(self.max / self.min)
+        return self.max - self.min
 
 
-class _Asked:
-    """A quantity, at the focal plane or at a distance."""
+def _of_cameras(name: Any) -> Any:
+    """The quantity of that name, where whole cameras have it."""
+    if not isinstance(name, str):
+        return name
+    quantity = quantity_named(name)
+    if quantity.of is None:
+        raise ValueError(f"'{name}' differs from field to field, and a design is held to numbers of the whole camera")
+    return quantity
 
-    quantity: Quantity
-    at: float | None
+
+class _Asked(StrictTable):
+    """A quantity, at the focal plane or ahead of the bore's tip."""
+
+    quantity: Annotated[InstanceOf[Quantity], BeforeValidator(_of_cameras)]
+    at: Length | None = None
+    """Ahead of the bore's tip [mm]."""
+
+    @model_validator(mode="after")
+    def _distance(self) -> _Asked:
+        name = self.quantity.name
+        if self.quantity.at == "needed" and self.at is None:
+            raise ValueError(f'{name} needs a distance ahead of the tip; write e.g. at = "40 mm"')
+        if self.quantity.at == "never" and self.at is not None:
+            raise ValueError(f"{name} is not asked for at a distance; drop at")
+        return self
 
     @property
     def label(self) -> str:
@@ -116,29 +148,49 @@ class _Asked:
         return f"{number:.{digits}g} {self.quantity.unit}".rstrip()
 
 
-@dataclass(frozen=True)
 class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
-    quantity: Quantity
-    low: float | None = None
-    high: float | None = None
-    at: float | None = None
-    """Ahead of the bore's tip [mm]."""
+    min: float | None = None
+    """Text with a unit for lengths, else a number."""
+    max: float | None = None
+    """The same."""
+
+    @field_validator("min", "max", mode="before")
+    @classmethod
+    def _read(cls, value: Any, info: ValidationInfo) -> float | None:
+        quantity = info.data.get("quantity")
+        if value is None or quantity is None:
+            return None
+        if quantity.length:
+            from_file = bool(info.context and info.context.get("from_file"))
+            return parse_quantity(value, "length", unit_required=from_file)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            unit = f" (in {quantity.unit})" if quantity.unit else ""
+            raise ValueError(f"{info.field_name} of {quantity.name} must be a number{unit}, got {value!r}")
+        return float(value)
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Constraint:
+        name, length = self.quantity.name, self.quantity.length
+        if self.min is None and self.max is None:
+            raise ValueError(f"{name} has no limit; give min, max or both")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            low, high = (format_quantity(end, "length") if length else f"{end:g}" for end in (self.min, self.max))
+            raise ValueError(f"{name}: min {low} is above max {high}; swap them")
+        return self
 
     @property
-    def sides(self) -> tuple[Side, ...]:
-        """Which limits there are."""
-        if self.low is not None and self.low == self.high:
-            return ("equal",)
-        given: tuple[tuple[Side, float | None], ...] = (("min", self.low), ("max", self.high))
-        return tuple(side for side, limit in given if limit is not None)
+    def limits(self) -> dict[Side, float]:
+        """Side to the limit there."""
+        if self.min is not None and self.min == self.max:
+            return {"equal": self.min}
+        given: dict[Side, float | None] = {"min": self.min, "max": self.max}
+        return {side: limit for side, limit in given.items() if limit is not None}
 
-    def limit(self, side: Side) -> float:
-        """The limit on a side."""
-        value = self.high if side == "max" else self.low
-        assert value is not None
-        return value
+    def said(self, side: Side) -> str:
+        """A limit in words, without its number, e.g. ``fill_factor <=``."""
+        return f"{self.label} {SIGNS[side]}"
 
     def measured(self, camera: Camera) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
@@ -146,9 +198,8 @@ class Constraint(_Asked):
             return inverse_fill_factor(camera)
         return self.values(camera) if self.quantity.worst is None else self.each(camera)
 
-    def row(self, side: Side, spread: float) -> tuple[Callable[[Array], Array], float]:
+    def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""
-        limit, sign = self.limit(side), -1.0 if side == "min" else 1.0
         if self.quantity.name == "fill_factor":  # linear in the inverse, where the fill factor has poles
             return lambda inverse: sign * (1 - limit * inverse), limit
         if self.quantity.positive and limit > 0:
@@ -156,20 +207,17 @@ class Constraint(_Asked):
         return lambda value: sign * (value - limit) / spread, spread
 
     def __str__(self) -> str:
-        if len(self.sides) == 2:
-            return f"{self.low:.6g} <= {self.label} <= {self.with_unit(self.limit('max'))}"
-        side = self.sides[0]
-        return f"{self.label} {SIGNS[side]} {self.with_unit(self.limit(side))}"
+        if len(self.limits) == 2:
+            return f"{self.min:.6g} <= {self.label} <= {self.with_unit(self.limits['max'])}"
+        side, limit = next(iter(self.limits.items()))
+        return f"{self.said(side)} {self.with_unit(limit)}"
 
 
-@dataclass(frozen=True)
 class Goal(_Asked):
     """A quantity to make small or large."""
 
-    quantity: Quantity
-    direction: Direction
-    at: float | None = None
-    weight: float = 1.0
+    direction: Literal["min", "max"]
+    weight: Annotated[float, Field(gt=0)] = 1.0
 
     @property
     def sign(self) -> float:
@@ -179,12 +227,12 @@ class Goal(_Asked):
     def held(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
-        return Constraint(self.quantity, low, high, self.at)
+        return Constraint(quantity=self.quantity, at=self.at, min=low, max=high)
 
 
 @dataclass(frozen=True)
 class LimitRow:
-    """One scalar condition: a row, not above 0 or, of an equality, 0."""
+    """One scalar condition: a row that must not be above 0. An equality is two of them."""
 
     constraint: int
     """Index among the problem's constraints; -1 for what every camera must be."""
@@ -193,8 +241,8 @@ class LimitRow:
     """In words."""
     size: float
     """How much the quantity changes where the row changes by 1, at its limit."""
-    of: Callable[[Camera, Array], Array]
-    """The row, from cameras and what of them is `Constraint.measured`."""
+    of: Callable[[Any], Array]
+    """The row, from what is `Constraint.measured`; of what every camera must be, from the cameras."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +251,8 @@ class DesignProblem:
 
     name: str
     design: Design
-    variables: tuple[Variable, ...]
+    variables: Mapping[str, Variable]
+    """By their names: a symbol of the paper, a dotted place, or one of `DERIVED`."""
     constraints: tuple[Constraint, ...]
     goals: tuple[Goal, ...]
     question: str = ""
@@ -212,15 +261,15 @@ class DesignProblem:
     """Lexicographic: share of an earlier goal that a later one may cost."""
     in_focus: bool = False
     """Whether f_ml follows the focus of the microlenses."""
-    tip: float = 0.0
-    """Where the bore ends, where it is more than the design shows [mm before the main lens]."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """What stands in place of the base design's: a bore (its tip among it), parts of the catalogue."""
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """What differences of constraints and goals are counted in; None: their spread over the box."""
 
     @cached_property
     def base(self) -> Camera:
-        """The base design, behind its bore."""
-        return Camera.of(self.design, {TIP: self.tip} if self.tip else {})
+        """The base design, behind its bore and with its parts."""
+        return Camera.of(self.design).replace({p: v for p, v in self.given.items() if not isinstance(v, str)})
 
     @property
     def n(self) -> int:
@@ -228,16 +277,17 @@ class DesignProblem:
         return len(self.variables)
 
     def values(self, units: Array) -> dict[str, Array]:
-        """Variable name's place to its values [mm], for scaled variables of shape (N, n)."""
-        return {variable.place: variable.value(units[:, i]) for i, variable in enumerate(self.variables)}
+        """Place to its values [mm], derived lengths turned into those that they set; units as for `cameras`."""
+        named = {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
+        return spread(named, self.base)
 
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
-        return {variable.name: float(variable.value(unit[i])) for i, variable in enumerate(self.variables)}
+        return {name: float(v.value(unit[i])) for i, (name, v) in enumerate(self.variables.items())}
 
     def cameras(self, units: Array) -> Camera:
-        """The cameras at scaled variables of shape (N, n)."""
-        return self.base.replace(spread(self.values(units), self.base), in_focus=self.in_focus)
+        """The cameras at scaled variables of shape (..., n)."""
+        return self.base.replace(self.values(units), in_focus=self.in_focus)
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
@@ -253,51 +303,50 @@ class DesignProblem:
         """
         camera = self.cameras(unit[None])
         changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()))
+        given = {place: value for place, value in self.given.items() if place != TIP}
         changes = {place: float(np.ravel(camera[place])[0]) for place in changed}
-        return self.design.replace({**changes, "name": name or f"{self.name}, optimised"})
+        return self.design.replace({**given, **changes, "name": name or f"{self.name}, optimised"})
 
     @cached_property
     def rows(self) -> tuple[LimitRow, ...]:
-        """Inequalities (rows that must not be above 0), then equalities."""
-        every = [*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c))]
-        return tuple(sorted(every, key=lambda row: row.side == "equal"))
-
-    @property
-    def equalities(self) -> int:
-        """How many rows must be 0: the last ones."""
-        return sum(row.side == "equal" for row in self.rows)
+        """Everything that must hold: no row above 0."""
+        return (*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c)))
 
     def _always(self) -> Iterator[LimitRow]:
         """What every camera must be, whatever the limits."""
 
         def row(label: str, room: Callable[[Camera], Number]) -> LimitRow:
-            return LimitRow(-1, "min", label, 1.0, lambda camera, _: np.asarray(ROOM - room(camera)))
+            return LimitRow(-1, "min", label, 1.0, lambda camera: np.asarray(ROOM - room(camera)))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
         if not (plane and distance):
             yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
-        yield row("focal plane in front of the bore", lambda c: 1 - (c.tip if self.tip else c.d_3) / c.d_f)
-        for k in range(1, 1 + self.base.stops):
-            yield row("focal plane in front of the bore", lambda c, k=k: 1 - c.rims[k].distance / c.d_f)  # type: ignore[misc]
+        rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
+        for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
+            yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c.d_f)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
         worst = constraint.quantity.worst
         widest = constraint.quantity.name == "largest_diameter_mm"
         rims = [""] * (2 + self.base.stops) if widest else [f" ({rim.name})" for rim in self.base.rims]
-        for side in constraint.sides:
-            row, size = constraint.row(side, self._spreads[0][index])
-            words = f"{SIGNS[side]} {constraint.with_unit(constraint.limit(side))}"
-            if worst is not None and side == ("max" if widest else "min"):
-                # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
-                for k, rim in enumerate(rims):
-                    yield LimitRow(index, side, f"{constraint.label}{rim} {words}", size, _after(row, itemgetter(k)))
-            else:
-                yield LimitRow(index, side, f"{constraint.label} {words}", size, _after(row, worst or np.asarray))
+        for side, limit in constraint.limits.items():
+            words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
+            for end in ("min", "max") if side == "equal" else (side,):
+                row, size = constraint.row(limit, 1.0 if end == "max" else -1.0, self._spreads[0][index])
+                if worst is None:
+                    yield LimitRow(index, side, f"{constraint.label} {words}", size, row)
+                elif end == ("max" if widest else "min"):
+                    # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
+                    for k, rim in enumerate(rims):
+                        label = f"{constraint.label}{rim} {words}"
+                        yield LimitRow(index, side, label, size, _after(row, itemgetter(k)))
+                else:
+                    yield LimitRow(index, side, f"{constraint.label} {words}", size, _after(row, worst))
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
-        return tuple(spread({variable.place: np.zeros(1) for variable in self.variables}, self.base))
+        return tuple(self.values(np.zeros(self.n)))
 
     @cached_property
     def _spreads(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -310,27 +359,21 @@ class DesignProblem:
             return limited, tuple(_spread_of(goal.values(cameras)) for goal in self.goals)
 
     def vector(self, units: Array) -> Array:
-        """Merit, inequality and equality rows, shape (1 + rows, N); not finite where there is no such number."""
+        """Merit and rows, shape (1 + rows, N), for units (N, n); not finite where there is no such number."""
         with np.errstate(all="ignore"):
             cameras = self.cameras(units)
             result = np.empty((1 + len(self.rows), len(units)))
-            result[0] = self.merit(cameras)
-            self._fill(result[1:], cameras)
+            result[0], result[1:] = self.merit(cameras), self.rows_of(cameras, len(units))
         return result
 
-    def rows_of(self, cameras: Camera) -> Array:
-        """Rows of cameras made elsewhere (builds of a design), shape (rows, N); equalities as magnitudes."""
+    def rows_of(self, cameras: Camera, count: int) -> Array:
+        """Rows of so many cameras, these or builds of a design; shape (rows, N)."""
+        result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
-            result = np.empty((len(self.rows), *cameras.shape))
-            self._fill(result, cameras)
-        equal = slice(len(result) - self.equalities, None)
-        result[equal] = np.abs(result[equal])
+            measured = [*(constraint.measured(cameras) for constraint in self.constraints), cameras]
+            for number, row in enumerate(self.rows):
+                result[number] = row.of(measured[row.constraint])
         return result
-
-    def _fill(self, result: Array, cameras: Camera) -> None:
-        values = [*(constraint.measured(cameras) for constraint in self.constraints), np.empty(0)]
-        for number, row in enumerate(self.rows):
-            result[number] = row.of(cameras, values[row.constraint])
 
     def merit(self, cameras: Camera) -> Array:
         """Weighted mean of the goals, small is good; shape (N,)."""
@@ -353,8 +396,8 @@ class DesignProblem:
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep))
 
 
-def _after(row: Callable[[Array], Array], pick: Callable[[Array], Array]) -> Callable[[Camera, Array], Array]:
-    return lambda _, measured: row(pick(measured))
+def _after(row: Callable[[Array], Array], pick: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    return lambda measured: row(pick(measured))
 
 
 def sobol_units(n: int, count: int, seed: int) -> Array:
@@ -366,51 +409,30 @@ IDLE = (".tilt.", ".rotation", "microlens_array.decentre", "sensor.decentre")
 """In places that no quantity of a straight camera depends on."""
 
 
-def check_name(name: str, numbers: Mapping[str, Number]) -> None:
-    """Refuse a name that is no variable of a design with these numbers.
-
-    Raises
-    ------
-    ValueError
-        Names the nearest.
-    """
-    lengths = [
-        place for place in numbers if "." in place and not any(word in place for word in (*IDLE, "decentre", "relay"))
-    ]
-    derived = [each for each in DERIVED if each != "tube_length" or "stops.0.distance" in numbers]
-    known = (*PATHS, *(place for place in lengths if place not in PATHS.values()), *derived, *PATHS.values())
-    if name in known:
-        return
-    if name == "tube_length":
-        raise ValueError("'tube_length' needs a design with a further stop, the tube's outer rim; add [[stops]] to it")
-    lowered = {each.lower(): each for each in known}
-    near = difflib.get_close_matches(name.lower(), lowered, 1, 0.4)
-    remedy = f"did you mean '{lowered[near[0]]}'?" if near else f"known are {', '.join(known)}"
-    raise ValueError(f"'{name}' is nothing that can vary; {remedy}")
-
-
-def check_together(names: Sequence[str]) -> None:
-    """Refuse variables that set the same place twice.
-
-    Raises
-    ------
-    ValueError
-        Says which.
-    """
+def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
+    """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
+    idle = (*IDLE, "decentre", "relay")
+    lengths = [place for place in numbers if "." in place and not any(word in place for word in idle)]
+    known = dict.fromkeys([*PATHS, *lengths, *DERIVED])
+    for name in names:
+        if name not in known:
+            yield f"'{name}' is nothing that can vary; {nearest(name, known)}"
+        elif name == "tube_length" and "stops.0.distance" not in numbers:
+            yield "'tube_length' needs a design with a further stop, the tube's outer rim; add [[stops]] to it"
     places = [PATHS.get(name, name) for name in names]
-    for place in places:
-        if places.count(place) > 1:
-            raise ValueError(f"'{place}' varies twice; name it once")
+    yield from (f"'{place}' varies twice; name it once" for place in dict.fromkeys(places) if places.count(place) > 1)
     focal, plane, distance = (place in places for place in CONJUGATES)
-    if focal and plane and distance:
-        raise ValueError("f, d_f and d_1 cannot all vary: two of them give the third; drop one")
-    if "working_distance" in places and plane:
-        raise ValueError("'working_distance' sets d_f, which varies too; drop one of them")
-    if "working_distance" in places and focal and distance:
-        raise ValueError("'working_distance', f and d_1 cannot all vary: two of them give the third; drop one")
-    own = any(p == "aperture.diameter" or (p.startswith("stops.") and "diameter" in p) for p in places)
-    if "tube_diameter" in places and own:
-        raise ValueError("'tube_diameter' sets the FAP's and every stop's diameter, one of which varies too; drop one")
+    ahead, tube = "working_distance" in places, "tube_diameter" in places
+    rim = any(p == "aperture.diameter" or (p.startswith("stops.") and "diameter" in p) for p in places)
+    clashes = {
+        "f, d_f and d_1 cannot all vary: two of them give the third; drop one": focal and plane and distance,
+        "'working_distance' sets d_f, which varies too; drop one of them": ahead and plane,
+        "'working_distance', f and d_1 cannot all vary: two of them give the third; drop one": (
+            ahead and focal and distance
+        ),
+        "'tube_diameter' sets the FAP's and every stop's diameter, one of which varies too; drop one": tube and rim,
+    }
+    yield from (words for words, clash in clashes.items() if clash)
 
 
 def spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:

@@ -14,19 +14,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from ..camera import Camera
-from ..design import Design
+from ..camera import TIP, Camera
+from ..design import PATHS
 from ..design.conjugates import CONJUGATES
-from ..errors import InputError
 from ..theory.f_number import inverse_fill_factor
-from .parts import ArrayPart, Catalogue, Entry, Kind, given_by
-from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units, spread
-from .search import Search, search
+from ..tolerancing.study import StrictTable
+from .parts import Catalogue, Entry, Kind, given_by
+from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
+from .search import QUICK, Search, search
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -50,6 +51,17 @@ TIES = 1e-3
 """Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
 
 
+class CatalogueTable(StrictTable):
+    """Parts to choose among."""
+
+    kinds: Annotated[tuple[Kind, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
+    files: tuple[str, ...] = ()
+    """Further catalogue files, beside the study."""
+    shipped: bool = True
+    """Whether the shipped catalogue takes part."""
+    keep: Annotated[int, Field(ge=1, le=100)] = 10
+
+
 @dataclass(frozen=True)
 class Combinations:
     """Every combination of some kinds of parts, numbered with the last kind running fastest."""
@@ -66,7 +78,7 @@ class Combinations:
         What the parts give does not vary any more; an array's microlenses have the focal length that they have.
         """
         given = given_by(kinds)
-        left = tuple(variable for variable in problem.variables if variable.place not in given)
+        left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds
         posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
         return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds))
@@ -85,43 +97,24 @@ class Combinations:
     @cached_property
     def _columns(self) -> list[dict[str, Array]]:
         return [
-            {place: np.array([part.numbers[place] for part in parts]) for place in parts[0].places}
+            {place: np.array([read(part) for part in parts]) for place, read in parts[0].gives.items()}
             for parts in self.parts
         ]
 
     def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
         """Place to the parts' numbers, for many combinations at once."""
-        if not self.parts:
-            return {}
-        which = np.unravel_index(numbers, self._shape)
+        which = np.unravel_index(numbers, self._shape) if self.parts else ()
         return {
             place: column[index]
             for index, columns in zip(which, self._columns, strict=True)
             for place, column in columns.items()
+            if column.dtype == np.float64
         }
 
     def problem_at(self, number: int) -> DesignProblem:
-        """The problem with a combination's parts in its base design."""
-        return replace(self.problem, design=with_parts(self.problem.design, self.chosen(number)))
-
-
-def with_parts(design: Design, parts: Sequence[Entry]) -> Design:
-    """A design with parts of the catalogue in it; d_1 stays, and d_f follows a new lens."""
-    changes: dict[str, Any] = {}
-    for part in parts:
-        changes |= part.numbers
-        if isinstance(part, ArrayPart):
-            changes |= {"microlens_array.layout": part.layout, "microlens_array.lens_shape": part.lens_shape}
-    focal = changes.get(CONJUGATES[0])
-    if focal is not None:
-        # Where this lens forms no image at the old d_1, or of the bore: the variables will say where it does.
-        bore = max(stop.distance for stop in design.all_stops)
-        distance = design.d_1 if focal < design.d_1 else 1.5 * focal
-        while focal * distance / (distance - focal) <= bore:
-            distance = (distance + focal) / 2
-        if distance != design.d_1:
-            changes[CONJUGATES[2]] = distance
-    return design.replace(changes)
+        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens."""
+        numbers = {place: value for part in self.chosen(number) for place, value in part.numbers.items()}
+        return replace(self.problem, given={**self.problem.given, **numbers})
 
 
 class Boxes:
@@ -176,7 +169,7 @@ class Boxes:
 
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
-    quantity, names = part.quantity, {variable.place for variable in problem.variables}
+    quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
     if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
     if quantity.bent_in_f and CONJUGATES[0] in names:
@@ -186,7 +179,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     with_plane = ("total_length_mm", "vergence_at_mla_per_mm", "microlens_defocus_px")
     if "working_distance" in names and quantity.name in with_plane:
         return False
-    if problem.tip and "aperture.distance" in names:
+    if TIP in problem.given and "aperture.distance" in names:
         return False
     stops_matter = part.at is not None or quantity.name in ("non_distortion_room_mm", "total_length_mm")
     moves = any(name == "aperture.distance" or name.startswith("stops.") for name in names)
@@ -197,8 +190,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     problem = combinations.problem
     corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
     units = low + corners[:, None, :] * (high - low)
-    values = {v.place: v.value(units[..., i]) for i, v in enumerate(problem.variables)}
-    numbers = {**combinations.values(owner), **spread(values, problem.base)}
+    numbers = {**combinations.values(owner), **problem.values(units)}
     focal = numbers.get(CONJUGATES[0], problem.base.f)
     for place in CONJUGATES[1:]:
         if place in numbers and not (CONJUGATES[1] in numbers and CONJUGATES[2] in numbers):
@@ -214,7 +206,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
         possible = image.any(axis=0) & (ahead | ~image).any(axis=0)
         for constraint in problem.constraints:
             if prunable(problem, constraint):
-                nearby = _near_the_bore(constraint, problem.design)
+                nearby = _near_the_bore(constraint, problem.base)
                 possible &= ~(certain & _impossible(constraint, nearby, cameras, ahead))
         merit = np.zeros(shape[1])
         weights = sum(goal.weight for goal in problem.goals)
@@ -222,7 +214,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
             if not prunable(problem, goal):
                 merit[:] = -np.inf
                 break
-            least, most = _extremes(goal, _near_the_bore(goal, problem.design), cameras, ahead)
+            least, most = _extremes(goal, _near_the_bore(goal, problem.base), cameras, ahead)
             best = least if goal.sign > 0 else most
             size = np.log(np.maximum(best, 0)) if goal.quantity.positive else best / problem.goal_scale(index)
             merit += goal.weight * goal.sign * size / weights
@@ -232,19 +224,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
 
 def _impossible(constraint: Constraint, nearby: Nearby, cameras: Camera, ahead: Flags) -> Flags:
     """Whether no camera in a box, that has its focal plane in front of the bore, holds a constraint."""
-    quantity, low, high = constraint.quantity, constraint.low, constraint.high
-    wrong = np.zeros(ahead.shape[1], bool)
-    if nearby == "jump":
-        # Times the gap it has no pole where the focal plane comes to the bore.
-        gap, scaled = cameras.gap, cameras.gap * constraint.each(cameras)
-        ordered = [(scaled, high * gap)] if high is not None and quantity.worst is None else []
-        ordered += [(-scaled, high * gap)] if high is not None and quantity.signed else []
-        ordered += [(low * gap, scaled)] if low is not None and quantity.signed is None else []
-        for less, more in ordered:
-            excess = np.broadcast_to(less - more, (*np.shape(scaled)[:-2], *ahead.shape))
-            size = ROUNDING * np.broadcast_to(np.abs(less) + np.abs(more), excess.shape).max(axis=-2)
-            wrong |= (excess.min(axis=-2) > size).reshape(-1, len(wrong)).any(axis=0)
-        return wrong
+    low, high, wrong = constraint.min, constraint.max, np.zeros(ahead.shape[1], bool)
     least, greatest = _extremes(constraint, nearby, cameras, ahead)
     finite = np.where(np.isfinite(least), np.abs(least), 0) + np.where(np.isfinite(greatest), np.abs(greatest), 0)
     room = ROUNDING * (finite + abs(low or 0.0) + abs(high or 0.0))
@@ -284,10 +264,10 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
 
 
 @lru_cache(maxsize=256)
-def _near_the_bore(part: Constraint | Goal, design: Design) -> Nearby:
+def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
     """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
     gaps = np.array([1e-6, 1e-9])
-    values = part.each(Camera.of(design, {"aperture.distance": design.d_f * (1 - gaps)}))
+    values = part.each(base.replace({"aperture.distance": base.d_f * (1 - gaps)}))
     near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
     if nearer > 30 * near:
         return "pole" if part.quantity.positive else "jump"
@@ -326,84 +306,62 @@ def rank(
 ) -> Ranking:
     """Find the `keep` best combinations; after some seconds those that are best so far."""
     began = time.monotonic()
+    deadline = began + seconds
     n, count = combinations.problem.n, len(combinations)
-    state = _State(combinations, keep, began + seconds, sobol_units(n, 1, seed))
+    middle = sobol_units(n, 1, seed)[0]
+    best: list[Ranked] = []
+    done = np.zeros(count, bool)
     boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
     bound = np.zeros(count)
+
+    def threshold() -> float:
+        """Merit that a combination must beat to enter the list."""
+        return best[keep - 1].search.merit + TIES if len(best) >= keep else np.inf
+
+    def alive() -> tuple[Boxes, Array]:
+        """Boxes, and their bounds, that may still hold something for the list."""
+        left = (bound < threshold()) & ~done[boxes.owner]
+        return boxes.where(left), bound[left]
+
+    def optimise(number: int, low: Array, high: Array) -> None:
+        done[number] = True
+        for start in ((low + high) / 2, low + middle * (high - low)):
+            result = search(combinations.problem_at(number).vector, start, deadline + 1.0, 80, QUICK)
+            if result.feasible:
+                best[:] = sorted([*best, Ranked(number, result)], key=_order)[: 3 * keep]
+                return
+
     splitting, turn = True, 0
-    while time.monotonic() < state.deadline:
+    while time.monotonic() < deadline:
         if splitting:
-            boxes = boxes.shaved(state.threshold)
+            boxes = boxes.shaved(threshold())
             bound = boxes.bound()
-        boxes, bound = state.alive(boxes, bound)
+        boxes, bound = alive()
         if not len(boxes):
             break
-        tell(f"catalogue: {len(np.unique(boxes.owner))} of {count} combinations left, {state.optimised} optimised")
-        # From the first round on: bounds rule out more, the better what they are held against.
-        state.settle(boxes, bound, AT_ONCE)
-        boxes, bound = state.alive(boxes, bound)
+        tell(f"catalogue: {len(np.unique(boxes.owner))} of {count} combinations left, {done.sum()} optimised")
+        # From the first round on the most promising are optimised, from the middle of their best boxes: bounds rule
+        # out more, the better what they are held against.
+        promising = np.lexsort((boxes.owner, bound))
+        _, first = np.unique(boxes.owner[promising], return_index=True)
+        for index in promising[np.sort(first)][:AT_ONCE]:
+            if bound[index] >= threshold() or time.monotonic() > deadline:
+                break
+            optimise(int(boxes.owner[index]), boxes.low[index], boxes.high[index])
+        boxes, bound = alive()
         splitting = splitting and turn + 1 < ROUNDS and 2 * len(boxes) <= MOST_BOXES
         if splitting and turn % 2:
             boxes, bound = boxes.split(), np.concatenate([bound, bound])
         turn += 1
-    state.polish()
-    boxes, _ = state.alive(boxes, bound)
-    open_ = len(np.unique(boxes.owner))
-    ruled_out = count - state.optimised - open_
-    return Ranking(combinations, tuple(state.best), ruled_out, state.optimised, open_, time.monotonic() - began)
+    polished = []
+    for ranked in [each for each in best if each.search.merit < threshold()]:
+        again = search(combinations.problem_at(ranked.number).vector, ranked.search.unit, deadline + 10.0)
+        better = again.feasible and again.merit < ranked.search.merit
+        polished.append(Ranked(ranked.number, again) if better else ranked)
+    best = sorted(polished, key=_order)[:keep]
+    optimised, left = int(done.sum()), len(np.unique(alive()[0].owner))
+    return Ranking(combinations, tuple(best), count - optimised - left, optimised, left, time.monotonic() - began)
 
 
-class _State:
-    """The list so far."""
-
-    def __init__(self, combinations: Combinations, keep: int, deadline: float, starts: Array) -> None:
-        self.combinations, self.keep, self.deadline, self.starts = combinations, keep, deadline, starts
-        self.best: list[Ranked] = []
-        self.done = np.zeros(len(combinations), bool)
-        self.optimised = 0
-
-    @property
-    def threshold(self) -> float:
-        """Merit that a combination must beat to enter the list."""
-        return self.best[self.keep - 1].search.merit + TIES if len(self.best) >= self.keep else np.inf
-
-    def alive(self, boxes: Boxes, bound: Array) -> tuple[Boxes, Array]:
-        """Boxes, and their bounds, that may still hold something for the list."""
-        keep = (bound < self.threshold) & ~self.done[boxes.owner]
-        return boxes.where(keep), bound[keep]
-
-    def settle(self, boxes: Boxes, bound: Array, count: int) -> None:
-        """Optimise the most promising combinations, from the middle of their best boxes."""
-        tried = 0
-        for index in np.lexsort((boxes.owner, bound)):
-            number = int(boxes.owner[index])
-            if self.done[number]:
-                continue
-            if bound[index] >= self.threshold or tried == count or time.monotonic() > self.deadline:
-                return
-            tried += 1
-            self._optimise(number, boxes.low[index], boxes.high[index])
-
-    def _optimise(self, number: int, low: Array, high: Array) -> None:
-        self.done[number] = True
-        self.optimised += 1
-        try:
-            problem = self.combinations.problem_at(number)
-        except InputError:
-            return  # these parts make no design
-        for start in ((low + high) / 2, *(low + self.starts * (high - low))):
-            result = search(problem, start, self.deadline + 1.0, 80, polish=False)
-            if result.feasible:
-                self.best.append(Ranked(number, result))
-                self.best.sort(key=lambda ranked: (ranked.search.merit, ranked.number))
-                del self.best[3 * self.keep :]
-                return
-
-    def polish(self) -> None:
-        """Search again, thoroughly, from what the list holds."""
-        polished = []
-        for ranked in [each for each in self.best if each.search.merit < self.threshold]:
-            again = search(self.combinations.problem_at(ranked.number), ranked.search.unit, self.deadline + 10.0)
-            better = again.feasible and again.merit < ranked.search.merit
-            polished.append(Ranked(ranked.number, again) if better else ranked)
-        self.best = sorted(polished, key=lambda ranked: (ranked.search.merit, ranked.number))[: self.keep]
+def _order(ranked: Ranked) -> tuple[float, int]:
+    return ranked.search.merit, ranked.number

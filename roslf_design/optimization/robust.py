@@ -6,22 +6,25 @@ so that two designs differ by what they are and not by chance. The final figures
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator
 
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
 from ..tolerancing.analyses import Yield
-from ..tolerancing.draws import Draws, Perturbation
+from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, parse_tolerance, perturbable
+from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE, simplex
-from .study import RobustTable
+from .search import FEASIBLE, derivative_free
 
 Array = NDArray[np.float64]
 
@@ -33,6 +36,34 @@ HARD = 20.0
 """What a share of the yield, or of the goal, that is missing costs against what is maximised."""
 
 
+class PerturbTable(StrictTable):
+    """What a build misses."""
+
+    place: tuple[str, ...]
+    tolerance: str | float
+    distribution: Distribution = "normal"
+    truncate: Annotated[float, Field(gt=0)] = 2.0
+
+    @field_validator("place", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, str) else value
+
+
+class RobustTable(StrictTable):
+    """What to make of builds that scatter."""
+
+    maximise: Literal["yield", "quantile"] = "yield"
+    """"yield": the share of builds that hold every constraint; "quantile": the first goal, as `quantile` of the builds
+    reach it, with at least `wanted_yield`."""
+    quantile: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    wanted_yield: Annotated[float, Field(gt=0, le=1)] = 0.9
+    give_up: Annotated[float, Field(gt=0)] | None = None
+    """Share of the first goal that robustness may cost at most; None: any."""
+    trials: Annotated[int, Field(ge=16, le=100_000)] = 512
+    perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
+
+
 @dataclass(frozen=True)
 class Scatter:
     """What builds miss, and their deviations."""
@@ -42,8 +73,8 @@ class Scatter:
     """[tolerances], shape (P, T): common to all designs."""
     fresh: Array
     """Others, for the final figures."""
-    relative: tuple[float | None, ...]
-    """Of each, the share of the nominal value where the tolerance is one."""
+    relative: tuple[bool, ...]
+    """Of each, whether its tolerance is a share of the nominal value."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +84,7 @@ class BuildStatistics:
     yield_: Yield
     goal_nominal: float
     goal_quantile: float
-    """What `quantile` of the builds reach; infinite (or zero) where too many are no cameras."""
+    """What `quantile` of the builds reach; not finite where too many are no cameras."""
     each: tuple[float, ...]
     """Share of builds that hold each constraint."""
 
@@ -62,6 +93,7 @@ class BuildStatistics:
 class Robust:
     """The robust design beside the nominal one."""
 
+    scatter: Scatter
     unit: Array
     nominal: BuildStatistics
     robust: BuildStatistics
@@ -80,7 +112,7 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
         Unknown places, unreadable tolerances, places that no quantity depends on.
     """
     faults: list[Problem] = []
-    misses: dict[str, tuple[Perturbation, float | None]] = {}
+    misses: dict[str, tuple[Perturbation, bool]] = {}
     kinds, nominal = perturbable(design), nominal_values(design)
     for index, line in enumerate(table.perturb):
         for name in line.place:
@@ -90,29 +122,27 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
                         raise ValueError("the focal plane is no part of the hardware; let f or d_1 miss instead")
                     if any(word in place for word in IDLE):
                         raise ValueError(f"'{name}' changes nothing that an optimisation looks at; drop it")
-                    value = parse_tolerance(line.tolerance, kinds[place], nominal[place])
-                    text = str(line.tolerance).strip()
-                    share = float(text[:-1]) / 100 if text.endswith("%") else None
-                    miss = Perturbation(place, nominal[place], value, line.distribution, line.truncate)
-                    misses[place] = (miss, share)
+                    width = parse_tolerance(line.tolerance, kinds[place], nominal[place])
+                    miss = Perturbation(place, nominal[place], width, line.distribution, line.truncate)
+                    misses[place] = miss, str(line.tolerance).strip().endswith("%")
             except ValueError as error:
                 faults.append(Problem(f"robust.perturb.{index}", str(error)))
     if faults:
         raise InputError(tuple(faults))
     perturbations = tuple(miss for miss, _ in misses.values())
+    relative = tuple(share for _, share in misses.values())
     draws = Draws(perturbations, seed=seed)
     common, fresh = draws.uniforms(0, table.trials), draws.uniforms(1, FRESH * table.trials)
-    shares = tuple(share for _, share in misses.values())
-    return Scatter(perturbations, draws.deviations(common), draws.deviations(fresh), shares)
+    return Scatter(perturbations, draws.deviations(common), draws.deviations(fresh), relative)
 
 
 def builds(problem: DesignProblem, scatter: Scatter, unit: Array, deviations: Array) -> Camera:
     """Builds of a design, shape (T,): its hardware with deviations, f and d_1 among it; the focal plane follows."""
     nominal = problem.cameras(unit[None])
     changes = {}
-    for miss, share, row in zip(scatter.perturbations, scatter.relative, deviations, strict=True):
+    for miss, relative, row in zip(scatter.perturbations, scatter.relative, deviations, strict=True):
         own = nominal[miss.place]
-        changes[miss.place] = own + (miss.tolerance if share is None else share * np.abs(own)) * row
+        changes[miss.place] = own + miss.tolerance * (np.abs(own / miss.nominal) if relative else 1.0) * row
     return nominal.replace(changes)
 
 
@@ -128,13 +158,13 @@ def maximise_robustness(
 
     Builds are held to the problem's constraints. The nominal optimum is scaled; the deadline is on the monotonic clock.
     """
-    aim = _Aim(problem, table, scatter, problem.number(problem.goals[0], nominal))
+    aim = _Aim(replace(problem, goals=problem.goals[:1]), table, scatter, problem.number(problem.goals[0], nominal))
     best, spent = nominal, 0
     for width in SHARP:
         tell(f"robust: {table.maximise}, softened by {width:g}")
-        best, count = simplex(
+        best, count = derivative_free(
             "LN_SBPLX",
-            lambda unit, width=width: (-aim.merit(unit, width),),  # type: ignore[misc]
+            lambda unit, width=width: (aim.cost(unit, width),),  # type: ignore[misc]
             best,
             step=0.05,
             xtol=1e-5,
@@ -143,68 +173,60 @@ def maximise_robustness(
         )
         spent += count
     before, after = aim.statistics(nominal), aim.statistics(best)
-    if aim.better(before, after):
+    first, last, wanted = before.yield_.value, after.yield_.value, table.wanted_yield
+    if first > last if table.maximise == "yield" else first >= wanted > last:
         best, after = nominal, before  # fresh numbers are the judge
     labels = [constraint.label for constraint in problem.constraints]
     yields = tuple(zip(labels, before.each, after.each, strict=True))
-    return Robust(best, before, after, yields, scatter.fresh.shape[1], spent)
+    return Robust(scatter, best, before, after, yields, scatter.fresh.shape[1], spent)
 
 
 @dataclass(frozen=True)
 class _Aim:
-    """What is maximised."""
+    """What is made of the builds."""
 
     problem: DesignProblem
+    """With the first goal alone."""
     table: RobustTable
     scatter: Scatter
     goal_at_nominal: float
 
-    def merit(self, unit: Array, width: float) -> float:
-        """Finite everywhere, large is good; the yield's steps softened by a width."""
+    def cost(self, unit: Array, width: float) -> float:
+        """Finite everywhere, small is good; the yield's steps softened by a width."""
         problem, table = self.problem, self.table
-        goal = problem.goals[0]
         if not np.isfinite(problem.vector(unit[None])[0, 0]):
-            return -1e6
-        rows = problem.rows_of(builds(problem, self.scatter, unit, self.scatter.deviations))
-        worst = np.where(np.isfinite(rows), rows, 1e3).max(axis=0, initial=-1e3)
-        margin = np.clip(-worst, -50.0, 50.0)
-        soft = float(np.mean(1 / (1 + np.exp(np.clip(-margin / (0.1 * width), -50, 50)))))
+            return 1e6
+        built = builds(problem, self.scatter, unit, self.scatter.deviations)
+        rows = problem.rows_of(built, table.trials)
+        worst = np.clip(np.where(np.isfinite(rows), rows, 1e3).max(axis=0, initial=-1e3), -50.0, 50.0)
+        soft = float(np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50)))))
         if table.maximise == "quantile":
-            reached = self.quantile(unit, self.scatter.deviations)
-            size = np.log(reached) if goal.quantity.positive and reached > 0 else reached / problem.goal_scale(0)
-            missing = max(0.0, table.wanted_yield - soft)
-            return -1e6 if not np.isfinite(size) else -goal.sign * float(size) - HARD * missing
+            merit, _ = self._quantile(built, table.trials)
+            return merit + HARD * max(0.0, table.wanted_yield - soft) if np.isfinite(merit) else 1e6
         # Far from any yield, the margin itself leads the way.
-        total = soft + 1e-3 * float(np.clip(margin, -5, 0).mean())
+        total = 1e-3 * float(np.clip(worst, 0, 5).mean()) - soft
         if table.give_up is not None:
-            lost = (
-                goal.sign * (problem.number(goal, unit) - self.goal_at_nominal) / max(abs(self.goal_at_nominal), 1e-300)
-            )
-            total -= HARD * max(0.0, lost - table.give_up)
+            goal, before = problem.goals[0], self.goal_at_nominal
+            lost = goal.sign * (problem.number(goal, unit) - before) / max(abs(before), 1e-300)
+            total += HARD * max(0.0, lost - table.give_up)
         return total
 
-    def quantile(self, unit: Array, deviations: Array) -> float:
-        """What that share of the builds reach of the first goal."""
-        goal = self.problem.goals[0]
+    def _quantile(self, built: Camera, count: int) -> tuple[float, float]:
+        """Merit and value of the goal that `quantile` of so many builds reach."""
         with np.errstate(all="ignore"):
-            own = goal.values(builds(self.problem, self.scatter, unit, deviations))
-        values = np.broadcast_to(own, deviations.shape[1:])
-        bad = np.inf if goal.sign > 0 else (0.0 if goal.quantity.positive else -np.inf)
-        ordered = np.sort(np.where(np.isfinite(values), values, bad) * goal.sign)
-        return goal.sign * float(ordered[min(len(ordered), int(np.ceil(self.table.quantile * len(ordered)))) - 1])
+            merit = np.broadcast_to(self.problem.merit(built), count)
+            values = np.broadcast_to(self.problem.goals[0].values(built), count)
+        order = np.argsort(np.where(np.isfinite(merit), merit, np.inf))
+        at = order[min(count, math.ceil(self.table.quantile * count)) - 1]
+        return float(merit[at]), float(values[at])
 
     def statistics(self, unit: Array) -> BuildStatistics:
         """On fresh deviations."""
         problem, fresh = self.problem, self.scatter.fresh
-        rows = problem.rows_of(builds(problem, self.scatter, unit, fresh))
-        held = np.nan_to_num(rows, nan=np.inf) <= FEASIBLE
+        count = fresh.shape[1]
+        built = builds(problem, self.scatter, unit, fresh)
+        held = np.nan_to_num(problem.rows_of(built, count), nan=np.inf) <= FEASIBLE
         owner = np.array([row.constraint for row in problem.rows])
         each = tuple(float(held[owner == k].all(axis=0).mean()) for k in range(len(problem.constraints)))
-        passed = Yield(int(held.all(axis=0).sum()), fresh.shape[1])
-        return BuildStatistics(passed, problem.number(problem.goals[0], unit), self.quantile(unit, fresh), each)
-
-    def better(self, left: BuildStatistics, right: BuildStatistics) -> bool:
-        """Whether the left one does better in what is maximised."""
-        if self.table.maximise == "yield":
-            return left.yield_.value > right.yield_.value
-        return left.yield_.value >= self.table.wanted_yield > right.yield_.value
+        passed, (_, reached) = Yield(int(held.all(axis=0).sum()), count), self._quantile(built, count)
+        return BuildStatistics(passed, problem.number(problem.goals[0], unit), reached, each)

@@ -10,12 +10,15 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+Vector = Callable[[Array], Array]
+"""What is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the unit box."""
 
 Global = Literal["crs2", "isres"]
 
@@ -41,22 +44,7 @@ FORWARD = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) /
 """Offsets in steps, and weights; FORWARD also takes -25/12 of the middle."""
 
 
-class Smooth(Protocol):
-    """What an optimiser can work on, over the unit box."""
-
-    @property
-    def n(self) -> int:
-        """How many variables."""
-
-    @property
-    def equalities(self) -> int:
-        """How many of the last rows must be 0; the others must not be above 0."""
-
-    def vector(self, units: Array) -> Array:
-        """Merit and rows, shape (1 + rows, N), at points of shape (N, n)."""
-
-
-def value_and_jacobian(vector: Callable[[Array], Array], unit: Array, step: float = STEP) -> tuple[Array, Array]:
+def value_and_jacobian(vector: Vector, unit: Array, step: float = STEP) -> tuple[Array, Array]:
     """Rows (R,) of a vector function at a point (n,) of the unit box, and their derivatives (R, n); one call for all.
 
     By five-point differences: the closed forms are right to a few ulp, so that with a step of 1e-3 of the box the
@@ -77,7 +65,7 @@ def value_and_jacobian(vector: Callable[[Array], Array], unit: Array, step: floa
         return values, (np.einsum("rnk,nk->rn", around, weights) + values[:, None] * middle) / step
 
 
-def gradient_error(vector: Callable[[Array], Array], unit: Array) -> float:
+def gradient_error(vector: Vector, unit: Array) -> float:
     """Largest difference between derivatives at two step sizes, over the largest derivative of the same row."""
     _, fine = value_and_jacobian(vector, unit)
     _, coarse = value_and_jacobian(vector, unit, 2 * STEP)
@@ -87,9 +75,9 @@ def gradient_error(vector: Callable[[Array], Array], unit: Array) -> float:
 
 @dataclass
 class Guard:
-    """Evaluations of a problem, watched."""
+    """Evaluations of what is searched, watched."""
 
-    problem: Smooth
+    vector: Vector
     deadline: float = float("inf")
     """On the monotonic clock [s]."""
     evaluations: int = 0
@@ -111,10 +99,10 @@ class Guard:
         if self._last is None or (derivatives and self._last[2] is None):
             own, jacobian = _inside(unit), None  # a copy: nlopt reuses its memory
             if derivatives:
-                values, jacobian = value_and_jacobian(self.problem.vector, own)
+                values, jacobian = value_and_jacobian(self.vector, own)
                 jacobian = np.where(np.isfinite(jacobian), np.clip(jacobian, -BIG, BIG), 0.0)
             else:
-                values = self.problem.vector(own[None])[:, 0]
+                values = self.vector(own[None])[:, 0]
             if np.isfinite(values).all():
                 self._remember(own, values)
             else:
@@ -125,7 +113,7 @@ class Guard:
         return values, np.empty((0, 0)) if jacobian is None else jacobian
 
     def _remember(self, unit: Array, values: Array) -> None:
-        violation = violation_of(values[1:], self.problem.equalities)
+        violation = violation_of(values[1:])
         better = violation < self.violation
         if violation <= FEASIBLE:
             better = self.violation > FEASIBLE or values[0] < self.merit
@@ -137,30 +125,19 @@ class Guard:
         """Whether the best point holds every row."""
         return self.violation <= FEASIBLE
 
-    @property
-    def seconds_left(self) -> float:
-        """Until the deadline."""
-        return self.deadline - time.monotonic()
 
-
-def violations(rows: Array, equalities: int) -> Array:
-    """How far each row (without the merit) is violated, 0 where it holds."""
-    split = len(rows) - equalities
-    return np.concatenate([np.maximum(rows[:split], 0.0), np.abs(rows[split:])])
-
-
-def violation_of(rows: Array, equalities: int) -> float:
-    """Largest violation of the rows, 0 where all hold."""
-    return float(np.max(violations(rows, equalities), initial=0.0))
+def violation_of(rows: Array) -> float:
+    """Largest violation of the rows (without the merit), 0 where all hold."""
+    return float(np.max(rows, initial=0.0))
 
 
 def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = FTOL) -> None:
     """Sequential quadratic programming from a start (clipped to the box)."""
     import nlopt
 
-    equalities = guard.problem.equalities
-    count = len(guard.rows(_inside(start), True)[0])
-    optimiser = nlopt.opt(nlopt.LD_SLSQP, guard.problem.n)
+    begin = _inside(start)
+    rows = len(guard.rows(begin, True)[0]) - 1
+    optimiser = nlopt.opt(nlopt.LD_SLSQP, len(begin))
 
     def merit(x: Array, gradient: Array) -> float:
         values, jacobian = guard.rows(x, gradient.size > 0)
@@ -168,75 +145,70 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
             gradient[:] = jacobian[0]
         return float(values[0])
 
-    def block(rows: slice) -> Callable[[Array, Array, Array], None]:
-        def fill(result: Array, x: Array, gradient: Array) -> None:
-            values, jacobian = guard.rows(x, gradient.size > 0)
-            result[:] = values[rows]
-            if gradient.size:
-                gradient[:] = jacobian[rows]
-
-        return fill
+    def limits(result: Array, x: Array, gradient: Array) -> None:
+        values, jacobian = guard.rows(x, gradient.size > 0)
+        result[:] = values[1:]
+        if gradient.size:
+            gradient[:] = jacobian[1:]
 
     optimiser.set_min_objective(merit)
-    if count - 1 > equalities:
-        tolerances = np.full(count - 1 - equalities, ROW_TOLERANCE)
-        optimiser.add_inequality_mconstraint(block(slice(1, count - equalities)), tolerances)
-    if equalities:
-        optimiser.add_equality_mconstraint(block(slice(count - equalities, count)), np.full(equalities, ROW_TOLERANCE))
+    if rows:
+        optimiser.add_inequality_mconstraint(limits, np.full(rows, ROW_TOLERANCE))
     optimiser.set_ftol_rel(ftol)
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
     optimiser.set_xtol_rel(XTOL)
-    _run(optimiser, start, XTOL, evaluations, guard.deadline)
+    _run(optimiser, begin, XTOL, evaluations, guard.deadline)
 
 
 def globally(
-    guard: Guard, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
+    guard: Guard, n: int, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
 ) -> Array:
-    """A global search: CRS2_LM on the merit plus `weight` times the violation, or ISRES with the rows themselves.
+    """A global search over n variables: CRS2_LM on the merit plus `weight` times the violation, or ISRES.
 
-    Gives the point of least merit plus penalty, feasible or not.
+    Gives CRS2_LM's point of least merit plus penalty, feasible or not; ISRES keeps to the rows themselves, and gives
+    its best feasible point if it met one.
     """
     import nlopt
 
     nlopt.srand(seed + 1)  # 0 would mean the clock
-    middle, equalities = np.full(guard.problem.n, 0.5), guard.problem.equalities
-    optimiser = nlopt.opt(nlopt.GN_CRS2_LM if algorithm == "crs2" else nlopt.GN_ISRES, guard.problem.n)
-    count = len(guard.rows(middle)[0])
-    best: list[tuple[float, Array]] = [(np.inf, middle)]
+    middle = np.full(n, 0.5)
+    penalty = 0.0 if algorithm == "isres" else weight
 
-    def merit(x: Array, _: Array) -> float:
-        values, _ = guard.rows(x)
-        total = float(values[0] + weight * violations(values[1:], equalities).sum())
-        if total < best[0][0]:
-            best[0] = (total, np.array(x))
-        return float(values[0]) if algorithm == "isres" else total
+    def cost(unit: Array) -> tuple[float]:
+        values, _ = guard.rows(unit)
+        return (float(values[0] + penalty * np.maximum(values[1:], 0.0).sum()),)
 
-    optimiser.set_min_objective(merit)
-    if algorithm == "isres":
-        for number in range(1, count):
-            equal = number >= count - equalities
-            add = optimiser.add_equality_constraint if equal else optimiser.add_inequality_constraint
-            add(lambda x, _, k=number: float(guard.rows(x)[0][k]), FEASIBLE)
-    optimiser.set_ftol_rel(ftol)
-    optimiser.set_xtol_rel(XTOL)
-    _run(optimiser, middle, XTOL, evaluations, guard.deadline)
-    return best[0][1]
+    held = range(1, len(guard.rows(middle)[0])) if algorithm == "isres" else ()
+    unit, _ = derivative_free(
+        "GN_ISRES" if algorithm == "isres" else "GN_CRS2_LM",
+        cost,
+        middle,
+        [lambda unit, k=k: float(guard.rows(unit)[0][k]) for k in held],  # type: ignore[misc]
+        ftol=ftol,
+        xtol=XTOL,
+        evaluations=evaluations,
+        deadline=guard.deadline,
+    )
+    return guard.unit if algorithm == "isres" and guard.unit is not None else unit
 
 
-def simplex(
-    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX"],
+def derivative_free(
+    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX", "GN_CRS2_LM", "GN_ISRES"],
     cost: Callable[[Array], tuple[float, ...]],
     start: Array,
+    limits: Sequence[Callable[[Array], float]] = (),
     *,
-    step: float,
+    step: float = 0.1,
+    ftol: float = 0.0,
     xtol: float,
     evaluations: int,
     deadline: float = float("inf"),
 ) -> tuple[Array, int]:
-    """The point of least cost that nlopt's simplexes meet from a start in the unit box, and how many they tried.
+    """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
-    The cost may have kinks; its first number is made small, further ones decide between equals.
+    The cost may have kinks; its first number is made small, further ones decide between equals. Only ISRES holds limits
+    (not above 0).
     """
     import nlopt
 
@@ -253,7 +225,10 @@ def simplex(
 
     optimiser = nlopt.opt(getattr(nlopt, algorithm), len(start))
     optimiser.set_min_objective(value)
+    for limit in limits:
+        optimiser.add_inequality_constraint(lambda x, _, limit=limit: limit(x), FEASIBLE)
     optimiser.set_initial_step(np.full(len(start), step))
+    optimiser.set_ftol_rel(ftol)
     _run(optimiser, start, xtol, evaluations, deadline)
     return best[1], count
 
@@ -283,15 +258,6 @@ def _inside(unit: ArrayLike) -> Array:
     return inside
 
 
-@dataclass(frozen=True)
-class Posed:
-    """A smooth problem by its parts."""
-
-    n: int
-    equalities: int
-    vector: Callable[[Array], Array]
-
-
 def least_violation(
     guard: Guard, starts: Sequence[Array], weights: Sequence[float] | None = None, evaluations: int = 200
 ) -> tuple[Array, Array]:
@@ -300,30 +266,27 @@ def least_violation(
     The guard remembers every point tried, so that a feasible one met on the way is kept. A weight says what a scaled
     unit of a row's violation costs; infinite keeps the row hard. Without weights: 1 each.
     """
-    problem, n, equalities = guard.problem, guard.problem.n, guard.problem.equalities
-    count = len(guard.rows(_inside(starts[0]))[0]) - 1
+    n, count = len(starts[0]), len(guard.rows(_inside(starts[0]))[0]) - 1
     costs = np.ones(count) if weights is None else np.asarray(weights, float)
-    soft, split = np.isfinite(costs), count - equalities
+    soft = np.isfinite(costs)
 
     def relaxed(units: Array) -> Array:
-        """Weighted sum of slacks, rows less their slacks: an equality becomes two inequalities."""
-        rows = problem.vector(units[:, :n])[1:]
+        """Weighted sum of slacks, rows less their slacks."""
+        rows = guard.vector(units[:, :n])[1:]
         slack = np.zeros_like(rows)
         slack[soft] = LARGEST_SLACK * units[:, n:].T
-        total = costs[soft] @ slack[soft]
-        return np.concatenate([total[None], rows - slack, -rows[split:] - slack[split:]])
+        return np.concatenate([(costs[soft] @ slack[soft])[None], rows - slack])
 
-    elastic = Posed(n + int(soft.sum()), 0, relaxed)
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
-        inner = Guard(elastic, guard.deadline)
-        over = violations(guard.rows(_inside(start))[0][1:], equalities)
+        inner = Guard(relaxed, guard.deadline)
+        over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
         slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations)
         if inner.unit is None:
             continue
         unit = inner.unit[:n]
         rows = guard.rows(unit)[0][1:]
-        over = violations(rows, equalities)
+        over = np.maximum(rows, 0.0)
         cost, hard = float(over[soft] @ costs[soft]), float(over[~soft].max(initial=0.0))
         if best is None or (round(hard, 7), cost) < best[:2]:
             best = (round(hard, 7), cost, unit, rows)
@@ -356,40 +319,38 @@ class Search:
 
 
 def search(
-    problem: Smooth,
+    vector: Vector,
     start: ArrayLike,
     deadline: float = float("inf"),
     evaluations: int = 300,
-    *,
-    polish: bool = True,
-    tolerance: float = QUICK,
+    tolerance: float = FTOL,
 ) -> Search:
     """SLSQP from a start, by way of the least violation where it does not reach a feasible point, then polished.
 
     Parameters
     ----------
-    problem : Smooth
+    vector : callable
+        Merit and rows over the unit box.
     start : array-like, shape (n,)
         Outside the unit box it is clipped to it.
     deadline, evaluations : float, int
         On the monotonic clock [s]; of each run.
-    polish : bool
-        Whether the run is repeated from its own end until nothing is gained; if not, it also ends earlier.
     tolerance : float
-        Change of the merit, absolute and relative, at which an unpolished search ends.
+        Change of the merit, absolute and relative, at which a search ends. The finest, `FTOL`, is polished: the run is
+        repeated from its own end until nothing is gained.
     """
-    guard = Guard(problem, deadline)
+    polish = tolerance <= FTOL
+    guard = Guard(vector, deadline)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
-    ftol = FTOL if polish else tolerance
-    slsqp(guard, begin, evaluations, ftol)
-    if not guard.feasible and guard.seconds_left > 0:
+    slsqp(guard, begin, evaluations, tolerance)
+    if not guard.feasible and time.monotonic() < deadline:
         starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
         unit, _ = least_violation(guard, starts, evaluations=evaluations)
         if guard.feasible:
-            slsqp(guard, unit, evaluations, ftol)
+            slsqp(guard, unit, evaluations, tolerance)
     for _ in range(4 if polish else 0):
         before = guard.merit
-        if guard.unit is None or not guard.feasible or guard.seconds_left <= 0:
+        if guard.unit is None or not guard.feasible or time.monotonic() >= deadline:
             break
         slsqp(guard, guard.unit, evaluations)
         if before - guard.merit <= 1e-12 * max(1.0, abs(before)):
@@ -406,13 +367,12 @@ def _on_limits(guard: Guard, begin: Array) -> tuple[Array, float, float]:
     unit, merit, violation = guard.unit, guard.merit, guard.violation
     if violation > FEASIBLE:
         return unit, merit, violation
-    equalities = guard.problem.equalities
     moved = unit
     for _ in range(4):
         values, jacobian = guard.rows(moved, True)
         rows = values[1:]
-        touching = (rows > -NEAR) | (np.arange(len(rows)) >= len(rows) - equalities)
-        over = violation_of(rows, equalities)
+        touching = rows > -NEAR
+        over = violation_of(rows)
         if over <= violation and values[0] <= merit + 1e-6:
             unit, merit, violation = moved, float(values[0]), over
         if not touching.any() or over <= 1e-15:

@@ -1,10 +1,15 @@
-"""Solving a problem: many starts, a second solver as a check, and an answer that says how far to trust it."""
+"""Solving a problem: many starts, a second solver as a check, and an answer that says how far to trust it.
+
+Where nothing is feasible, why: the least-violating point, the smallest set of limits that conflict, and remedies. Where
+goals compete, a front: all but one limited, going from limit to limit, each warm-started.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import Annotated
 
 import numpy as np
@@ -13,9 +18,9 @@ from pydantic import Field
 
 from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
-from .conflicts import Conflict, explain
-from .problem import Constraint, DesignProblem, Goal, sobol_units
+from .problem import Constraint, DesignProblem, Goal, Side, sobol_units
 from .search import (
+    FEASIBLE,
     FTOL,
     GLOBAL_FTOL,
     Global,
@@ -23,8 +28,10 @@ from .search import (
     Search,
     globally,
     gradient_error,
+    least_violation,
     search,
     value_and_jacobian,
+    violation_of,
 )
 
 Array = NDArray[np.float64]
@@ -35,6 +42,11 @@ LOOSE = 0.01
 """Relative difference of a variable between equally good designs that is worth telling."""
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
+
+FRESH = 6
+"""Sobol points from which it is asked whether some of the limits can hold, and for the ends of a front."""
+HAIR = 1e-6
+"""What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
 
 Tell = Callable[[str], None]
 
@@ -88,12 +100,6 @@ class Check:
     """Of its own best feasible point; None where it met none."""
     polished: Search
     """A local search from its best point."""
-    within: float = AGREE
-    """Difference of merit that does not count."""
-
-    def agrees(self, merit: float) -> bool:
-        """Whether its polished point is the answer, or no better."""
-        return not self.polished.feasible or self.polished.merit >= merit - self.within
 
 
 @dataclass(frozen=True)
@@ -123,12 +129,44 @@ class Active:
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """First-order conditions at a point."""
+class Violation:
+    """How far a limit is missed at the least-violating point."""
 
-    active: tuple[Active, ...]
-    residual: float
-    """Length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum."""
+    limit: str
+    """E.g. ``fill_factor <=``."""
+    value: float
+    wanted: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A limit that, moved alone, makes the whole problem feasible."""
+
+    label: str
+    limit: float
+    """As asked."""
+    needed: float | None
+    """What it would have to be; None where moving it alone does not help."""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """What stands in the way."""
+
+    unit: Array
+    """The least-violating point."""
+    violation: float
+    violations: tuple[Violation, ...] = ()
+    smallest: tuple[str, ...] = ()
+    """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
+    complete: bool = True
+    """Whether every smaller set was shown to be feasible before the time was up."""
+    relaxations: tuple[Relaxation, ...] = ()
+    bounds: tuple[str, ...] = ()
+    """Bounds of variables that the least-violating point touches: relaxing these may help too."""
+    feasible_after_all: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,8 +182,10 @@ class Answer:
     merit: float
     violation: float
     feasible: bool
-    conditions: Conditions | None
-    """None where infeasible."""
+    active: tuple[Active, ...]
+    """Limits that the optimum rests on; none where infeasible."""
+    residual: float
+    """Of the first-order conditions: length of what no multiplier explains, over the length of the merit's gradient."""
     conflict: Conflict | None
     """Why nothing is feasible; None where something is."""
     searches: tuple[Search, ...]
@@ -155,33 +195,29 @@ class Answer:
     evaluations: int
     seconds: float
     notes: tuple[str, ...]
-    agree: float = AGREE
-    """Difference of merit within which two searches found the same."""
+    settings: Settings
     gained: float = 0.0
     """By how much the merit fell when the best was polished once more: what the searches had left."""
 
     @property
     def equals(self) -> tuple[Search, ...]:
         """Searches that ended at the answer, or equally good."""
-        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.agree)
-
-    @property
-    def same(self) -> int:
-        """How many starts ended at the answer."""
-        return len(self.equals)
+        return tuple(s for s in self.searches if s.feasible and abs(s.merit - self.merit) <= self.settings.agree)
 
     @property
     def reached(self) -> int:
         """How many starts ended at a feasible point."""
         return sum(s.feasible for s in self.searches)
 
+    def agrees(self, check: Check) -> bool:
+        """Whether another solver's polished point is the answer, or no better."""
+        return not check.polished.feasible or check.polished.merit >= self.merit - self.settings.agree
+
     def loose(self) -> dict[str, tuple[float, float]]:
         """Variables that differ between starts that ended equally good: name to least and greatest value [mm]."""
         designs = [self.problem.named(s.unit) for s in self.equals]
-        ends = {
-            v.name: (min(d[v.name] for d in designs), max(d[v.name] for d in designs))
-            for v in (self.problem.variables if designs else ())
-        }
+        values = {name: [design[name] for design in designs] for name in (self.problem.variables if designs else ())}
+        ends = {name: (min(each), max(each)) for name, each in values.items()}
         return {name: (low, high) for name, (low, high) in ends.items() if high - low > LOOSE * max(abs(high), 1e-12)}
 
     def variables(self) -> dict[str, float]:
@@ -199,8 +235,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
     deadline = began + settings.seconds
     starts = _starts(problem, settings)
     if problem.order == "weighted" or len(problem.goals) == 1:
-        answer = _solve(problem, settings, deadline, tell, starts)
-        return replace(answer, seconds=time.monotonic() - began)
+        return replace(_solve(problem, settings, deadline, tell, starts), seconds=time.monotonic() - began)
     stages: list[Stage] = []
     current, spent = replace(problem, order="weighted"), 0
     for number, goal in enumerate(problem.goals, 1):
@@ -212,10 +247,8 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
         if not answer.feasible:
             break
         value = answer.number(goal)
-        give = problem.slack * (abs(value) if goal.quantity.positive else current.goal_scale(0))
-        held = goal.held(value + goal.sign * give)
-        limit = "" if last else f"{goal.label} {'<=' if goal.sign > 0 else '>='} {value + goal.sign * give:.6g}"
-        stages.append(Stage(goal.label, value, limit))
+        held = goal.held(value + goal.sign * problem.slack * _goal_per_merit(current, answer.unit))
+        stages.append(Stage(goal.label, value, "" if last else str(held)))
         starts = [answer.unit, *starts]
         if not last:
             current = replace(current, constraints=(*current.constraints, held))
@@ -224,14 +257,13 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
 
 def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
     """Where searches start: as given, not clipped, so that a start outside its bounds can be told; Sobol points."""
-    first = []
-    if any(v.start is not None for v in problem.variables):
-        units = [
-            0.5 if v.start is None else -0.01 if v.start < v.low else 1.01 if v.start > v.high else v.unit(v.start)
-            for v in problem.variables
-        ]
-        first = [np.array(units)]
-    return [*first, *sobol_units(problem.n, settings.starts, settings.seed)]
+    bounds = problem.variables.values()
+    first = [
+        0.5 if v.start is None else -0.01 if v.start < v.min else 1.01 if v.start > v.max else v.unit(v.start)
+        for v in bounds
+    ]
+    given = [np.array(first)] if any(v.start is not None for v in bounds) else []
+    return [*given, *sobol_units(problem.n, settings.starts, settings.seed)]
 
 
 def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Tell, starts: Sequence[Array]) -> Answer:
@@ -240,10 +272,12 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         if searches and time.monotonic() > deadline:
             break
         tell(f"start {number} of {len(starts)}")
-        searches.append(_search(problem, start, deadline, settings))
+        searches.append(search(problem.vector, start, deadline, settings.evaluations, settings.tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
+    notes = _notes(searches, len(starts))
     checks: list[Check] = []
-    for name in _checkers(settings):
+    wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
+    for name in (name for name, asked in wanted.items() if asked):
         if time.monotonic() > deadline:
             break
         tell(f"checking with {name}")
@@ -253,7 +287,7 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = search(problem, best.unit, deadline, settings.evaluations)
+        polished = search(problem.vector, best.unit, deadline, settings.evaluations)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
@@ -262,11 +296,12 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         conflict = explain(problem, points, deadline, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
         if conflict.feasible_after_all:
-            again = search(problem, conflict.unit, deadline, settings.evaluations)
+            again = search(problem.vector, conflict.unit, deadline, settings.evaluations)
             if again.feasible:
                 searches.append(again)
                 best, conflict = again, None
     feasible = best.feasible and conflict is None
+    active, residual = conditions(problem, best.unit) if feasible else ((), 0.0)
     return Answer(
         problem=problem,
         asked=problem,
@@ -274,7 +309,8 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         merit=best.merit,
         violation=best.violation,
         feasible=feasible,
-        conditions=conditions(problem, best.unit) if feasible else None,
+        active=active,
+        residual=residual,
         conflict=conflict,
         searches=tuple(searches),
         checks=tuple(checks),
@@ -282,35 +318,21 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         gradient_error=gradient_error(problem.vector, best.unit),
         evaluations=sum(s.evaluations for s in searches) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
-        notes=tuple(_notes(searches, len(starts))),
-        agree=settings.agree,
+        notes=tuple(notes),
+        settings=settings,
         gained=gained,
     )
 
 
-def _search(problem: DesignProblem, start: Array, deadline: float, settings: Settings) -> Search:
-    """A local search, as thorough as the accuracy asks for."""
-    polish = settings.accuracy is None
-    return search(problem, start, deadline, settings.evaluations, polish=polish, tolerance=settings.tolerance)
-
-
-def _checkers(settings: Settings) -> list[Global]:
-    asked: tuple[tuple[Global, bool], ...] = (("crs2", settings.check), ("isres", settings.isres))
-    return [name for name, wanted in asked if wanted]
-
-
 def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: float, best: Search) -> Check:
-    known = conditions(problem, best.unit).active if best.feasible else ()
+    known = conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
-    guard = Guard(problem, deadline)
-    ftol = max(GLOBAL_FTOL, settings.tolerance)
-    unit = globally(guard, name, 1.0 + 3.0 * steepest, min(1500 * problem.n, 9000), settings.seed, ftol)
-    if name == "isres" and guard.unit is not None:
-        unit = guard.unit  # it minimises no penalty: its best point is the best feasible one
-    polished = _search(problem, unit, deadline, settings)
+    guard = Guard(problem.vector, deadline)
+    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
+    polished = search(problem.vector, unit, deadline, settings.evaluations, settings.tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
-    merit = guard.merit if guard.feasible else None
-    return Check(solver, guard.evaluations, merit, polished, settings.agree)
+    return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
 
 def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
@@ -325,64 +347,294 @@ def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
     return notes
 
 
-def conditions(problem: DesignProblem, unit: Array) -> Conditions:
-    """Active limits and their multipliers, by non-negative least squares on the gradients."""
+def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
+    """Limits that a point rests on, hardest first, by non-negative least squares on the gradients.
+
+    Beside it the length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum.
+    """
     from scipy.optimize import nnls
 
     values, jacobian = value_and_jacobian(problem.vector, unit)
-    slope, rows = jacobian[0], values[1:]
     columns: list[Array] = []
     limits: list[tuple[str, str, float]] = []
-    for number, row in enumerate(problem.rows):
-        equal = row.side == "equal"
-        if row.constraint < 0 or (rows[number] < -TOUCHING and not equal):
-            continue
-        kind = problem.constraints[row.constraint].quantity.unit
-        for sign in (1.0, -1.0) if equal else (1.0,):
-            columns.append(sign * jacobian[1 + number])
-            limits.append((row.label, kind, row.size))
-    for i, variable in enumerate(problem.variables):
-        if variable.high == variable.low or TOUCHING <= unit[i] <= 1 - TOUCHING:
-            continue
-        upper = unit[i] > 0.5
-        columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
-        words = f"<= {variable.high:.6g} mm" if upper else f">= {variable.low:.6g} mm"
-        limits.append((f"{variable.name} {words}", "mm", variable.rate(float(unit[i]))))
-    length = float(np.linalg.norm(slope))
+    for row, value, slope in zip(problem.rows, values[1:], jacobian[1:], strict=True):
+        if row.constraint >= 0 and value >= -TOUCHING:
+            columns.append(slope)
+            limits.append((row.label, problem.constraints[row.constraint].quantity.unit, row.size))
+    for i, (name, variable) in enumerate(problem.variables.items()):
+        if variable.max > variable.min and not TOUCHING <= unit[i] <= 1 - TOUCHING:
+            upper = unit[i] > 0.5
+            columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
+            limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i]))))
+    length = float(np.linalg.norm(jacobian[0]))
     if not columns:
-        return Conditions((), 1.0 if length > 1e-6 else 0.0)
-    per_merit = _goal_per_merit(problem, unit)
-    multipliers, residual = nnls(np.stack(columns, axis=1), -slope)
+        return (), 1.0 if length > 1e-6 else 0.0
+    per_merit = _goal_per_merit(problem, unit) if len(problem.goals) == 1 else None
+    multipliers, residual = nnls(np.stack(columns, axis=1), -jacobian[0])
     merged: dict[str, Active] = {}
     for (label, kind, size), multiplier in zip(limits, multipliers.tolist(), strict=True):
         gain = multiplier / size
         if label not in merged or multiplier > merged[label].multiplier:
             merged[label] = Active(label, kind, multiplier, gain, None if per_merit is None else gain * per_merit)
     order = sorted(merged.values(), key=lambda a: -a.multiplier)
-    return Conditions(tuple(order), float(residual) / max(length, 1e-12))
+    return tuple(order), float(residual) / max(length, 1e-12)
 
 
-def _goal_per_merit(problem: DesignProblem, unit: Array) -> float | None:
+def _goal_per_merit(problem: DesignProblem, unit: Array) -> float:
     """How much a single goal changes where the merit changes by 1."""
-    if len(problem.goals) != 1:
-        return None
     goal = problem.goals[0]
     return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
 
 
-def optimum_accuracy(answer: Answer, settings: Settings, seconds: float | None = None) -> Accuracy | None:
+def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy | None:
     """Method, expected and measured error of an answer's merit; None where no design was found."""
     if not answer.feasible:
         return None
-    checks = ", ".join(check.solver for check in answer.checks)
-    method = f"SLSQP from {len(answer.searches)} starts to {settings.tolerance:g}, the best polished"
+    asked, checks = answer.settings.accuracy, ", ".join(check.solver for check in answer.checks)
+    method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
     return Accuracy(
         "merit of the optimum (0.01: 1 % of a goal)",
         method + (f"; checked by {checks}" if checks else ""),
-        AGREE if settings.accuracy is None else settings.accuracy,
+        AGREE if asked is None else asked,
         answer.gained,
         "what one more search gained",
-        settings.accuracy,
+        asked,
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
     )
+
+
+def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, seed: int) -> Conflict:
+    """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
+
+    The deadline is on the monotonic clock; a few seconds more are taken where it has passed.
+    """
+    deadline = max(deadline, time.monotonic() + 10.0)
+    pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, FRESH, seed + 1)])
+    unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
+    violation = violation_of(rows)
+    if violation <= FEASIBLE:
+        return Conflict(unit, 0.0, feasible_after_all=True)
+    smallest, complete = _smallest(pool, len(problem.constraints))
+    clashing = sorted(smallest)
+    missed = {
+        constraint.said(row.side): Violation(
+            constraint.said(row.side),
+            problem.number(constraint, unit),
+            constraint.limits[row.side],
+            constraint.quantity.unit,
+        )
+        for row, over in zip(problem.rows, rows, strict=True)
+        if over > FEASIBLE and row.constraint >= 0
+        for constraint in [problem.constraints[row.constraint]]
+    }
+    return Conflict(
+        unit=unit,
+        violation=violation,
+        violations=tuple(missed.values()),
+        smallest=tuple(str(problem.constraints[index]) for index in clashing),
+        complete=complete,
+        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
+        bounds=tuple(
+            f"{name} {variable.end(place > 0.5)}"
+            for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
+            if not 1e-6 <= place <= 1 - 1e-6
+        ),
+    )
+
+
+class _Pool:
+    """Points met so far, and which constraints each of them holds."""
+
+    def __init__(self, problem: DesignProblem, deadline: float, starts: Sequence[Array]) -> None:
+        self.problem, self.deadline = problem, deadline
+        self.starts = [np.clip(start, 0, 1) for start in starts]
+        self.held: list[frozenset[int]] = []
+        self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
+
+    def add(self, units: Array) -> None:
+        good = self.problem.vector(units)[1:] <= FEASIBLE
+        owner = np.array([row.constraint for row in self.problem.rows])
+        each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
+        for column in np.unique(each[:, each[0]], axis=1).T:
+            self.held.append(frozenset(np.flatnonzero(column[1:]).tolist()))
+
+    def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
+        """Least violation of some of the constraints; rows are those of the problem with only these."""
+        part = self.problem.without(keep)
+        guard = Guard(part.vector, self.deadline)
+        weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
+        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], weights)
+        self.add(unit[None])
+        if guard.unit is not None:
+            self.add(guard.unit[None])
+            if guard.feasible:
+                unit, rows = guard.unit, part.vector(guard.unit[None])[1:, 0]
+        return unit, rows
+
+    def possible(self, keep: frozenset[int]) -> bool:
+        """Whether some constraints can hold together, as far as searches tell."""
+        if any(keep <= held for held in self.held):
+            return True
+        _, rows = self.relaxed(keep)
+        return violation_of(rows) <= FEASIBLE
+
+    def alone(self, index: int, side: Side) -> Relaxation:
+        """What one limit would have to be, all others kept."""
+        constraint = self.problem.constraints[index]
+        soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
+        guard = Guard(self.problem.vector, self.deadline)
+        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], np.where(soft, 1.0, np.inf).tolist())
+        value = self.problem.number(constraint, unit)
+        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
+        needed, unit_name = value if helps else None, constraint.quantity.unit
+        return Relaxation(constraint.said(side), constraint.limits[side], needed, unit_name)
+
+
+def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
+    """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
+    for size in range(1, count + 1):
+        for keep in combinations(range(count), size):
+            if time.monotonic() > pool.deadline:
+                return _by_deletion(pool, count), False
+            if not pool.possible(frozenset(keep)):
+                return frozenset(keep), True
+    return frozenset(range(count)), True
+
+
+def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
+    """Where time is short: leave out what the conflict does not need, one after the other."""
+    pool.deadline = time.monotonic() + 5.0
+    keep = set(range(count))
+    for index in range(count):
+        if time.monotonic() < pool.deadline and not pool.possible(frozenset(keep - {index})):
+            keep.discard(index)
+    return frozenset(keep)
+
+
+class ParetoTable(StrictTable):
+    """Two or three goals to trade."""
+
+    goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
+    """Names of quantities among [[goals]]."""
+    points: Annotated[int, Field(ge=3, le=100)] = 13
+    """Along each limited goal."""
+
+
+@dataclass(frozen=True)
+class FrontPoint:
+    """One design of a front."""
+
+    goals: dict[str, float]
+    """Label to value, in the order of the front's goals."""
+    variables_mm: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Front:
+    """Designs of which none is better in every goal."""
+
+    goals: tuple[Goal, ...]
+    points: tuple[FrontPoint, ...] = ()
+    """In the order of the first limited goal."""
+    limits_without_design: int = 1
+    dominated: int = 0
+    """Designs left out since another was better in every goal."""
+    evaluations: int = 0
+    complete: bool = False
+    """Whether all limits were tried before the time was up."""
+
+
+def pareto_front(
+    problem: DesignProblem,
+    goals: Sequence[Goal],
+    points: int,
+    known: Sequence[Array],
+    deadline: float,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Front:
+    """Trade two or three goals, of which the first is optimised while the others are limited.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Its own goals are not looked at.
+    goals : sequence of Goal
+    points : int
+        Limits along the second goal; of the third a third as many.
+    known : sequence of ndarray
+        Feasible points, scaled; searches start there, and from Sobol points by the seed.
+    deadline : float
+        On the monotonic clock [s].
+    """
+    met: list[Array] = []
+    spent = 0
+
+    def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
+        nonlocal spent
+        posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
+        results = [search(posed.vector, start, deadline) for start in starts]
+        spent += sum(result.evaluations for result in results)
+        feasible = [result for result in results if result.feasible]
+        return min(feasible, key=lambda result: result.merit).unit if feasible else None
+
+    def values(units: Sequence[Array]) -> Array:
+        return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
+
+    for number, goal in enumerate(goals):
+        tell(f"front: end {number + 1} of {len(goals)}")
+        end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH, seed)])
+        if end is None:
+            return Front(tuple(goals), evaluations=spent)
+        if number:
+            # Of designs equally good in this goal, the one that is best in the first.
+            value = problem.number(goal, end)
+            refined = best_of(goals[0], [goal.held(value + goal.sign * HAIR * abs(value))], [end])
+            end = end if refined is None else refined
+        met.append(end)
+    ends, payoff = list(met), values(met)
+    ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
+    grid = [limits[::-1] for limits in product(*ladders[::-1])]
+    failed, complete, warm = 0, True, ends[0]
+    for number, limits in enumerate(grid, 1):
+        if time.monotonic() > deadline:
+            complete = False
+            break
+        tell(f"front: limit {number} of {len(grid)}")
+        if limits[0] == ladders[0][0]:
+            warm = ends[0]
+        held = [goal.held(value) for goal, value in zip(goals[1:], limits, strict=True)]
+        best = best_of(goals[0], held, [warm])
+        if best is None:
+            best = best_of(goals[0], held, ends)
+        if best is None:
+            failed += 1
+        else:
+            warm = best
+            met.append(best)
+    reached = values(met)
+    labels = [goal.label for goal in goals]
+    front = tuple(
+        FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
+        for i in _undominated(reached * [goal.sign for goal in goals])
+    )
+    return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)
+
+
+def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
+    """Limits from the worst value at another goal's end to the best, in equal ratios where ratios count."""
+    worst, best = (goal.sign * float(end) for end in ((goal.sign * values).max(), (goal.sign * values).min()))
+    return list(map(float, (np.geomspace if goal.quantity.positive else np.linspace)(worst, best, count)))
+
+
+def _undominated(values: Array) -> list[int]:
+    """Which designs none is better than, small is good; each once, in the order of the second value."""
+    tiny = 1e-7 * np.maximum(np.abs(values), 1e-12)
+    front: list[int] = []
+    for i, own in enumerate(values):
+        better = (values <= own + tiny[i]).all(axis=1) & (values < own - tiny[i]).any(axis=1)
+        twin = any(np.allclose(values[j], own, rtol=1e-6, atol=0) for j in front)
+        if not better.any() and not twin:
+            front.append(i)
+    return sorted(front, key=lambda i: tuple(values[i][1:][::-1]))

@@ -1,221 +1,46 @@
-"""Study files: the tables that they may hold, and what these pose, with every fault at once."""
+"""A study: what its file may hold, with every fault at once; what runs of it; and all that was found as JSON."""
 
 from __future__ import annotations
 
-import difflib
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator
 
-from ..camera import Camera, Number
+from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..design.files import load_beside
 from ..design.kinds import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
-from ..theory.quantities import Quantity, quantity_named
-from ..tolerancing.draws import Distribution
+from ..json_data import plain
 from ..tolerancing.study import StrictTable
-from ..toml_files import problems_of, read_toml
-from ..units import Distance, Length, format_quantity, parse_quantity
-from .parts import Kind, given_by
-from .problem import Constraint, DesignProblem, Goal, Variable, check_name, check_together
-from .solve import Settings, SolverTable
+from ..toml_files import nearest, problems_of, read_toml
+from ..units import Length
+from .bore import BoreTable, EquivalentPupil, solve_through
+from .parts import given_by, load_catalogue
+from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
+from .ranking import CatalogueTable, Combinations, Ranking, rank
+from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of
+from .solve import (
+    Answer,
+    Conflict,
+    Front,
+    ParetoTable,
+    Settings,
+    SolverTable,
+    Tell,
+    optimum_accuracy,
+    pareto_front,
+    solve,
+)
 
-
-class AskedTable(StrictTable):
-    """A quantity, at the focal plane or ahead of the bore's tip."""
-
-    quantity: str
-    at: Length | None = None
-    """Ahead of the bore's tip."""
-
-    @field_validator("quantity")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        if quantity_named(name).of is None:
-            raise ValueError(
-                f"'{name}' differs from field to field, and a design is held to numbers of the whole camera"
-            )
-        return name
-
-    @property
-    def of(self) -> Quantity:
-        """The quantity that is named."""
-        return quantity_named(self.quantity)
-
-    def _check_distance(self) -> None:
-        if self.of.at == "needed" and self.at is None:
-            raise ValueError(f'{self.quantity} needs a distance ahead of the tip; write e.g. at = "40 mm"')
-        if self.of.at == "never" and self.at is not None:
-            raise ValueError(f"{self.quantity} is not asked for at a distance; drop at")
-
-
-class ConstraintTable(AskedTable):
-    """A quantity held between limits."""
-
-    min: Any = None
-    max: Any = None
-    """Text with a unit for lengths, else a number."""
-
-    @model_validator(mode="after")
-    def _bounded(self) -> ConstraintTable:
-        self._check_distance()
-        if self.min is None and self.max is None:
-            raise ValueError(f"{self.quantity} has no limit; give min, max or both")
-        low, high = self._limit("min", self.min), self._limit("max", self.max)
-        if low is not None and high is not None and low > high:
-            shown = [format_quantity(end, "length") if self.of.length else f"{end:g}" for end in (low, high)]
-            raise ValueError(f"{self.quantity}: min {shown[0]} is above max {shown[1]}; swap them")
-        return self
-
-    def _limit(self, key: str, value: Any) -> float | None:
-        if value is None:
-            return None
-        if self.of.length:
-            return parse_quantity(value, "length")
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            unit = f" (in {self.of.unit})" if self.of.unit else ""
-            raise ValueError(f"{key} of {self.quantity} must be a number{unit}, got {value!r}")
-        return float(value)
-
-    def posed(self) -> Constraint:
-        """With limits in the quantity's unit."""
-        return Constraint(self.of, self._limit("min", self.min), self._limit("max", self.max), self.at)
-
-
-class GoalTable(AskedTable):
-    """A quantity to make small or large."""
-
-    direction: str | None = None
-    weight: Annotated[float, Field(gt=0)] = 1.0
-
-    @model_validator(mode="after")
-    def _directed(self) -> GoalTable:
-        self._check_distance()
-        if self.direction is None:
-            raise ValueError(f'goal {self.quantity} has no direction; write direction = "min" or direction = "max"')
-        if self.direction not in ("min", "max"):
-            raise ValueError(f'direction "{self.direction}" of goal {self.quantity} is not known; write "min" or "max"')
-        return self
-
-    def posed(self) -> Goal:
-        """As the problem has it."""
-        return Goal(self.of, "min" if self.direction == "min" else "max", self.at, self.weight)
-
-
-class VariableTable(StrictTable):
-    """Bounds of a variable: ``["0.5 mm", "8 mm"]`` for short."""
-
-    min: Distance
-    max: Length
-    start: Distance | None = None
-    """Where one of the searches starts."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _short(cls, value: Any) -> Any:
-        if isinstance(value, (list, tuple)) and len(value) == 2:
-            return {"min": value[0], "max": value[1]}
-        if not isinstance(value, Mapping):
-            raise ValueError(f'{value!r} is no pair of bounds; write e.g. ["0.5 mm", "8 mm"]')
-        return value
-
-    @model_validator(mode="after")
-    def _ordered(self) -> VariableTable:
-        if self.min > self.max:
-            shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
-            raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
-        return self
-
-
-class TubeTable(StrictTable):
-    """A straight tube."""
-
-    diameter: Length
-    length: Length
-    distance: Distance
-
-
-class StopTable(StrictTable):
-    """One rim."""
-
-    diameter: Length
-    distance: Distance
-
-
-class BoreTable(StrictTable):
-    """The bore, instead of a flexible angular plane: a tube, or several stops."""
-
-    tube: TubeTable | None = None
-    stops: tuple[StopTable, ...] = ()
-
-    @model_validator(mode="after")
-    def _one(self) -> BoreTable:
-        if (self.tube is None) == (not self.stops):
-            raise ValueError("a bore is a tube or a list of stops; give [bore.tube] or [[bore.stops]], not both")
-        return self
-
-    @property
-    def rims(self) -> tuple[Stop, ...]:
-        """Every rim; of a tube the nearer end first."""
-        if self.tube is None:
-            return tuple(Stop(diameter=stop.diameter, distance=stop.distance) for stop in self.stops)
-        ends = self.tube.distance, self.tube.distance + self.tube.length
-        return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
-
-
-class ParetoTable(StrictTable):
-    """Two or three goals to trade."""
-
-    goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
-    """Names of quantities among [[goals]]."""
-    points: Annotated[int, Field(ge=3, le=100)] = 13
-    """Along each limited goal."""
-
-
-class CatalogueTable(StrictTable):
-    """Parts to choose among."""
-
-    kinds: Annotated[tuple[Kind, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
-    files: tuple[str, ...] = ()
-    """Further catalogue files, beside the study."""
-    shipped: bool = True
-    """Whether the shipped catalogue takes part."""
-    keep: Annotated[int, Field(ge=1, le=100)] = 10
-
-
-class PerturbTable(StrictTable):
-    """What a build misses."""
-
-    place: tuple[str, ...]
-    tolerance: str | float
-    distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
-
-    @field_validator("place", mode="before")
-    @classmethod
-    def _listed(cls, value: Any) -> Any:
-        return (value,) if isinstance(value, str) else value
-
-
-class RobustTable(StrictTable):
-    """What to make of builds that scatter."""
-
-    maximise: Literal["yield", "quantile"] = "yield"
-    """"yield": the share of builds that hold every constraint; "quantile": the first goal, as `quantile` of the builds
-    reach it, with at least `wanted_yield`."""
-    quantile: Annotated[float, Field(gt=0, lt=1)] = 0.9
-    wanted_yield: Annotated[float, Field(gt=0, le=1)] = 0.9
-    give_up: Annotated[float, Field(gt=0)] | None = None
-    """Share of the first goal that robustness may cost at most; None: any."""
-    trials: Annotated[int, Field(ge=16, le=100_000)] = 512
-    perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
+SCHEMA = "roslf.optimization/1"
 
 
 class StudyTable(StrictTable):
@@ -231,9 +56,9 @@ class StudyTable(StrictTable):
     """Lexicographic: share of an earlier goal that a later one may cost."""
     microlens_in_focus: bool = False
     """Whether f_ml follows the focus."""
-    variables: dict[str, VariableTable]
-    constraints: tuple[ConstraintTable, ...] = ()
-    goals: tuple[GoalTable, ...]
+    variables: dict[str, Variable]
+    constraints: tuple[Constraint, ...] = ()
+    goals: tuple[Goal, ...]
     bore: BoreTable | None = None
     solver: SolverTable = SolverTable()
     pareto: ParetoTable | None = None
@@ -254,63 +79,49 @@ class StudyTable(StrictTable):
             raise ValueError('nothing is wanted; add [[goals]] with e.g. quantity = "sigma_z_mm", direction = "min"')
         return value
 
-    def faults(self, numbers: Mapping[str, Number]) -> list[Problem]:
-        """What does not go together, in a study of a design with these numbers."""
-        faults = []
-        for name, table in self.variables.items():
-            try:
-                check_name(name, numbers)
-                if table.min == 0 and not name.endswith(("d_3", "distance")):
-                    faults.append(Problem(f"variables.{name}", "min must be greater than zero"))
-            except ValueError as error:
-                faults.append(Problem("variables", str(error)))
-        try:
-            check_together(tuple(self.variables))
-        except ValueError as error:
-            faults.append(Problem("variables", str(error)))
-        if self.bore is not None:
-            own = [n for n in self.variables if n in ("D_F", "d_3") or n.startswith(("aperture.", "stops.", "tube_"))]
-            words = "'{}' varies, but the bore gives it; drop one of them"
-            faults += [Problem("variables", words.format(name)) for name in own]
-        goals = [goal.quantity for goal in self.goals]
-        for name in self.pareto.goals if self.pareto is not None else ():
-            if name not in goals:
-                near = difflib.get_close_matches(name, goals, 1, 0.4)
-                hint = f"did you mean '{near[0]}'?" if near else f"goals are {', '.join(goals)}"
-                faults.append(Problem("pareto.goals", f"'{name}' is not among [[goals]]; {hint}"))
-        if self.catalogue is not None:
-            varied = {PATHS.get(name, name) for name in self.variables}
-            if not varied - given_by(self.catalogue.kinds):
-                words = "its parts give everything that varies; let something else vary, e.g. d_2"
-                faults.append(Problem("catalogue", words))
-            plane = CONJUGATES[1] in varied or "working_distance" in varied
-            if "lenses" in self.catalogue.kinds and plane and CONJUGATES[2] in varied:
-                words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
-                faults.append(Problem("catalogue", words))
-        return faults
-
-    def posed(self, design: Design) -> DesignProblem:
-        """The problem on a base design."""
-        rims = self.rims
-        if rims:
-            design = design.replace({"stops": ()})  # the bore takes the place of the design's own
-        return DesignProblem(
-            name=self.name,
-            question=self.question,
-            design=design,
-            variables=tuple(Variable(name, v.min, v.max, v.start) for name, v in self.variables.items()),
-            constraints=tuple(constraint.posed() for constraint in self.constraints),
-            goals=tuple(goal.posed() for goal in self.goals),
-            order=self.order,
-            slack=self.slack,
-            in_focus=self.microlens_in_focus,
-            tip=max((rim.distance for rim in rims), default=0.0),
-        )
-
     @property
     def rims(self) -> tuple[Stop, ...]:
         """Of the bore; empty where the design's aperture stands."""
         return () if self.bore is None else self.bore.rims
+
+    def faults(self, numbers: Mapping[str, Number]) -> Iterator[Problem]:
+        """What does not go together, in a study of a design with these numbers."""
+        names = tuple(self.variables)
+        yield from (Problem("variables", words) for words in name_faults(names, numbers))
+        for name, variable in self.variables.items():
+            if variable.min == 0 and not name.endswith(("d_3", "distance")):
+                yield Problem(f"variables.{name}", "min must be greater than zero")
+            if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
+                yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
+        goals = [goal.quantity.name for goal in self.goals]
+        for name in self.pareto.goals if self.pareto is not None else ():
+            if name not in goals:
+                hint = nearest(name, goals, f"goals are {', '.join(goals)}")
+                yield Problem("pareto.goals", f"'{name}' is not among [[goals]]; {hint}")
+        if self.catalogue is not None:
+            varied = {PATHS.get(name, name) for name in names}
+            if not varied - given_by(self.catalogue.kinds):
+                words = "its parts give everything that varies; let something else vary, e.g. d_2"
+                yield Problem("catalogue", words)
+            plane = CONJUGATES[1] in varied or "working_distance" in varied
+            if "lenses" in self.catalogue.kinds and plane and CONJUGATES[2] in varied:
+                words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
+                yield Problem("catalogue", words)
+
+    def posed(self, design: Design) -> DesignProblem:
+        """The problem on a base design; a bore takes the place of the design's own stops."""
+        return DesignProblem(
+            name=self.name,
+            question=self.question,
+            design=design.replace({"stops": ()}) if self.rims else design,
+            variables=self.variables,
+            constraints=self.constraints,
+            goals=self.goals,
+            order=self.order,
+            slack=self.slack,
+            in_focus=self.microlens_in_focus,
+            given={TIP: max(rim.distance for rim in self.rims)} if self.rims else {},
+        )
 
 
 @dataclass(frozen=True)
@@ -383,3 +194,207 @@ def _base(data: Mapping[str, Any], folder: Path, faults: list[Problem], design: 
         faults.append(Problem("design", message))
         return None
     return design
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that a study found."""
+
+    study: OptimizeStudy
+    answer: Answer
+    bore: EquivalentPupil | None
+    front: Front | None
+    robust: Robust | None
+    ranking: Ranking | None
+    seconds: float
+
+
+def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
+    """Run a study; `tell` is told what is being done.
+
+    Raises
+    ------
+    InputError
+        The bore does not go with the base design; a catalogue file or a perturbation is wrong.
+    """
+    began = time.monotonic()
+    table, settings, problem = study.table, study.settings, study.problem
+    scatter = combinations = bore = front = robust = ranking = None
+    if table.robust is not None:
+        scatter = scatter_of(table.robust, problem.design, settings.seed)
+    if table.catalogue is not None:
+        files = [study.folder / name for name in table.catalogue.files]
+        catalogue = load_catalogue(files, shipped=table.catalogue.shipped)
+        empty = [kind for kind in table.catalogue.kinds if not catalogue.of(kind)]
+        if empty:
+            words = f"holds no {', '.join(empty)}; add some, or leave the kind out"
+            raise InputError((Problem("catalogue", words),))
+    if table.rims:
+        answer, bore = solve_through(problem, table.rims, settings, tell)
+        problem = answer.asked
+    else:
+        answer = solve(problem, settings, tell)
+    if answer.feasible and table.pareto is not None:
+        goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
+        deadline = time.monotonic() + settings.seconds
+        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], deadline, settings.seed, tell)
+    if answer.feasible and table.robust is not None and scatter is not None:
+        deadline = time.monotonic() + settings.seconds
+        robust = maximise_robustness(problem, table.robust, scatter, answer.unit, deadline, tell)
+    if table.catalogue is not None:
+        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds)
+        ranking = rank(combinations, table.catalogue.keep, settings.seconds, settings.seed, tell)
+    return Result(study, answer, bore, front, robust, ranking, time.monotonic() - began)
+
+
+def designs(result: Result) -> Iterator[tuple[str, Design]]:
+    """File name and design of everything worth keeping; a point that is no design has none."""
+    answer = result.answer
+    title, source = answer.asked.name, f"roslf optimize, from {answer.problem.design.name}"
+    name, kind = ("best.toml", "optimised") if answer.feasible else ("least-violating.toml", "least-violating")
+    try:
+        yield name, answer.problem.design_at(answer.unit, f"{title}, {kind}").replace({"source": source})
+    except InputError:
+        if answer.feasible:
+            raise
+    if result.robust is not None:
+        robust = answer.problem.design_at(result.robust.unit, f"{title}, robust")
+        yield "robust.toml", robust.replace({"source": source})
+    if result.ranking is not None:
+        combinations = result.ranking.combinations
+        for place, ranked in enumerate(result.ranking.best, 1):
+            problem = combinations.problem_at(ranked.number)
+            design = problem.design_at(ranked.search.unit, f"{title}, parts {place}")
+            parts = ", ".join(part.part for part in combinations.chosen(ranked.number))
+            yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {parts}"})
+
+
+def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
+    """The study's results as one JSON object, what is not finite null; without timings the same bytes every time."""
+    answer = result.answer
+    accuracy = optimum_accuracy(answer, result.seconds)
+    data: dict[str, Any] = {
+        "schema": SCHEMA,
+        "study": answer.asked.name,
+        "base_design": answer.problem.design.name,
+        "seed": result.study.settings.seed,
+        "status": "optimal" if answer.feasible else "infeasible",
+        "variables_mm": answer.variables(),
+        "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
+        "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
+        "violation": answer.violation,
+        "accuracy": None if accuracy is None else accuracy.to_dict(timings),
+        "active": answer.active if answer.feasible else None,
+        "trust": _trust(answer),
+        "stages": answer.stages,
+        "infeasible": None if answer.conflict is None else _conflict(answer.conflict),
+        "bore": result.bore,
+        "front": None if result.front is None else _front(result.front),
+        "robust": _robust(result),
+        "catalogue": None if result.ranking is None else _ranking(result.ranking, timings),
+        "loose_variables_mm": answer.loose(),
+        "notes": answer.notes,
+    }
+    if timings:
+        data["seconds"] = {"solve": answer.seconds, "all": result.seconds}
+    finite: dict[str, Any] = plain(data)
+    return finite
+
+
+def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:
+    own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": answer.number(part)}
+    return own if part.at is None else own | {"at_mm": part.at}
+
+
+def _trust(answer: Answer) -> dict[str, Any]:
+    return {
+        "solver": "nlopt LD_SLSQP from Sobol points",
+        "evaluations": answer.evaluations,
+        "starts": len(answer.searches),
+        "starts_feasible": answer.reached,
+        "starts_at_the_answer": len(answer.equals),
+        "first_order_residual": answer.residual if answer.feasible else None,
+        "gradient_error": answer.gradient_error,
+        "checks": [
+            {
+                "solver": check.solver,
+                "evaluations": check.evaluations,
+                "merit": check.merit,
+                "merit_polished": check.polished.merit if check.polished.feasible else None,
+                "agrees": answer.agrees(check),
+            }
+            for check in answer.checks
+        ],
+        "merit": answer.merit,
+    }
+
+
+def _conflict(conflict: Conflict) -> dict[str, Any]:
+    return {
+        "violations": conflict.violations,
+        "cannot_hold_together": conflict.smallest,
+        "smaller_sets_shown_feasible": conflict.complete,
+        "relaxations": [
+            {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in conflict.relaxations
+        ],
+        "bounds_touched": conflict.bounds,
+    }
+
+
+def _front(front: Front) -> dict[str, Any]:
+    goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals]
+    return {**plain(front), "goals": goals}
+
+
+def _robust(result: Result) -> dict[str, Any] | None:
+    robust, table = result.robust, result.study.table.robust
+    if robust is None or table is None:
+        return None
+
+    def told(builds: BuildStatistics) -> dict[str, Any]:
+        return {
+            "yield": builds.yield_.value,
+            "interval_95": builds.yield_.interval,
+            "goal": builds.goal_nominal,
+            "goal_quantile": builds.goal_quantile,
+        }
+
+    return {
+        "maximised": table.maximise,
+        "quantile": table.quantile,
+        "perturbations": [
+            {"place": p.place, "tolerance": p.tolerance, "distribution": p.distribution}
+            for p in robust.scatter.perturbations
+        ],
+        "nominal": told(robust.nominal),
+        "robust": told(robust.robust),
+        "robust_variables_mm": result.answer.problem.named(robust.unit),
+        "price": robust.robust.goal_nominal / robust.nominal.goal_nominal - 1 if robust.nominal.goal_nominal else None,
+        "constraints": [{"constraint": name, "nominal": a, "robust": b} for name, a, b in robust.constraint_yields],
+        "trials": robust.trials,
+        "evaluations": robust.evaluations,
+    }
+
+
+def _ranking(ranking: Ranking, timings: bool) -> dict[str, Any]:
+    rows = []
+    for place, ranked in enumerate(ranking.best, 1):
+        problem, unit = ranking.combinations.problem_at(ranked.number), ranked.search.unit
+        parts = [part.part for part in ranking.combinations.chosen(ranked.number)]
+        rows.append(
+            {
+                "rank": place,
+                "parts": dict(zip(ranking.combinations.kinds, parts, strict=True)),
+                "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
+                "variables_mm": problem.named(unit),
+                "file": f"parts-{place:02d}.toml",
+            }
+        )
+    told = {
+        "combinations": len(ranking.combinations),
+        "ruled_out_by_bounds": ranking.ruled_out,
+        "optimised": ranking.optimised,
+        "open": ranking.open,
+        "best": rows,
+    }
+    return told | {"seconds": ranking.seconds} if timings else told

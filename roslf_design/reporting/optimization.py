@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from .. import __version__
-from ..optimization.pareto import Front
 from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
-from ..optimization.run import Result
-from ..optimization.solve import Active, Answer, optimum_accuracy
+from ..optimization.solve import Active, Answer, Front, optimum_accuracy
+from ..optimization.study import Result
 from ..pictures.picture import Picture
 from ..pictures.studies import bore_and_stop, ends_of, goal_front, robust_yields, search_history
 from ..tables import Column
@@ -115,7 +114,7 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
     yield Statement("good", f"A design holds every limit; best found: {reached}.")
     yield _agreement(answer)
-    accuracy = optimum_accuracy(answer, result.study.settings)
+    accuracy = optimum_accuracy(answer)
     if accuracy is not None and accuracy.asked is not None:
         yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
     loose = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in answer.loose().items())
@@ -153,35 +152,36 @@ def _about_front(front: Front) -> Iterator[Statement]:
 
 
 def _agreement(answer: Answer) -> Statement:
-    worst = answer.conditions.residual if answer.conditions is not None else 0.0
+    same = len(answer.equals)
     text = (
-        f"{answer.same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
+        f"{same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
         f"{answer.evaluations} evaluations"
     )
-    doubts = [check.solver for check in answer.checks if not check.agrees(answer.merit)]
+    doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
         text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
-    if answer.same > 1 and worst < 1e-4 and not doubts:
+    if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
-    remedy = "Give more starts." if answer.same <= 1 else ""
-    if worst >= 1e-4:
-        remedy += f" First-order conditions hold only to {worst:.1g}: the goals have a kink here, or a bound is missed."
+    remedy = "Give more starts." if same <= 1 else ""
+    if answer.residual >= 1e-4:
+        only = f"{answer.residual:.1g}: the goals have a kink here, or a bound is missed"
+        remedy += f" First-order conditions hold only to {only}."
     return Statement("caution", f"{text}.", remedy.strip())
 
 
 def _about_bore(result: Result) -> Statement:
-    assert result.bore is not None
-    pupil = result.bore.pupil
+    pupil = result.bore
+    assert pupil is not None
     text = (
-        f"The bore acts as one stop of {pupil.diameter:.4g} mm at {pupil.distance:.4g} mm; over the field kept "
-        f"fractions differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the "
-        "light is on the wrong side of its rim"
+        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field kept fractions "
+        f"differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the light is on "
+        "the wrong side of its rim"
     )
     good = pupil.worst_misplaced <= 0.05
     remedy = "" if good else "Check the result with every rim as a stop of the design."
-    if not result.bore.settled:
+    if not pupil.settled:
         remedy += " The stop that suits an optimum best changes with it, without end: of those tried this misled least."
-    return Statement("plain" if good and result.bore.settled else "caution", f"{text}.", remedy.strip())
+    return Statement("plain" if good and pupil.settled else "caution", f"{text}.", remedy.strip())
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -192,16 +192,16 @@ def _tables(result: Result) -> Iterator[Table]:
     values = answer.variables()
     moved = {} if robust is None else answer.problem.named(robust.unit)
     columns: tuple[Column, ...] = (
-        ("variable", "l", lambda variable: variable.name),
-        ("from [mm]", "d", lambda variable: f"{variable.low:.5g}"),
-        ("value [mm]", "d", lambda variable: f"{values[variable.name]:.5g}"),
-        ("to [mm]", "d", lambda variable: f"{variable.high:.5g}"),
-        ("robust [mm]", "d", lambda variable: f"{moved[variable.name]:.5g}"),
+        ("variable", "l", lambda name: name),
+        ("from [mm]", "d", lambda name: f"{answer.problem.variables[name].min:.5g}"),
+        ("value [mm]", "d", lambda name: f"{values[name]:.5g}"),
+        ("to [mm]", "d", lambda name: f"{answer.problem.variables[name].max:.5g}"),
+        ("robust [mm]", "d", lambda name: f"{moved[name]:.5g}"),
     )
     title = "The design" if answer.feasible else "The least-violating point"
     yield Table.of(answer.problem.variables, columns if moved else columns[:-1], title)
     yield _held(answer)
-    if answer.conditions is not None and answer.conditions.active:
+    if answer.active:
         single = len(answer.problem.goals) == 1
         of = answer.problem.goals[0].label if single else "the goals together"
         columns = (
@@ -209,7 +209,7 @@ def _tables(result: Result) -> Iterator[Table]:
             ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
             (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
         )
-        yield Table.of(answer.conditions.active, columns, "Limits that the optimum rests on")
+        yield Table.of(answer.active, columns, "Limits that the optimum rests on")
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
@@ -242,9 +242,9 @@ def _held(answer: Answer) -> Table:
 
     columns: tuple[Column, ...] = (
         ("quantity", "l", lambda part: part.label),
-        ("min", "d", lambda part: limit(part, "low")),
+        ("min", "d", lambda part: limit(part, "min")),
         ("value", "d", lambda part: number(answer.number(part), zero=1e-9)),
-        ("max", "d", lambda part: limit(part, "high")),
+        ("max", "d", lambda part: limit(part, "max")),
         ("unit", "l", lambda part: part.quantity.unit),
         ("goal", "l", lambda part: wanted.get(part.label, "")),
     )
@@ -271,10 +271,10 @@ def _parts(ranking: Ranking) -> Table:
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append((str(place), *names, *goals, *(f"{values[v.name]:.5g}" for v in own.variables)))
+        rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
     kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
     goals = [goal.label + _unit(goal) for goal in problem.goals]
-    heads = ("", *kinds, *goals, *(f"{v.name} [mm]" for v in problem.variables))
+    heads = ("", *kinds, *goals, *(f"{name} [mm]" for name in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
 
@@ -290,8 +290,8 @@ def optimisation_pictures(result: Result) -> dict[str, Picture]:
     """Name to picture; empty where an optimisation has nothing to draw."""
     drawn = {}
     if result.bore is not None:
-        pupil = result.bore.pupil
-        drawn["bore"] = bore_and_stop(pupil.field_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
+        pupil = result.bore
+        drawn["bore"] = bore_and_stop(pupil.fields_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
     if result.front is not None and len(result.front.points) > 1:
         drawn["front"] = _front(result.front, result.answer)
     if result.robust is not None:
@@ -305,7 +305,7 @@ def optimisation_pictures(result: Result) -> dict[str, Picture]:
 def _front(front: Front, answer: Answer) -> Picture:
     """The first goal over the second; the third, where there is one, by shade."""
     order = [1, 0, *range(2, len(front.goals))][: min(len(front.goals), 3)]
-    values = np.array([point.values for point in front.points])[:, order]
+    values = np.array([list(point.goals.values()) for point in front.points])[:, order]
     goals = [front.goals[k] for k in order]
     log = [
         goal.quantity.positive and bool(column.max() > 3 * column.min() > 0)

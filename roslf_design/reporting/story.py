@@ -25,7 +25,7 @@ from ..design.files import load_beside
 from ..design.kinds import Kind, kind_of
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..optimization.run import designs, run
+from ..optimization.study import designs, run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
@@ -38,7 +38,7 @@ from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
 
 if TYPE_CHECKING:
-    from ..optimization.run import Result
+    from ..optimization.study import Result
     from ..tolerancing.result import StudyResult
 
 Tell = Callable[[str], None]

@@ -5,12 +5,11 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
-from roslf_design.optimization.pareto import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import Combinations, rank
-from roslf_design.optimization.robust import builds, maximise_robustness, scatter_of
-from roslf_design.optimization.search import search
-from roslf_design.optimization.study import RobustTable
+from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of
+from roslf_design.optimization.search import QUICK, search
+from roslf_design.optimization.solve import pareto_front
 from tests.optimization.posing import PAPER, goal, limit, posed
 
 NEVER = float("inf")
@@ -21,8 +20,8 @@ def test_front_against_its_closed_form():
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max", 150.0))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 9, [], NEVER)
     assert len(front.points) >= 8
-    assert front.failed == 0
-    sigma, field = np.array([point.values for point in front.points]).T
+    assert front.limits_without_design == 0
+    sigma, field = np.array([list(point.goals.values()) for point in front.points]).T
     assert (np.diff(sigma[np.argsort(field)]) > 0).all()
     # sigma_z = Z^2 d s/(D_F A), field = w (d_f - f)/f Z/g = w Z/A: their ratio is fixed at the widest pupil.
     width = min(PAPER.sensor_size[0], PAPER.microlens_array.size[0]) / 2
@@ -37,7 +36,7 @@ def test_three_goals_give_points_none_of_which_is_better():
     )
     problem = posed({"d_f": (200.0, 800.0), "d": (0.03, 0.2), "D_F": (1.0, 3.0)}, (), *goals)
     front = pareto_front(problem, goals, 7, [], NEVER)
-    values = np.array([point.values for point in front.points]) * np.array([1, -1, -1])
+    values = np.array([list(point.goals.values()) for point in front.points]) * np.array([1, -1, -1])
     assert len(values) >= 5
     for own in values:
         others = values[(values != own).any(axis=1)]
@@ -48,7 +47,7 @@ def test_ends_of_a_front_waste_nothing():
     """The field does not depend on D_F: the design at its end must have the widest pupil all the same."""
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max"))
     front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 4, [], NEVER)
-    assert [point.unit[1] for point in front.points] == pytest.approx([1.0] * len(front.points), abs=1e-6)
+    assert [point.variables_mm["D_F"] for point in front.points] == pytest.approx([3.0] * len(front.points), rel=1e-6)
 
 
 TIGHT = posed(
@@ -66,7 +65,7 @@ MISSES = [
 def made_robust(**asked):
     table = RobustTable.model_validate({"trials": 256, "perturb": MISSES, **asked})
     scatter = scatter_of(table, PAPER, 3)
-    nominal = search(TIGHT, np.array([0.4, 0.4, 0.4]))
+    nominal = search(TIGHT.vector, np.array([0.4, 0.4, 0.4]))
     return scatter, maximise_robustness(TIGHT, table, scatter, nominal.unit, NEVER)
 
 
@@ -87,9 +86,8 @@ def test_robust_design_beside_the_nominal_one():
         )
         seen = roslf.evaluate(build, [])
         held += 0.98 <= seen.f_number.fill_factor <= 1.0 and seen.non_distortion.room_at_corner_mm >= 0
-    own = (TIGHT.rows_of(builds(TIGHT, scatter, found.unit, scatter.fresh[:, :count])) <= 1e-9).all(axis=0).sum()
+    own = (TIGHT.rows_of(builds(TIGHT, scatter, found.unit, scatter.fresh[:, :count]), count) <= 1e-9).all(axis=0).sum()
     assert held == own
-    assert (made_robust(maximise="yield")[1].unit == found.unit).all()
 
 
 def test_what_robustness_may_cost_is_kept():
@@ -120,7 +118,7 @@ def test_perturbations_that_make_no_sense(line, said):
 @pytest.fixture(scope="module")
 def few():
     parts = load_catalogue()
-    lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:6]
+    lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:4]
     return parts.model_copy(update={"lenses": tuple(lenses), "sensors": parts.sensors[-3:]})
 
 
@@ -136,12 +134,12 @@ def test_ranking_against_every_combination_optimised(few):
     combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
     found = rank(combinations, 5, 60.0)
     assert found.open == 0
-    assert found.ruled_out + found.optimised == len(combinations) == 90
+    assert found.ruled_out + found.optimised == len(combinations) == 60
     assert found.ruled_out > 20
     every = []
     for number in range(len(combinations)):
         own = combinations.problem_at(number)
-        results = [search(own, start, polish=False) for start in ((0.5, 0.3, 0.3), (0.3, 0.7, 0.6))]
+        results = [search(own.vector, start, tolerance=QUICK) for start in ((0.5, 0.3, 0.3), (0.3, 0.7, 0.6))]
         every.append(min((r.merit for r in results if r.feasible), default=np.inf))
     assert [ranked.search.merit for ranked in found.best] == pytest.approx(sorted(every)[:5], abs=1e-5)
     design = combinations.problem_at(found.best[0].number).design_at(found.best[0].search.unit)
@@ -170,7 +168,7 @@ def test_conditions_on_parts():
 
     def names(*texts):
         conditions = [read_condition(text) for text in texts]
-        return {row["part"] for row in every if all(condition.holds(row) for condition in conditions)}
+        return {row["part"] for row in every if all(condition(row) for condition in conditions)}
 
     assert names("pitch<=0.1 mm") == {"paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
     assert names("maker=thorlabs", "pitch>150 um") == {"MLA300-14AR"}

@@ -16,8 +16,6 @@ class Toy:
     """Minimise |u - (0.7, 0.4)|^2 with u_0 + u_1 <= 1: the optimum is (0.65, 0.35)."""
 
     spoil: Callable = lambda units, rows: rows
-    n: int = 2
-    equalities: int = 0
 
     def vector(self, units):
         merit = (units[:, 0] - 0.7) ** 2 + (units[:, 1] - 0.4) ** 2
@@ -33,28 +31,28 @@ def nan_region(units, rows):
 
 @pytest.mark.parametrize("start", [(0.1, 0.1), (0.5, 0.2), (0.3, 0.9)])
 def test_regions_without_numbers_are_walked_around(start):
-    found = search(Toy(nan_region), np.array(start))
+    found = search(Toy(nan_region).vector, np.array(start))
     assert found.feasible
     assert found.unit == pytest.approx(OPTIMUM, abs=1e-5)
 
 
 def test_a_start_in_the_nan_region_gives_no_wrong_optimum():
-    found = search(Toy(nan_region), np.array([0.9, 0.05]))
+    found = search(Toy(nan_region).vector, np.array([0.9, 0.05]))
     assert not found.feasible or found.unit[0] <= 0.66
     assert found.mapped > 0
 
 
 def test_nan_does_not_kill_the_global_search():
-    guard = Guard(Toy(nan_region))
-    globally(guard, "crs2", 10.0, 2000, 0)
+    guard = Guard(Toy(nan_region).vector)
+    globally(guard, 2, "crs2", 10.0, 2000, 0)
     assert guard.mapped > 0
     assert guard.feasible
     assert guard.unit == pytest.approx(OPTIMUM, abs=2e-2)
 
 
 def test_isres_keeps_to_the_rows():
-    guard = Guard(Toy())
-    globally(guard, "isres", 0.0, 4000, 3)
+    guard = Guard(Toy().vector)
+    globally(guard, 2, "isres", 0.0, 4000, 3)
     assert guard.feasible
     assert guard.unit == pytest.approx(OPTIMUM, abs=2e-2)
 
@@ -68,7 +66,7 @@ def test_the_best_point_survives_a_search_that_breaks_down(monkeypatch, error):
         raise error("as nlopt would")
 
     monkeypatch.setattr(nlopt.opt, "optimize", broken)
-    guard = Guard(Toy())
+    guard = Guard(Toy().vector)
     slsqp(guard, np.array([0.1, 0.9]))
     assert guard.feasible
     assert guard.unit == pytest.approx(OPTIMUM, abs=1e-6)
@@ -76,7 +74,7 @@ def test_the_best_point_survives_a_search_that_breaks_down(monkeypatch, error):
 
 @pytest.mark.parametrize("start", [(-3.0, 0.5), (0.2, 7.0), (np.nan, 0.5)])
 def test_a_start_outside_the_bounds_is_moved_onto_them(start):
-    found = search(Toy(), np.array(start))
+    found = search(Toy().vector, np.array(start))
     assert found.clipped
     assert found.unit == pytest.approx(OPTIMUM, abs=1e-6)
     assert (found.unit >= 0).all()
@@ -88,16 +86,16 @@ def test_time_is_kept_and_the_best_point_with_it():
         time.sleep(0.02)
         return rows
 
-    guard = Guard(Toy(slow), deadline=time.monotonic() + 0.15)
+    guard = Guard(Toy(slow).vector, deadline=time.monotonic() + 0.15)
     slsqp(guard, np.array([0.0, 0.0]), 10_000)
     assert guard.evaluations < 50
     assert guard.unit is not None
-    late = search(Toy(), np.array([0.2, 0.2]), deadline=time.monotonic() - 1)
+    late = search(Toy().vector, np.array([0.2, 0.2]), deadline=time.monotonic() - 1)
     assert late.evaluations <= 2
 
 
 def test_points_are_copied_from_nlopts_memory():
-    guard = Guard(Toy())
+    guard = Guard(Toy().vector)
     x = np.array([0.2, 0.3])
     guard.rows(x, True)
     x[:] = 0.9

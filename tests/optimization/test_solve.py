@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import SIGNS
+from roslf_design.optimization.problem import sobol_units
 from roslf_design.optimization.search import search
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory.light import half_diagonal
@@ -19,7 +19,7 @@ RELATIVE = 1e-6
 def optima(problem):
     """Variables at the ends of searches from twenty starts."""
     for start in np.random.default_rng(11).random((20, problem.n)):
-        found = search(problem, start)
+        found = search(problem.vector, start)
         assert found.feasible
         yield problem.named(found.unit)
 
@@ -57,7 +57,7 @@ def test_the_papers_bench_recovers_a_matched_design_near_it():
     problem = posed(bounds, [limit("fill_factor", 1.0, 1.0)], goal("sigma_z_mm", "min"))
     answer = solve(problem, Settings(starts=4, check=False))
     assert answer.feasible
-    assert answer.same == 4
+    assert len(answer.equals) == 4
     design = problem.design_at(answer.unit)
     # 60 digits on the design as written: what is left is rounding of the three lengths themselves.
     assert abs(eq7_residual(design)) < 1e-9
@@ -96,40 +96,40 @@ def test_six_variables_no_worse_than_brute_force():
         rows = problem.vector(units)
         return rows[0], np.where(np.isfinite(rows[1:]), rows[1:], np.inf).max(axis=0)
 
-    _, grid = brute_force(evaluate, 6, 6, 14)
+    _, grid = brute_force(evaluate, 6, 6, 9)
     answer = solve(problem, Settings(starts=8))
     assert answer.feasible
     # The grid comes close enough to be a judge: within 3 % of the goals.
     assert -1e-9 <= grid - answer.merit < 0.03
-    assert answer.same >= 6
-    assert all(check.agrees(answer.merit) for check in answer.checks)
+    assert len(answer.equals) >= 6
+    assert all(answer.agrees(check) for check in answer.checks)
     assert answer.checks[0].polished.merit == pytest.approx(answer.merit, abs=1e-6)
-    assert answer.conditions.residual < 1e-6
+    assert answer.residual < 1e-6
 
 
 def test_lexicographic_order_holds_what_came_first():
     problem = scope(DEPTH, LENGTH, order="lexicographic", slack=0.02)
-    answer = solve(problem, Settings(starts=6, check=False))
+    answer = solve(problem, Settings(starts=3, check=False))
     first, last = answer.stages
     assert answer.number(DEPTH) <= first.value * (1.02 + 1e-8)
-    alone = solve(scope(DEPTH), Settings(starts=6, check=False))
+    alone = solve(scope(DEPTH), Settings(starts=3, check=False))
     assert first.value == pytest.approx(alone.number(DEPTH), rel=1e-6)
     assert last.value <= alone.number(LENGTH) * (1 + 1e-9)
 
 
 def test_multipliers_say_what_a_relaxed_limit_buys():
     one = scope(DEPTH)
-    answer = solve(one, Settings(starts=6, check=False))
+    answer = solve(one, Settings(starts=3, check=False))
     before, checked = answer.number(DEPTH), 0
     for index, held in enumerate(one.constraints):
-        rows = [a for a in answer.conditions.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
+        rows = [a for a in answer.active if a.limit.startswith(held.label) and a.multiplier > 1e-3]
         if not rows:
             continue
         lower = ">=" in rows[0].limit
-        step = 1e-4 * abs(held.low if lower else held.high)
-        moved = replace(held, low=held.low - step) if lower else replace(held, high=held.high + step)
+        step = 1e-4 * abs(held.min if lower else held.max)
+        moved = held.model_copy(update={"min": held.min - step} if lower else {"max": held.max + step})
         relaxed = replace(one, constraints=(*one.constraints[:index], moved, *one.constraints[index + 1 :]))
-        gain = before - relaxed.number(DEPTH, search(relaxed, answer.unit).unit)
+        gain = before - relaxed.number(DEPTH, search(relaxed.vector, answer.unit).unit)
         # First order: off by the curvature over a step of 1e-4.
         assert gain / step == pytest.approx(rows[0].goal_gain_per_unit, rel=2e-3)
         checked += 1
@@ -140,7 +140,7 @@ def test_freedom_that_no_goal_decides_is_told():
     """The goal does not see d_2, and nothing holds it."""
     answer = solve(posed({"D_F": (1.0, 4.0), "d_2": (0.5, 9.0)}, [], DEPTH), Settings(starts=5, check=False))
     assert set(answer.loose()) == {"d_2"}
-    assert answer.same == 5
+    assert len(answer.equals) == 5
 
 
 IMPOSSIBLE = posed(
@@ -157,30 +157,34 @@ IMPOSSIBLE = posed(
 )
 
 
+def can_hold(problem):
+    return any(search(problem.vector, start).feasible for start in sobol_units(problem.n, 8, 0))
+
+
 @pytest.fixture(scope="module")
 def refused():
-    return solve(IMPOSSIBLE, Settings(starts=6))
+    return solve(IMPOSSIBLE, Settings(starts=6, check=False))
 
 
 def test_no_optimum_is_claimed_and_the_smallest_conflict_is_named(refused):
     assert not refused.feasible
-    assert refused.conditions is None
+    assert refused.active == ()
     assert refused.violation > 0.1
     assert refused.conflict.violations
     assert refused.conflict.complete
     assert refused.conflict.smallest == ("field_half_diagonal_mm >= 60 mm", "sigma_z_mm <= 0.5 mm")
     # Each of the two can hold without the other, together with all the rest.
     for index in (4, 5):
-        assert solve(IMPOSSIBLE.without(frozenset(range(6)) - {index}), Settings(starts=6, check=False)).feasible
+        assert can_hold(IMPOSSIBLE.without(frozenset(range(6)) - {index}))
 
 
 def relaxed(relaxation, needed):
     """The problem with the limit moved that a relaxation names."""
     changed = []
     for held in IMPOSSIBLE.constraints:
-        for side in held.sides:
-            if relaxation.label == f"{held.label} {SIGNS[side]}":
-                held = replace(held, **{"low" if side == "min" else "high": needed})
+        for side in held.limits:
+            if relaxation.label == held.said(side):
+                held = held.model_copy(update={side: needed})
         changed.append(held)
     return replace(IMPOSSIBLE, constraints=tuple(changed))
 
@@ -190,17 +194,17 @@ def test_each_relaxation_makes_it_feasible_and_less_does_not(refused):
     assert len(helpful) == 2
     for relaxation in helpful:
         share = 1 - 1e-6 if relaxation.label.endswith(">=") else 1 + 1e-6
-        assert solve(relaxed(relaxation, relaxation.needed * share), Settings(starts=8, check=False)).feasible
+        assert can_hold(relaxed(relaxation, relaxation.needed * share))
         short = relaxation.limit + 0.98 * (relaxation.needed - relaxation.limit)
-        assert not solve(relaxed(relaxation, short), Settings(starts=4)).feasible
+        assert not can_hold(relaxed(relaxation, short))
 
 
 def test_a_limit_or_a_bound_that_stands_in_the_way_alone_is_named():
-    answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2))
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("D_F", 5.0),)), Settings(starts=2, check=False))
     assert not answer.feasible
     assert answer.conflict.smallest == ("D_F >= 5 mm",)
     assert answer.conflict.relaxations[0].needed == pytest.approx(2.9)
-    answer = solve(replace(IMPOSSIBLE, constraints=(limit("d_2", 12.0),)), Settings(starts=2))
+    answer = solve(replace(IMPOSSIBLE, constraints=(limit("d_2", 12.0),)), Settings(starts=2, check=False))
     assert answer.conflict.bounds == ("d_2 <= 10 mm",)
     assert answer.conflict.relaxations[0].needed == pytest.approx(10.0)
     assert np.isfinite(answer.unit).all()
