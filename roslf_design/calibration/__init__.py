@@ -7,12 +7,12 @@ joint refinement (`calibrate`) -> posterior (`sample_posterior`) -> depth errors
 
 from __future__ import annotations
 
-from .calibrate import Calibration, calibrate
 from .centres import MicrolensCentres, Reason, find_centres
 from .corners import find_corners, observe, observe_pictures
 from .datasheet import CameraDraws, DataSheet, depth_errors, derived, laplace_draws, sheet_of, variance_shares
 from .decoding import LightField, decode
 from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
+from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
 from .lattice import CentreLattice
 from .model import Board, Intrinsics, Observations, Poses

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..design import Design
 from ..theory.back_substitution import back_substitute
@@ -14,12 +15,10 @@ from ..units import parse_quantity
 from .frames import Array, CalibrationError
 
 if TYPE_CHECKING:
-    from .calibrate import StatisticsFit
+    from .fit import StatisticsFit
 
-QUANTITIES = ("A", "m", "d_2", "d_1", "d_f", "H", "d_3")
-"""Lengths [mm] and ratios derived from a calibration."""
-SHOWN = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
-"""The same in the order in which they are told."""
+QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
+"""Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
 
 
@@ -91,18 +90,16 @@ def relative_sigma(text: str, f: float) -> float:
         raise ValueError(f'"{text}" is not understood; give "1 mm" or "1%"') from None
 
 
-def derived(camera: Array, sheet: DataSheet, focal_length: Array, scales: Array | None = None) -> dict[str, Array]:
-    """Lengths of the camera from fitted parameters and drawn data-sheet values.
+def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array | None = None) -> dict[str, Array]:
+    """Lengths of the camera from fitted parameters and data-sheet values.
 
     Parameters
     ----------
     camera : ndarray
         A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
     sheet : DataSheet
-    focal_length : ndarray
-        f [mm], shape (...).
-    scales : ndarray, optional
-        Drawn q [mm], d [mm] and relative size of the board, shape (3, ...); the sheet's where not given.
+    drawn : sequence of array_like, optional
+        f, q, d [mm] and relative size of the board, each of shape (...) or a number; the sheet's where not given.
 
     Returns
     -------
@@ -115,11 +112,11 @@ def derived(camera: Array, sheet: DataSheet, focal_length: Array, scales: Array 
     with q d, and m and d_2 shrink with the board's scale: the posterior follows exactly, without fitting again.
     """
     A, m, inverse_d_2 = np.moveaxis(np.asarray(camera, float)[..., :3], -1, 0)
-    q, d, board = (np.asarray(v, float) for v in (sheet.mean[1:] if scales is None else scales))
+    f, q, d, board = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
     A, m = A * (d / sheet.d), m * (d / sheet.d) / board
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
-    lengths = back_substitute(focal_length, A, m)[:4]  # d_1, d_f, H, d_3
-    return {name: np.asarray(value, float) for name, value in zip(QUANTITIES, (A, m, d_2, *lengths), strict=True)}
+    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    return {name: np.asarray(value) for name, value in zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +149,8 @@ def laplace_draws(fit: StatisticsFit, sheet: DataSheet, count: int, rng: np.rand
     root = np.linalg.cholesky(fit.covariance.matrix)
     cameras = fit.camera.vector(names) + rng.normal(size=(count, len(root))) @ root.T
     cameras[:, :3] += rng.normal(size=(count, len(fit.systematic))) @ fit.systematic
-    f, *scales = sheet.draws(count, rng)
-    return CameraDraws((*names, "f"), np.column_stack([cameras, f]), derived(cameras, sheet, f, np.stack(scales)))
+    drawn = sheet.draws(count, rng)
+    return CameraDraws((*names, "f"), np.column_stack([cameras, drawn[0]]), derived(cameras, sheet, drawn))
 
 
 def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
@@ -181,7 +178,7 @@ def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, dista
     and the error of A stays.
     """
     distances = np.asarray(distances, float)
-    best = derived(fit.camera.vector(), sheet, np.asarray(sheet.f))
+    best = derived(fit.camera.vector(), sheet)
     depth = distances - best["d_3"]
     if not (depth > 0).all():
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
@@ -210,8 +207,7 @@ def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str,
         For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board`` and ``systematic`` (what
         scatter does not show) that add up to 1, and ``sigma``, the standard deviation of all.
     """
-    names = [name for name in ("A", "m", "inverse_d_2") if name in fit.covariance.names]
-    images = np.linalg.cholesky(fit.covariance.part(names)).T
+    images = np.linalg.cholesky(fit.covariance.part(("A", "m", "inverse_d_2"))).T
     # Steps of one standard deviation in (A, m, 1/d_2, f, q, d, board), by their source.
     steps = {"images": np.pad(images, ((0, 0), (0, 4)))}
     by_sheet = np.eye(4, 7, 3) * sheet.sigma[:, None]
@@ -220,9 +216,7 @@ def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str,
     best = np.concatenate([fit.camera.vector()[:3], sheet.mean])
 
     def variance(step: Array) -> dict[str, float]:
-        ahead, behind = (
-            derived(at[:, :3], sheet, at[:, 3], at[:, 4:].T) for at in (best + 0.01 * step, best - 0.01 * step)
-        )
+        ahead, behind = (derived(at, sheet, at[:, 3:].T) for at in (best + 0.01 * step, best - 0.01 * step))
         return {name: float(np.square((ahead[name] - behind[name]) / 0.02).sum()) for name in QUANTITIES}
 
     parts = {source: variance(step) for source, step in steps.items()}

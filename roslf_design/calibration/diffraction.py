@@ -22,14 +22,13 @@ from ..design import Design
 from ..imaging.transfer import MicrolensTransfer
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
-from .calibrate import Calibration, calibrate
 from .corners import fit_saddles, fit_window
 from .datasheet import DataSheet
 from .decoding import cubic_convolution, decode
+from .fit import Calibration, calibrate, fit_lines
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice, Layout
 from .model import GLOBALS, Board, Intrinsics, Observations
-from .steps import fit_lines
 
 Wish = Literal["auto", "on", "off"]
 _SMALL = 0.1
@@ -119,7 +118,7 @@ def calibrate_corrected(
     lattice : CentreLattice
         Of the microlens images.
     distortion, guess
-        As in `calibrate`.
+        As in `calibrate`, and errors.
     wish : {"auto", "on", "off"}
         "auto" corrects where the design's blur exceeds 0.1 px and the white image shows it.
 
@@ -129,11 +128,6 @@ def calibrate_corrected(
         The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
         between the white image's pupil image and the one that the design and the calibration predict) and what inner
         and outer views disagree on (`view_disagreement`).
-
-    Raises
-    ------
-    CalibrationError
-        As `calibrate`.
     """
     check = _looked_at(design, white, dark, lattice, wish)
     if not check.corrected or check.image is None:
@@ -143,10 +137,13 @@ def calibrate_corrected(
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
     result = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    camera = result.fit.camera
+    camera, d_2 = result.fit.camera, 1 / result.joint.camera.inverse_d_2
+    # The pupil image that D_F, lambda and the calibrated d_2 and A make.
+    radius = design.D_F / 2 * d_2 / (result.joint.camera.A * design.q)
+    predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),
-        _straightened(observations, board, _predicted(design, result.joint.camera, check.image), start=straight),
+        _straightened(observations, board, predicted, start=straight),
     )
     moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
     own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
@@ -234,14 +231,6 @@ def _shift_of_board(weights: ViewWeights, slopes: Array, central: Array, board: 
     return np.asarray(centre + 0.5 * x * (after - before) + 0.5 * x * x * (before + after - 2 * centre))
 
 
-def _predicted(design: Design, camera: Intrinsics, seen: PupilImage) -> PupilImage:
-    """The pupil image that D_F, lambda and the calibrated d_2 and A make."""
-    d_2 = 1 / camera.inverse_d_2
-    radius = design.D_F / 2 * d_2 / (camera.A * design.q)
-    blur = design.wavelength * d_2 / (design.d * design.q)
-    return replace(seen, radius=radius, blur=blur)
-
-
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
 
 
@@ -276,8 +265,7 @@ class PupilImage:
 
     def neighbours(self) -> Array:
         """Microlenses around one, itself first [pitches], shape (m, 2)."""
-        i, j = np.meshgrid(*2 * [np.arange(-2 * _RINGS, 2 * _RINGS + 1)])
-        places = np.stack([i.ravel(), j.ravel()], axis=-1) @ self.axes.T
+        places = _whole_numbers(2 * _RINGS) @ self.axes.T
         distance = np.abs(places).max(axis=1)
         near = distance < _RINGS + 0.5
         return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
@@ -291,8 +279,7 @@ class PupilImage:
 
         reciprocal = np.linalg.inv(self.pitch * self.axes).T
         most = math.ceil(1.5 * self.pitch * 1.2)
-        i, j = np.meshgrid(np.arange(-most, most + 1), np.arange(-most, most + 1))
-        waves = np.stack([i.ravel(), j.ravel()], axis=-1) @ reciprocal.T
+        waves = _whole_numbers(most) @ reciprocal.T
         height = np.hypot(*waves.T)
         waves, height = waves[height < 1.5], height[height < 1.5]
         safe = np.where(height > 0, height, 1.0)
@@ -303,7 +290,7 @@ class PupilImage:
 
 
 class ViewWeights(NamedTuple):
-    """Shares of light in the samples of each view."""
+    """Where the light in the samples of each view came from."""
 
     views: Array
     """(s', t') that the samples are read at [px], shape (v, 2)."""
@@ -330,6 +317,12 @@ def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeig
     shares = map_coordinates(spread, [away[..., 1] / step + count // 2, away[..., 0] / step + count // 2], order=1)
     shares = shares / shares.sum(axis=(1, 2), keepdims=True)
     return ViewWeights(np.asarray(views, float), np.ascontiguousarray(shares), around, places)
+
+
+def _whole_numbers(most: int) -> Array:
+    """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
+    side = np.arange(-most, most + 1.0)
+    return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
 
 
 def _sunflower(count: int) -> Array:
@@ -365,13 +358,7 @@ class CellFit(NamedTuple):
 
 
 def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> WhiteCell:
-    """Average the microlens images in the middle of the white image.
-
-    Raises
-    ------
-    CalibrationError
-        Less than three microlenses in the middle.
-    """
+    """Average the microlens images in the middle of the white image; at least three."""
     frame = grey_frame(white, dark, "white image")
     rows, columns = frame.shape
     reach = int(np.ceil((_HALF + 2) * lattice.pitch))
@@ -399,14 +386,13 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
         return np.asarray(light / light.mean() - cell.light)
 
     size = 2 if blurred else 1
-    low = np.array([0.1 * start.pitch, 0.01 * start.blur])[:size]
-    high = np.array([start.pitch, 0.7 * start.pitch])[:size]
+    low, high = np.array([[0.1 * start.pitch, 0.01 * start.blur], [start.pitch, 0.7 * start.pitch]])[:, :size]
     tries = []
     for radius in (start.radius, 0.45 * start.pitch):  # a design of another camera starts far off
-        first = np.clip(np.array([radius, start.blur])[:size], 1.01 * low, 0.99 * high)
+        first = np.clip([radius, start.blur][:size], 1.01 * low, 0.99 * high)
         tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
     best = min(tries, key=lambda one: float(one.cost))
-    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - len(best.x)))))
+    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
 
 
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------
@@ -450,10 +436,7 @@ def apparent_shifts(
     out = np.empty((size, views * count * size))
     ideal = np.einsum("k,vi->vki", slopes, weights.views)
     with THREADS:
-        _patches.compiled(
-            weights.shares, weights.neighbours, weights.places, np.asarray(slopes, float), ideal, normals, phases,
-            aperture, half, _FINE, out,
-        )  # fmt: skip
+        _patches.compiled(*weights[1:], np.asarray(slopes, float), ideal, normals, phases, aperture, half, _FINE, out)
     at = np.stack([np.arange(views * count) * size + half + 1.0, np.full(views * count, half + 1.0)], axis=-1)
     start = at + phases.reshape(-1, 2)
     saddles = fit_saddles(out, np.ones(out.shape, bool), start, np.tile(edges, (len(start), 1)), half)
@@ -481,6 +464,7 @@ def _patches(
     bins = 2 * reach * fine
     for k in prange(views * count):
         v, q = k // count, k % count
+        # Light by distance from the two edges, of which the sums along both axes are then taken.
         held = np.zeros((bins + 1, bins + 1))
         for m in range(neighbours.shape[0]):
             for n in range(places.shape[0]):
@@ -496,11 +480,10 @@ def _patches(
                 held[row + 2, column + 1] += shares[v, m, n] * (1 - fa) * fb
                 held[row + 2, column + 2] += shares[v, m, n] * fa * fb
         for row in range(1, bins + 1):
+            along = 0.0
             for column in range(1, bins + 1):
-                held[row, column] += held[row, column - 1]
-        for row in range(1, bins + 1):
-            for column in range(1, bins + 1):
-                held[row, column] += held[row - 1, column]
+                along += held[row, column]
+                held[row, column] = held[row - 1, column] + along
         for row in range(size):
             for column in range(size):
                 total = 0.0

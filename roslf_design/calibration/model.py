@@ -23,6 +23,8 @@ from .frames import Array, CalibrationError
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+_TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""Cross products with the unit vectors, shape (3, 3, 3)."""
 _BOARD = re.compile(r"\s*(\d+)\s*[x×]\s*(\d+)\s+([0-9.]+)\s*(um|mm|cm|m)\s*")
 _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
@@ -184,9 +186,9 @@ def project_boards(
     Parameters
     ----------
     camera : ndarray
-        The nine `GLOBALS`, shape (9,).
+        The nine `GLOBALS`, shape (9,); without derivatives also of many cameras, shape (w, 9).
     pose : ndarray
-        Rotation vector and translation of each board, shape (b, 6).
+        Rotation vector and translation of each board, shape (b, 6) or (w, b, 6).
     points : ndarray
         Corners in the board's frame [mm], shape (n, 3).
     views : ndarray
@@ -202,29 +204,29 @@ def project_boards(
     ProjectedCorners
         For complex arguments complex, so that a complex step checks the derivatives.
     """
-    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = camera
+    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = np.moveaxis(camera, -1, 0)[..., None, None, None, None]
     at = views[None, :, None, :] if views.ndim == 2 else views
     step = q * A * inverse_d_2
-    turn = rotation_matrix(pose[:, :3])
-    scene = (np.einsum("bij,nj->bni", turn, points) + pose[:, None, 3:])[:, None]
-    z = scene[..., 2]
+    turn = rotation_matrix(pose[..., :3])
+    scene = (points @ np.swapaxes(turn, -1, -2) + pose[..., None, 3:])[..., None, :, :]
+    z = scene[..., 2:]
     pupil = -step * at
-    slope = (scene[..., :2] - pupil) / z[..., None]
-    r2 = (slope * slope).sum(axis=-1)
+    slope = (scene[..., :2] - pupil) / z
+    square = slope * slope
+    r2 = square[..., :1] + square[..., 1:]
     gain, bend, curl = 1 + r2 * (k_1 + k_2 * r2), k_1 + 2 * k_2 * r2, 2 * k_2
-    bent = gain[..., None] * slope
-    values = np.array([x_0, y_0]) - (A * bent + m * pupil) / d
+    bent = gain * slope
+    values = np.concatenate([x_0, y_0], axis=-1) - (A * bent + m * pupil) / d
     if share is not None:
         weights = np.stack([share, 1 - share], axis=-1)
-        tilted = (weights * slope * slope).sum(axis=-1)
+        tilted = weights[..., :1] * square[..., :1] + weights[..., 1:] * square[..., 1:]
         stretch = gain + 2 * bend * tilted
-        values = np.concatenate([values, (step / d * (m - A * stretch / z))[..., None]], axis=-1)
+        values = np.concatenate([values, step / d * (m - A * stretch / z)], axis=-1)
     if not derivatives:
         return ProjectedCorners(values, np.empty(0), np.empty(0))
 
-    tensor = gain[..., None, None] * np.eye(2) + (2 * bend)[..., None, None] * slope[..., :, None] * slope[..., None, :]
-    moved = np.einsum("bvnij,bvnj->bvni", (A / d) * tensor / z[..., None, None] - (m / d) * np.eye(2),
-                      np.broadcast_to(at, slope.shape))  # fmt: skip
+    tensor = gain[..., None] * np.eye(2) + 2 * bend[..., None] * slope[..., :, None] * slope[..., None, :]
+    moved = ((A / d * tensor / z[..., None] - m / d * np.eye(2)) @ at[..., None])[..., 0]
     by_globals = np.zeros((*values.shape, len(GLOBALS)), values.dtype)
     # The pupil moves with A, 1/d_2 and q through `step`.
     by_step = ((0, q * inverse_d_2), (2, q * A), (7, A * inverse_d_2))
@@ -233,25 +235,25 @@ def project_boards(
     by_globals[..., :2, 0] -= bent / d
     by_globals[..., :2, 1] = -pupil / d
     by_globals[..., 0, 3] = by_globals[..., 1, 4] = 1.0
-    for column, power in ((5, r2), (6, r2 * r2)):
-        by_globals[..., :2, column] = -(A / d) * power[..., None] * slope
+    by_globals[..., :2, 5] = -(A / d) * r2 * slope
+    by_globals[..., :2, 6] = -(A / d) * r2 * r2 * slope
     by_globals[..., :2, 8] = (A * bent + m * pupil) / (d * d)
-    slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), (*slope.shape, 2)), -slope[..., None]], axis=-1)
-    slope_by_scene = slope_by_scene / z[..., None, None]
+    slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), tensor.shape), -slope[..., None]], axis=-1)
+    slope_by_scene = slope_by_scene / z[..., None]
     by_scene = -(A / d) * (tensor @ slope_by_scene)
     if share is not None:
-        stretch_by_slope = (2 * bend + 4 * curl * tilted)[..., None] * slope + 4 * bend[..., None] * weights * slope
+        stretch_by_slope = (2 * bend + 4 * curl * tilted + 4 * bend * weights) * slope
         # d(slope)/d(step) = at/z.
-        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1) / z
+        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1, keepdims=True) / z
         for column, rate in by_step:
-            by_globals[..., 2, column] = rate / d * grown
-        by_globals[..., 2, 0] -= step / d * stretch / z
-        by_globals[..., 2, 1] = step / d
-        by_globals[..., 2, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
-        by_globals[..., 2, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
-        by_globals[..., 2, 8] = -values[..., 2] / d
-        row = -(step * A / (d * z))[..., None] * np.einsum("bvni,bvnij->bvnj", stretch_by_slope, slope_by_scene)
-        row[..., 2] += step * A / d * stretch / (z * z)
+            by_globals[..., 2:, column] = rate / d * grown
+        by_globals[..., 2:, 0] -= step / d * stretch / z
+        by_globals[..., 2:, 1] = step / d
+        by_globals[..., 2:, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
+        by_globals[..., 2:, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
+        by_globals[..., 2:, 8] = -values[..., 2:] / d
+        row = -step * A / (d * z) * (stretch_by_slope[..., None, :] @ slope_by_scene)[..., 0, :]
+        row[..., 2:] += step * A / d * stretch / (z * z)
         by_scene = np.concatenate([by_scene, row[..., None, :]], axis=-2)
     twist = (-turn[:, None] @ cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
     return ProjectedCorners(values, by_globals, np.concatenate([by_scene @ twist, by_scene], axis=-1))
@@ -259,34 +261,18 @@ def project_boards(
 
 def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
-    one, two, _ = _rotation_series(vector)
+    half = np.sqrt((vector * vector).sum(axis=-1))[..., None, None] / (2 * np.pi)
     cross = cross_matrix(vector)
-    return np.asarray(np.eye(3) + one[..., None, None] * cross + two[..., None, None] * (cross @ cross))
+    return np.asarray(np.eye(3) + np.sinc(2 * half) * cross + np.sinc(half) ** 2 / 2 * (cross @ cross))
 
 
 def cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Matrix of the cross product with a vector from the left, shape (..., 3) -> (..., 3, 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    return np.tensordot(vector, _TURNS, 1)
 
 
 def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
-    """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)`` to first order in dr."""
-    _, two, three = _rotation_series(vector)
-    cross = cross_matrix(vector)
-    return np.asarray(np.eye(3) - two[..., None, None] * cross + three[..., None, None] * (cross @ cross))
-
-
-def _rotation_series(vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """sin(a)/a, (1 - cos a)/a^2, (a - sin a)/a^3 with series where a is small."""
-    square = (vector * vector).sum(axis=-1)
-    small = np.abs(square) < 1e-3
-    safe = np.where(small, 1.0, square)
-    angle = np.sqrt(safe)
-    one = np.where(small, 1 - square / 6 * (1 - square / 20 * (1 - square / 42)), np.sin(angle) / angle)
-    half = np.sin(angle / 2) / angle
-    two = np.where(small, 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56)), 2 * half * half)
-    series = (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6
-    three = np.where(small, series, (angle - np.sin(angle)) / (safe * angle))
-    return one, two, three
+    """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)``; the mean of R(-s r) for s from 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    turned = rotation_matrix(vector[..., None, :] * (-0.5 - nodes[:, None] / 2))
+    return np.asarray((weights[:, None, None] / 2 * turned).sum(axis=-3))

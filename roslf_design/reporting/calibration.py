@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import Field, field_validator
 
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
-from ..calibration.datasheet import QUANTITIES, SHOWN, UNITS, relative_sigma
+from ..calibration.datasheet import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
@@ -183,7 +182,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
     """What an engineer came for."""
     found = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
-    images, total = len(found.observations.names), len(found.observations.names) + len(found.missing)
+    images, total = len(found.observations.names), len(found.observations.names) + len(found.observations.missing)
     yield Statement(
         "plain",
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
@@ -241,7 +240,7 @@ def quantities_table(data: Mapping[str, Any]) -> Table:
 
 def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     """Where each quantity's variance comes from; sources that add nothing to any are left out."""
-    names = [name for name in SHOWN if name in shares]
+    names = [name for name in QUANTITIES if name in shares]
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
     rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
     note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
@@ -259,7 +258,7 @@ def ways_table(result: Outcome) -> Table:
     }
     if result.diffraction is not None and result.diffraction.before is not None:
         ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
-    lengths = [derived(camera.vector(), sheet, np.asarray(sheet.f)) for camera, _ in ways.values()]
+    lengths = [derived(camera.vector(), sheet) for camera, _ in ways.values()]
     rows = [(name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name]) for name in QUANTITIES]
     rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
     caption = "Step one's error is that of the central view, the others' that of all views."
@@ -268,7 +267,15 @@ def ways_table(result: Outcome) -> Table:
 
 def calibration_plan(design: Design, asked: CalibrationPart) -> CapturePlan | str:
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
-    captures = captures_for(design, asked)
+    captures = Captures.for_design(
+        design,
+        board=None if asked.board is None else Board.parse(asked.board),
+        boards=asked.boards,
+        tilt=asked.tilt,
+        distance=asked.distance,
+        distance_range=asked.range,
+        noise=asked.noise,
+    )
     try:
         relative = relative_sigma(asked.f_sigma, design.f)
     except ValueError:
@@ -278,19 +285,6 @@ def calibration_plan(design: Design, asked: CalibrationPart) -> CapturePlan | st
         return planned(camera_of(design), sheet_of(design, relative), captures, seed=asked.seed)
     except CalibrationError as error:
         return " ".join(str(error).split())
-
-
-def captures_for(design: Design, asked: CalibrationPart) -> Captures:
-    """What to capture with a design: what is asked for, else what suits it."""
-    return Captures.for_design(
-        design,
-        board=None if asked.board is None else Board.parse(asked.board),
-        boards=asked.boards,
-        tilt=asked.tilt,
-        distance=asked.distance,
-        distance_range=(design.d_f - design.d_3) / 4 if asked.range is None else asked.range,
-        noise=asked.noise,
-    )
 
 
 def calibration_section(design: Design, plan: CapturePlan | str, known: str) -> Section:
@@ -330,7 +324,7 @@ def plan_statement(plan: CapturePlan) -> Statement:
 def plan_blocks(plan: CapturePlan) -> tuple[Block, ...]:
     """A plan's promise and its changes, as tables."""
     before = plan.expected
-    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    rows = tuple((name, f"{before.sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
         for c in plan.changes
@@ -359,7 +353,7 @@ def _diffraction(result: Outcome, found: DiffractionCheck) -> Statement:
     taken = f"{found.reason}: up to {found.largest:.2g} pitches from a corner."
     if found.before is None:
         return Statement("plain", taken, "Left in, it would leave no calibration at all.")
-    best = derived(found.before.vector(), result.sheet, np.asarray(result.sheet.f))
+    best = derived(found.before.vector(), result.sheet)
     changes = ", ".join(
         f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
         for name in ("d_2", "m", "H", "d_3")

@@ -16,14 +16,15 @@ from roslf_design.calibration import (
     Intrinsics,
     LightField,
     calibrate,
+    derived,
     find_corners,
     observe,
     observe_pictures,
     random_poses,
 )
 from roslf_design.calibration.corners import checked_grid, fit_saddles
+from roslf_design.calibration.fit import fit_lines, step_one
 from roslf_design.calibration.model import project_boards, rotation_matrix
-from roslf_design.calibration.steps import fit_lines, step_one
 from tests.oracles.calibration import board_view
 
 BOARD = Board(4, 5, 6.0)
@@ -65,12 +66,13 @@ def test_drawn_boards_are_measured_to_a_few_hundredths_of_a_sample(drawn, observ
 
 
 def test_calibration_from_drawn_boards_finds_the_camera(observations):
-    found = calibrate(observations, DataSheet(100.0, CAMERA["q"], CAMERA["d"], 1.0))
+    sheet = DataSheet(100.0, CAMERA["q"], CAMERA["d"], 1.0)
+    found = calibrate(observations, sheet)
     sigma = found.fit.covariance.sigma
     for name, true in (("A", 92.0), ("m", 0.4), ("inverse_d_2", 0.5), ("x_0", 80.0), ("y_0", 75.0)):
         assert getattr(found.fit.camera, name) == pytest.approx(true, abs=3.5 * sigma[name]), name
     assert found.joint.rms < 0.08
-    assert found.refined.pupil_distance == pytest.approx(120.0, abs=3.5 * sigma["A"] / 0.4)
+    assert derived(found.joint.camera.vector(), sheet)["d_3"] == pytest.approx(120.0, abs=3.5 * sigma["A"] / 0.4)
 
 
 def test_images_without_a_board_are_named_and_the_others_used(drawn):
