@@ -40,19 +40,9 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
     OpenCV's sector-based detector finds the board; what it found is checked against the board's plane and colours;
     each corner is then placed by a fitted saddle (`fit_saddles`).
 
-    Parameters
-    ----------
-    picture : array_like
-        Grey picture, shape (rows, columns).
-    board : Board
-    weight : array_like, optional
-        Pixels of weight 0 say nothing.
-
-    Returns
-    -------
-    FoundCorners or None
-        In the order of `Board.points`; up to half a turn where the board's colours do not tell (an even sum of cells
-        across and down), or a quarter (as many across as down). None where no board is seen.
+    `picture` is grey, shape (rows, columns); pixels of `weight` 0 say nothing. Corners come in the order of
+    `Board.points`, up to half a turn where the board's colours do not tell (an even sum of cells across and down), or a
+    quarter (as many across as down). None where no board is seen.
     """
     import cv2 as cv
 
@@ -133,11 +123,7 @@ def observe(
 def observe_pictures(pictures: Mapping[str, ArrayLike] | Sequence[ArrayLike], board: Board) -> Observations:
     """Corners of one board in ordinary pictures, or central views decoded elsewhere: one view, (s', t') = (0, 0).
 
-    Parameters
-    ----------
-    pictures : mapping or sequence
-        Grey pictures, by name or numbered; u and v are then columns and rows [px].
-    board : Board
+    Pictures are grey, by name or numbered; u and v are then columns and rows [px].
 
     Raises
     ------
@@ -339,7 +325,7 @@ def _contrast(cells: Array) -> float | None:
 _ROUNDS = 30
 _BLUR = (0.15, 4.0)
 """Least and most blur (standard deviation) of an edge, besides the sample's own width [px]."""
-_NODES = np.array([[-math.sqrt(0.6) / 2, 5 / 18], [0.0, 8 / 18], [math.sqrt(0.6) / 2, 5 / 18]])
+_NODES = ((-math.sqrt(0.6) / 2, 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6) / 2, 5 / 18))
 """Gauss's three points across a sample, with weights."""
 
 
@@ -364,38 +350,18 @@ def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges:
     and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by
     0.092, its cornerSubPix by 0.045.
 
-    Parameters
-    ----------
-    picture : ndarray
-        Shape (rows, columns).
-    known : ndarray of bool
-        Pixels to fit.
-    corners : ndarray
-        Start, columns and rows, shape (n, 2), within about a pixel.
-    edges : ndarray
-        Directions of the two edges [rad], shape (n, 2).
-    half : int
-        Windows reach this many pixels to each side, weighted by a Gaussian of 0.6 of that.
+    `known` (rows, columns) are the pixels to fit; `corners` (n, 2) columns and rows to start from, within about a
+    pixel; `edges` (n, 2) the directions of the two edges [rad]. Windows reach `half` pixels to each side, weighted by a
+    Gaussian of 0.6 of that.
     """
     out = np.zeros((len(corners), 5))
-    start, directions = np.ascontiguousarray(corners, float), np.ascontiguousarray(edges, float)
-    picture, known = np.ascontiguousarray(picture, float), np.ascontiguousarray(known)
-    _fit.compiled(picture, known, start, directions, half, _NODES, np.array(_BLUR), _ROUNDS, out)
+    picture, corners, edges = (np.ascontiguousarray(part, float) for part in (picture, corners, edges))
+    _fit.compiled(picture, np.ascontiguousarray(known), corners, edges, half, out)
     return Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
 
 
 @kernel()
-def _fit(
-    picture: Array,
-    known: NDArray[np.bool_],
-    corners: Array,
-    edges: Array,
-    half: int,
-    nodes: Array,
-    blur: Array,
-    rounds: int,
-    out: Array,
-) -> None:
+def _fit(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array, half: int, out: Array) -> None:
     rows, columns = picture.shape
     H, new_H, g, new_g, p = np.empty((9, 9)), np.empty((9, 9)), np.empty(9), np.empty(9), np.empty(9)
     for n in range(corners.shape[0]):
@@ -418,22 +384,22 @@ def _fit(
         p[5] = 0.5 * (low + high)
         # The sign of the contrast: the model against the picture at the start.
         p[8] = 0.5 * (high - low)
-        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g)
+        cost = _misfit(picture, known, cx, cy, half, p, H, g)
         p[8] = -p[8]
-        if _misfit(picture, known, cx, cy, half, nodes, p, H, g) > cost:
+        if _misfit(picture, known, cx, cy, half, p, H, g) > cost:
             p[8] = -p[8]
-        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g)
+        cost = _misfit(picture, known, cx, cy, half, p, H, g)
         damping, moved, rest = 1e-2, 1e300, False
-        for _ in range(rounds):
+        for _ in range(_ROUNDS):
             scale = np.diag(H)
             # A floor on the damping keeps the system solvable where a parameter has no effect.
             step = np.linalg.solve(H + np.diag(damping * (scale + 1e-12 * scale.max())), g)
             trial = p + step
             for k in range(5):
                 trial[k] = p[k] + min(max(step[k], -0.7), 0.7)
-            trial[4] = min(max(trial[4], blur[0]), blur[1])
+            trial[4] = min(max(trial[4], _BLUR[0]), _BLUR[1])
             moved = max(abs(step[0]), abs(step[1]))
-            cost_now = _misfit(picture, known, cx, cy, half, nodes, trial, new_H, new_g)
+            cost_now = _misfit(picture, known, cx, cy, half, trial, new_H, new_g)
             if cost_now < cost:
                 rest = moved < 1e-3 and cost - cost_now < 1e-4 * cost_now
                 damping, cost = max(damping / 6.0, 1e-9), cost_now
@@ -451,15 +417,7 @@ def _fit(
 
 @kernel()
 def _misfit(
-    picture: Array,
-    known: NDArray[np.bool_],
-    cx: int,
-    cy: int,
-    half: int,
-    nodes: Array,
-    p: Array,
-    H: Array,
-    g: Array,
+    picture: Array, known: NDArray[np.bool_], cx: int, cy: int, half: int, p: Array, H: Array, g: Array
 ) -> float:
     """Weighted square misfit, and into H and g the normal matrix and the right side."""
     sin_a, cos_a, sin_b, cos_b = math.sin(p[2]), math.cos(p[2]), math.sin(p[3]), math.cos(p[3])
@@ -480,11 +438,11 @@ def _misfit(
             sign_a, sign_b = (1.0 if a0 > 0.0 else -1.0), (1.0 if b0 > 0.0 else -1.0)
             if beyond_a and beyond_b:
                 saddle = sign_a * sign_b
-            for i in range(0 if beyond_a and beyond_b else nodes.shape[0]):
-                dy = y + nodes[i, 0] - p[1]
-                for j in range(nodes.shape[0]):
-                    dx = x + nodes[j, 0] - p[0]
-                    k = nodes[i, 1] * nodes[j, 1]
+            for i in range(0 if beyond_a and beyond_b else 3):
+                dy = y + _NODES[i][0] - p[1]
+                for j in range(3):
+                    dx = x + _NODES[j][0] - p[0]
+                    k = _NODES[i][1] * _NODES[j][1]
                     a, b = cos_a * dy - sin_a * dx, cos_b * dy - sin_b * dx
                     ea = sign_a if beyond_a else math.erf(a * scale)
                     eb = sign_b if beyond_b else math.erf(b * scale)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .corners import homography
-from .datasheet import DataSheet
 from .frames import Array, CalibrationError
 from .model import (
     GLOBALS,
+    DataSheet,
     Intrinsics,
     Observations,
     Poses,

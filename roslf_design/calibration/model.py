@@ -1,4 +1,4 @@
-"""A board, a camera's parameters, and where the camera sees the board's corners in each view, with derivatives.
+"""Boards, a camera's parameters, its data sheet, and where it sees the boards' corners in each view.
 
 A view is a pinhole at S' on the flexible angular plane (Eqs. 2 and 10); the slope of the ray from it to a corner is
 distorted radially, then scaled to the array:
@@ -13,16 +13,23 @@ would move u_0 and the boards, nothing else.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..design import Design
+from ..theory.back_substitution import back_substitute
+from ..units import parse_quantity
 from .frames import Array, CalibrationError
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
+"""Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
+UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
 _TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """Cross products with the unit vectors, shape (3, 3, 3)."""
 _BOARD = re.compile(r"\s*(\d+)\s*[x×]\s*(\d+)\s+([0-9.]+)\s*(um|mm|cm|m)\s*")
@@ -162,6 +169,9 @@ class Poses(NamedTuple):
         return cls(six[:, :3], six[:, 3:])
 
 
+# --- where corners are seen -------------------------------------------------------------------------------------------
+
+
 class ProjectedCorners(NamedTuple):
     """Model values of boards b in views v at corners n, and their derivatives where asked for."""
 
@@ -199,10 +209,7 @@ def project_boards(
     derivatives : bool
         Ask for the Jacobian; without it those of the result are empty.
 
-    Returns
-    -------
-    ProjectedCorners
-        For complex arguments complex, so that a complex step checks the derivatives.
+    For complex arguments the result is complex, so that a complex step checks the derivatives.
     """
     A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = np.moveaxis(camera, -1, 0)[..., None, None, None, None]
     at = views[None, :, None, :] if views.ndim == 2 else views
@@ -276,3 +283,103 @@ def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
     nodes, weights = np.polynomial.legendre.leggauss(12)
     turned = rotation_matrix(vector[..., None, :] * (-0.5 - nodes[:, None] / 2))
     return np.asarray((weights[:, None, None] / 2 * turned).sum(axis=-3))
+
+
+# --- the data sheet ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """Normal priors. Images fix A/d, m/d, and q A/d_2; these priors turn that into lengths."""
+
+    f: float
+    """Focal length of the main lens [mm]."""
+    q: float
+    """Pixel pitch on the sensor's conjugate [mm]."""
+    d: float
+    """Microlens pitch [mm]."""
+    f_sigma: float
+    """[mm]"""
+    q_sigma: float = 0.0
+    """[mm]"""
+    d_sigma: float = 0.0
+    """[mm]"""
+    cell_sigma: float = 0.0
+    """Relative error of the board's cell."""
+
+    def __post_init__(self) -> None:
+        for name in ("f", "q", "d"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise CalibrationError(f"{name} must be a positive length, got {getattr(self, name)} mm")
+        for name in ("f_sigma", "q_sigma", "d_sigma", "cell_sigma"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise CalibrationError(f"{name} must be zero or positive, got {getattr(self, name)}")
+        if self.f_sigma > 0.2 * self.f:
+            raise CalibrationError(f"f_sigma = {self.f_sigma} mm says hardly anything of f = {self.f} mm: 20 % at most")
+
+    @property
+    def mean(self) -> Array:
+        """f, q, d and the board's relative scale."""
+        return np.array([self.f, self.q, self.d, 1.0])
+
+    @property
+    def sigma(self) -> Array:
+        """Their standard deviations."""
+        return np.array([self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma])
+
+    def draws(self, count: int, rng: np.random.Generator) -> Array:
+        """Independent draws of f, q, d and the board's relative scale, shape (4, count)."""
+        return np.asarray(self.mean[:, None] + self.sigma[:, None] * rng.normal(size=(4, count)))
+
+
+def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3, cell_sigma: float = 1e-3) -> DataSheet:
+    """Data-sheet values of a design with relative standard deviations of f, d and the board's cell."""
+    return DataSheet(
+        design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma
+    )
+
+
+def relative_sigma(text: str, f: float) -> float:
+    """Relative standard deviation of f from text such as "1 %" or "0.5 mm".
+
+    Raises
+    ------
+    ValueError
+        Not understood; the message says what to give.
+    """
+    text = text.strip()
+    if not text.endswith("%"):
+        return parse_quantity(text, "length") / f
+    try:
+        return float(text[:-1]) / 100
+    except ValueError:
+        raise ValueError(f'"{text}" is not understood; give "1 mm" or "1%"') from None
+
+
+def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array | None = None) -> dict[str, Array]:
+    """Lengths of the camera from fitted parameters and data-sheet values.
+
+    Parameters
+    ----------
+    camera : ndarray
+        A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
+    sheet : DataSheet
+    drawn : sequence of array_like, optional
+        f, q, d [mm] and relative size of the board, each of shape (...) or a number; the sheet's where not given.
+
+    Returns
+    -------
+    dict
+        `QUANTITIES`, each of shape (...).
+
+    Notes
+    -----
+    A change of d, q or of the board's scale leaves every modelled corner where it is when A and m grow with d, d_2
+    with q d, and m and d_2 shrink with the board's scale: the posterior follows exactly, without fitting again.
+    """
+    A, m, inverse_d_2 = np.moveaxis(np.asarray(camera, float)[..., :3], -1, 0)
+    f, q, d, board = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
+    A, m = A * (d / sheet.d), m * (d / sheet.d) / board
+    d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
+    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    return {name: np.asarray(value) for name, value in zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)}

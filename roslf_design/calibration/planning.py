@@ -13,10 +13,10 @@ from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..words import sentence
-from .datasheet import QUANTITIES, DataSheet, variance_shares
 from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .model import Board, Intrinsics, Observations, Poses, project_boards
+from .model import QUANTITIES, Board, DataSheet, Intrinsics, Observations, Poses, project_boards
+from .posterior import variance_shares
 
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
@@ -185,8 +185,6 @@ class PlanChange(NamedTuple):
     """One way to do better."""
 
     what: str
-    captures: Captures
-    sheet: DataSheet
     expected: ExpectedErrors
 
     def gain(self, before: ExpectedErrors, name: str = "d_3") -> float:
@@ -305,7 +303,7 @@ def plan(
             after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
         except CalibrationError:
             continue
-        changes.append(PlanChange(what, other, known, after))
+        changes.append(PlanChange(what, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
     return CapturePlan(captures, before, tuple(changes))
 

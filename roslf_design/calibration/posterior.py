@@ -1,4 +1,4 @@
-"""How sure a calibration is: the posterior of the camera by affine-invariant ensembles, poses eliminated."""
+"""How sure a calibration is: draws of the camera, by ensembles or from the Fisher matrix, and what follows."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..accuracy.statement import Accuracy, check_accuracy
-from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
 from .fit import StatisticsFit
 from .frames import Array, CalibrationError
-from .model import GLOBALS
+from .model import GLOBALS, QUANTITIES, DataSheet, derived
 
 ENSEMBLES = 4
 """Between which convergence is judged: fewer would not tell."""
@@ -28,6 +27,40 @@ RHAT = 1.01
 """R-hat between ensembles below which they count as converged."""
 _KEPT = 40_000
 """Most draws kept of a posterior."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraDraws:
+    """Draws of what was fitted and of what follows from it: of a posterior, or of the normal law in its place."""
+
+    names: tuple[str, ...]
+    """Parameters: those of the fit, then f."""
+    parameters: Array
+    """Draws of them, shape (n, p)."""
+    quantities: Mapping[str, Array]
+    """Draws of `QUANTITIES`, data-sheet values drawn along, each of shape (n,)."""
+
+    def draws(self, name: str) -> Array:
+        """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
+        if name in self.quantities:
+            return self.quantities[name]
+        if name not in self.names:
+            known = ", ".join([*self.quantities, *self.names])
+            raise ValueError(f"no quantity {name!r} in the posterior: it holds {known}")
+        return np.asarray(self.parameters[:, self.names.index(name)])
+
+
+def laplace_draws(fit: StatisticsFit, sheet: DataSheet, count: int, rng: np.random.Generator) -> CameraDraws:
+    """Draws from Laplace's approximation: the normal law of the Fisher matrix about the best fit, and the data sheet.
+
+    Systematic errors of the fit are drawn along.
+    """
+    names = fit.covariance.names
+    root = np.linalg.cholesky(fit.covariance.matrix)
+    cameras = fit.camera.vector(names) + rng.normal(size=(count, len(root))) @ root.T
+    cameras[:, :3] += rng.normal(size=(count, len(fit.systematic))) @ fit.systematic
+    drawn = sheet.draws(count, rng)
+    return CameraDraws((*names, "f"), np.column_stack([cameras, drawn[0]]), derived(cameras, sheet, drawn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +102,8 @@ def sample_posterior(
     board's scale as the data sheet says; q, d, scale and the fit's systematic errors, which no image informs, are drawn
     afterwards.
 
-    Parameters
-    ----------
-    fit : StatisticsFit
-    sheet : DataSheet
-    seed : int
-        Same seed, same draws.
-    chunk : int
-        Steps between checks.
-    most_steps : int
-        Of each ensemble.
-    ess : float
-        Effective sample size wanted, bulk and tail.
-    progress : callable, optional
-        Called with (steps, R-hat, effective sample size) after each chunk.
+    The same `seed` gives the same draws; after each `chunk` of steps `progress` is called with (steps, R-hat, effective
+    sample size).
 
     Raises
     ------
@@ -266,3 +287,81 @@ class ProfileLikelihood:
         taken = off[..., None, :] @ self._taken
         squares = np.einsum("wbr,wbr->w", off, off) - np.einsum("wbip,wbip->w", taken, taken)
         return np.where(possible, -0.5 * squares, -np.inf)
+
+
+# --- what follows from them -------------------------------------------------------------------------------------------
+
+
+def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
+    """What the calibration's uncertainty does to depths measured with it.
+
+    Parameters
+    ----------
+    draws : CameraDraws
+    fit : StatisticsFit
+        Whose camera makes the slope of a point at each distance.
+    sheet : DataSheet
+    distances : ndarray
+        From the main lens [mm], beyond the FAP, shape (k,).
+
+    Returns
+    -------
+    dict
+        ``distance``; ``from_lens`` and ``from_pupil``: standard deviation of Z and of Z_F [mm]; ``low_95`` and
+        ``high_95``: interval of the error of Z [mm]; each of shape (k,).
+
+    Notes
+    -----
+    Eq. 12 solved for depth. The images' errors of d_3 and of A cancel in distances from the lens near the focal plane
+    (d_f = f (1 + m)/m knows nothing of A), where the error of f alone is left; in distances from the pupil f drops out
+    and the error of A stays.
+    """
+    distances = np.asarray(distances, float)
+    best = derived(fit.camera.vector(), sheet)
+    depth = distances - best["d_3"]
+    if not (depth > 0).all():
+        raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
+    # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
+    measured = (best["m"] - best["A"] / depth) * best["A"] / best["d_2"]
+    m, A, d_2, d_3 = (draws.quantities[name][:, None] for name in ("m", "A", "d_2", "d_3"))
+    with np.errstate(divide="ignore"):
+        z_f = A / (m - measured * d_2 / A)
+    z = z_f + d_3
+    low, high = np.quantile(z - distances, [0.025, 0.975], axis=0)
+    return {
+        "distance": distances,
+        "from_lens": z.std(axis=0, ddof=1),
+        "from_pupil": z_f.std(axis=0, ddof=1),
+        "low_95": low,
+        "high_95": high,
+    }
+
+
+def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str, float]]:
+    """To first order, what share of each quantity's variance comes from the images and from each data-sheet value.
+
+    Returns
+    -------
+    dict
+        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board`` and ``systematic`` (what
+        scatter does not show) that add up to 1, and ``sigma``, the standard deviation of all.
+    """
+    images = np.linalg.cholesky(fit.covariance.part(("A", "m", "inverse_d_2"))).T
+    # Steps of one standard deviation in (A, m, 1/d_2, f, q, d, board), by their source.
+    steps = {"images": np.pad(images, ((0, 0), (0, 4)))}
+    by_sheet = np.eye(4, 7, 3) * sheet.sigma[:, None]
+    steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet, strict=True)}
+    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, 4)))
+    best = np.concatenate([fit.camera.vector()[:3], sheet.mean])
+
+    def variance(step: Array) -> dict[str, float]:
+        ahead, behind = (derived(at, sheet, at[:, 3:].T) for at in (best + 0.01 * step, best - 0.01 * step))
+        return {name: float(np.square((ahead[name] - behind[name]) / 0.02).sum()) for name in QUANTITIES}
+
+    parts = {source: variance(step) for source, step in steps.items()}
+    shares = {}
+    for name in QUANTITIES:
+        total = sum(part[name] for part in parts.values())
+        shares[name] = {source: part[name] / total if total > 0 else 0.0 for source, part in parts.items()}
+        shares[name]["sigma"] = float(np.sqrt(total))
+    return shares

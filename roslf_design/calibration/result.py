@@ -14,12 +14,11 @@ from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
-from .datasheet import QUANTITIES, UNITS, CameraDraws, DataSheet, depth_errors, derived, variance_shares
 from .diffraction import DiffractionCheck
 from .fit import Calibration
 from .frames import Array
-from .model import Board
-from .posterior import Posterior
+from .model import QUANTITIES, UNITS, Board, DataSheet, derived
+from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"

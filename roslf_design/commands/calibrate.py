@@ -25,8 +25,8 @@ from ..calibration import (
     MicrolensCentres,
     Outcome,
 )
-from ..calibration.datasheet import relative_sigma
 from ..calibration.frames import Capture
+from ..calibration.model import relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS

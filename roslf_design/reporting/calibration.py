@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
-from ..calibration.datasheet import QUANTITIES, UNITS, relative_sigma
+from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem

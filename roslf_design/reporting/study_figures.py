@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.datasheet import UNITS
+from ..calibration.model import UNITS
 from ..calibration.result import Outcome
 from ..optimization.pareto import Front
 from ..optimization.problem import Goal

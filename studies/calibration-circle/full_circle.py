@@ -19,7 +19,7 @@ from captures import CELL, CELLS, KINDS, make
 from pictures import draw_images, draw_intervals, draw_shifts
 
 from roslf_design.calibration import CalibrationError, Observations
-from roslf_design.calibration.datasheet import QUANTITIES, UNITS
+from roslf_design.calibration.model import QUANTITIES, UNITS
 from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated

@@ -10,8 +10,8 @@ from captures import FULL_SCALE
 from matplotlib.figure import Figure
 
 from roslf_design.calibration import decode
-from roslf_design.calibration.datasheet import QUANTITIES
 from roslf_design.calibration.frames import read_image
+from roslf_design.calibration.model import QUANTITIES
 from roslf_design.calibration.result import Outcome
 from roslf_design.pictures.axes import BLUE, GREY, INK, ORANGE, VERMILLION
 
