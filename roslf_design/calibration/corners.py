@@ -393,7 +393,7 @@ def _fit(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array,
         for _ in range(_ROUNDS):
             scale = np.diag(H)
             # A floor on the damping keeps the system solvable where a parameter has no effect.
-            step = np.linalg.solve(H + np.diag(damping * (scale + 1e-12 * scale.max())), g)
+            step = np.linalg.solve(H + H.T + np.diag((damping - 1.0) * scale + 1e-12 * damping * scale.max()), g)
             trial = p + step
             for k in range(5):
                 trial[k] = p[k] + min(max(step[k], -0.7), 0.7)
@@ -419,7 +419,7 @@ def _fit(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array,
 def _misfit(
     picture: Array, known: NDArray[np.bool_], cx: int, cy: int, half: int, p: Array, H: Array, g: Array
 ) -> float:
-    """Weighted square misfit, and into H and g the normal matrix and the right side."""
+    """Weighted square misfit, and into H and g the normal matrix, its lower half, and the right side."""
     sin_a, cos_a, sin_b, cos_b = math.sin(p[2]), math.cos(p[2]), math.sin(p[3]), math.cos(p[3])
     w = p[4]
     scale, norm = 1.0 / (math.sqrt(2.0) * w), math.sqrt(2.0 / math.pi) / w
@@ -462,6 +462,6 @@ def _misfit(
             d[5], d[6], d[7], d[8] = 1.0, x / half, y / half, saddle
             for r in range(9):
                 g[r] += weight * d[r] * rest
-                for c in range(9):
+                for c in range(r + 1):
                     H[r, c] += weight * d[r] * d[c]
     return total

@@ -15,7 +15,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..words import sentence
 from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .model import QUANTITIES, Board, DataSheet, Intrinsics, Observations, Poses, project_boards
+from .model import Board, DataSheet, Intrinsics, Observations, Poses, project_boards
 from .posterior import variance_shares
 
 _STEEPEST = math.radians(40.0)
@@ -229,17 +229,12 @@ class CapturePlan(NamedTuple):
                 "views_across": s.views,
                 "reach_px": s.reach,
             },
-            "expected_sigma": {name: before.sigma[name] for name in QUANTITIES},
+            "expected_sigma": before.sigma,
             "variance_shares": before.shares,
             "condition_number": before.condition,
             "correlation_A_inverse_d_2": before.correlation,
             "changes": [
-                {
-                    "change": c.what,
-                    "expected_sigma": {name: c.expected.sigma[name] for name in QUANTITIES},
-                    "gain_d_3": c.gain(before),
-                }
-                for c in self.changes
+                {"change": c.what, "expected_sigma": c.expected.sigma, "gain_d_3": c.gain(before)} for c in self.changes
             ],
             "advice": self.advice,
             "distortion_coefficients": distortion,

@@ -192,7 +192,13 @@ def outcome_of(
     # As far as the boards reach, and a fifth more of their depth.
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances)
-    notes = [*unlike(design, centres)]
+    notes = []
+    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
+    if abs(shown / expected - 1) >= 0.02:
+        notes.append(
+            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
+            " pixel and its microlens pitch those of this camera?"
+        )
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.observations.missing:
@@ -249,17 +255,6 @@ def undistorted_radius(design: Design) -> float:
     c = Camera.of(design)
     bound = field_limit(c).radius
     return bound * float(c.m) * _pitch(c) / design.d if math.isfinite(bound) else math.inf
-
-
-def unlike(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
-    """A warning where the white image's pitch is not the design's."""
-    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
-    if abs(shown / expected - 1) < 0.02:
-        return ()
-    return (
-        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
-        " and its microlens pitch those of this camera?",
-    )
 
 
 def _pitch(c: Camera) -> float:
