@@ -7,15 +7,14 @@ joint refinement (`calibrate`) -> posterior (`sample_posterior`) -> depth errors
 
 from __future__ import annotations
 
-from .calibrate import Calibration, calibrate
 from .centres import MicrolensCentres, Reason, find_centres
 from .corners import find_corners, observe, observe_pictures
-from .datasheet import CameraDraws, DataSheet, depth_errors, derived, laplace_draws, sheet_of, variance_shares
 from .decoding import LightField, decode
 from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
+from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
 from .lattice import CentreLattice
-from .model import Board, Intrinsics, Observations, Poses
+from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, sheet_of
 from .planning import (
     CapturePlan,
     Captures,
@@ -25,7 +24,7 @@ from .planning import (
     random_poses,
     synthetic_observations,
 )
-from .posterior import Posterior, sample_posterior
+from .posterior import CameraDraws, Posterior, depth_errors, laplace_draws, sample_posterior, variance_shares
 from .result import Outcome, outcome_of, undistorted_radius
 
 __all__ = [

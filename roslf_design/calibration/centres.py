@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
-from .frames import Array, CalibrationError, Frame, grey_frame, saturation_level
+from .frames import Array, CalibrationError, Frame, grey_frame, refuse_saturated
 from .lattice import CentreLattice, LatticeFit, Layout, estimate_lattice, fit_lattice
 
 _SAMPLE = 3000
@@ -109,12 +109,7 @@ def find_centres(
         few whole images.
     """
     frame = grey_frame(white, dark, "white image")
-    level = saturation_level(np.asarray(white))
-    full = float(np.mean(np.asarray(white) >= level))
-    if full > _ALL_OVER:
-        raise CalibrationError(
-            f"the white image is saturated: {100 * full:.0f} % of its pixels reach grey level {level:g}; expose less"
-        )
+    level = refuse_saturated(np.asarray(white), "white image", _ALL_OVER)
     raw = frame if dark is None else grey_frame(white, None, "white image")
     lattice = _grown(frame, estimate_lattice(frame, layout))
     for _ in range(2):
@@ -132,7 +127,7 @@ def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattic
     distance = np.hypot(*(nodes - (np.array(frame.shape[::-1]) - 1) / 2).T)
 
     def enough(said: str) -> NDArray[np.bool_]:
-        good: NDArray[np.bool_] = np.equal(reasons, Reason.USED)
+        good = np.equal(reasons, Reason.USED)
         if good.sum() < _FEWEST:
             raise CalibrationError(f"only {int(good.sum())} {said}")
         return good

@@ -40,19 +40,9 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
     OpenCV's sector-based detector finds the board; what it found is checked against the board's plane and colours;
     each corner is then placed by a fitted saddle (`fit_saddles`).
 
-    Parameters
-    ----------
-    picture : array_like
-        Grey picture, shape (rows, columns).
-    board : Board
-    weight : array_like, optional
-        Pixels of weight 0 say nothing.
-
-    Returns
-    -------
-    FoundCorners or None
-        In the order of `Board.points`; up to half a turn where the board's colours do not tell (an even sum of cells
-        across and down), or a quarter (as many across as down). None where no board is seen.
+    `picture` is grey, shape (rows, columns); pixels of `weight` 0 say nothing. Corners come in the order of
+    `Board.points`, up to half a turn where the board's colours do not tell (an even sum of cells across and down), or a
+    quarter (as many across as down). None where no board is seen.
     """
     import cv2 as cv
 
@@ -133,11 +123,7 @@ def observe(
 def observe_pictures(pictures: Mapping[str, ArrayLike] | Sequence[ArrayLike], board: Board) -> Observations:
     """Corners of one board in ordinary pictures, or central views decoded elsewhere: one view, (s', t') = (0, 0).
 
-    Parameters
-    ----------
-    pictures : mapping or sequence
-        Grey pictures, by name or numbered; u and v are then columns and rows [px].
-    board : Board
+    Pictures are grey, by name or numbered; u and v are then columns and rows [px].
 
     Raises
     ------
@@ -324,12 +310,10 @@ def _cell_levels(matrix: Array, board: Board, picture: Array) -> Array:
 
 def _contrast(cells: Array) -> float | None:
     """Mean level of cells like the first minus that of the others; None unless each stands out from its neighbours."""
-    parity = np.where((np.add.outer(np.arange(cells.shape[0]), np.arange(cells.shape[1])) % 2) == 0, 1.0, -1.0)
+    parity = 1 - 2 * (np.indices(cells.shape).sum(axis=0) % 2)
     padded = np.pad(cells, 1, constant_values=np.nan)
-    around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
-    known = np.isfinite(around)
-    mean = np.where(known, around, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    step = (parity * (cells - mean))[np.isfinite(cells) & known.any(axis=0)]
+    around = np.ma.masked_invalid([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
+    step = (parity * (np.ma.masked_invalid(cells) - around.mean(axis=0))).compressed()
     if step.size < 0.8 * cells.size:
         return None
     middle = float(np.median(step))
@@ -341,7 +325,7 @@ def _contrast(cells: Array) -> float | None:
 _ROUNDS = 30
 _BLUR = (0.15, 4.0)
 """Least and most blur (standard deviation) of an edge, besides the sample's own width [px]."""
-_NODES = np.array([[-math.sqrt(0.6) / 2, 5 / 18], [0.0, 8 / 18], [math.sqrt(0.6) / 2, 5 / 18]])
+_NODES = ((-math.sqrt(0.6) / 2, 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6) / 2, 5 / 18))
 """Gauss's three points across a sample, with weights."""
 
 
@@ -366,41 +350,20 @@ def fit_saddles(picture: Array, known: NDArray[np.bool_], corners: Array, edges:
     and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS, OpenCV's detector by
     0.092, its cornerSubPix by 0.045.
 
-    Parameters
-    ----------
-    picture : ndarray
-        Shape (rows, columns).
-    known : ndarray of bool
-        Pixels to fit.
-    corners : ndarray
-        Start, columns and rows, shape (n, 2), within about a pixel.
-    edges : ndarray
-        Directions of the two edges [rad], shape (n, 2).
-    half : int
-        Windows reach this many pixels to each side, weighted by a Gaussian of 0.6 of that.
+    `known` (rows, columns) are the pixels to fit; `corners` (n, 2) columns and rows to start from, within about a
+    pixel; `edges` (n, 2) the directions of the two edges [rad]. Windows reach `half` pixels to each side, weighted by a
+    Gaussian of 0.6 of that.
     """
     out = np.zeros((len(corners), 5))
-    start, directions = np.ascontiguousarray(corners, float), np.ascontiguousarray(edges, float)
-    picture, known = np.ascontiguousarray(picture, float), np.ascontiguousarray(known)
-    _fit.compiled(picture, known, start, directions, half, _NODES, np.array(_BLUR), _ROUNDS, out)
+    picture, corners, edges = (np.ascontiguousarray(part, float) for part in (picture, corners, edges))
+    _fit.compiled(picture, np.ascontiguousarray(known), corners, edges, half, out)
     return Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
 
 
 @kernel()
-def _fit(
-    picture: Array,
-    known: NDArray[np.bool_],
-    corners: Array,
-    edges: Array,
-    half: int,
-    nodes: Array,
-    blur: Array,
-    rounds: int,
-    out: Array,
-) -> None:
+def _fit(picture: Array, known: NDArray[np.bool_], corners: Array, edges: Array, half: int, out: Array) -> None:
     rows, columns = picture.shape
-    H, new_H, L = np.empty((9, 9)), np.empty((9, 9)), np.empty((9, 9))
-    g, new_g, step, p, trial = np.empty(9), np.empty(9), np.empty(9), np.empty(9), np.empty(9)
+    H, new_H, g, new_g, p = np.empty((9, 9)), np.empty((9, 9)), np.empty(9), np.empty(9), np.empty(9)
     for n in range(corners.shape[0]):
         cx, cy = math.floor(corners[n, 0] + 0.5), math.floor(corners[n, 1] + 0.5)
         out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4] = corners[n, 0], corners[n, 1], 0.0, 1.0, 0.0
@@ -421,42 +384,31 @@ def _fit(
         p[5] = 0.5 * (low + high)
         # The sign of the contrast: the model against the picture at the start.
         p[8] = 0.5 * (high - low)
-        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, False)
+        cost = _misfit(picture, known, cx, cy, half, p, H, g)
         p[8] = -p[8]
-        if _misfit(picture, known, cx, cy, half, nodes, p, H, g, False) > cost:
+        if _misfit(picture, known, cx, cy, half, p, H, g) > cost:
             p[8] = -p[8]
-        cost = _misfit(picture, known, cx, cy, half, nodes, p, H, g, True)
+        cost = _misfit(picture, known, cx, cy, half, p, H, g)
         damping, moved, rest = 1e-2, 1e300, False
-        for _ in range(rounds):
-            L[:] = H
-            step[:] = g
-            if not cholesky(L, damping, step):
-                damping *= 8.0
-                continue
-            for m in range(8, -1, -1):
-                for k in range(m + 1, 9):
-                    step[m] -= L[k, m] * step[k]
-                step[m] /= L[m, m]
-            for k in range(9):
-                trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
-            trial[4] = min(max(trial[4], blur[0]), blur[1])
+        for _ in range(_ROUNDS):
+            scale = np.diag(H)
+            # A floor on the damping keeps the system solvable where a parameter has no effect.
+            step = np.linalg.solve(H + H.T + np.diag((damping - 1.0) * scale + 1e-12 * damping * scale.max()), g)
+            trial = p + step
+            for k in range(5):
+                trial[k] = p[k] + min(max(step[k], -0.7), 0.7)
+            trial[4] = min(max(trial[4], _BLUR[0]), _BLUR[1])
             moved = max(abs(step[0]), abs(step[1]))
-            cost_now = _misfit(picture, known, cx, cy, half, nodes, trial, new_H, new_g, True)
+            cost_now = _misfit(picture, known, cx, cy, half, trial, new_H, new_g)
             if cost_now < cost:
-                gain = cost - cost_now
-                p[:] = trial
-                damping = max(damping / 6.0, 1e-9)
-                cost = cost_now
-                H[:] = new_H
-                g[:] = new_g
-                if moved < 1e-3 and gain < 1e-4 * cost:
-                    rest = True
-                    break
+                rest = moved < 1e-3 and cost - cost_now < 1e-4 * cost_now
+                damping, cost = max(damping / 6.0, 1e-9), cost_now
+                p[:], H[:], g[:] = trial, new_H, new_g
             else:
-                if moved < 1e-3:
-                    rest = True
-                    break
+                rest = moved < 1e-3
                 damping *= 8.0
+            if rest:
+                break
         out[n, 0], out[n, 1], out[n, 2] = cx + p[0], cy + p[1], p[8]
         out[n, 3] = math.sqrt(cost / covered) / max(abs(p[8]), 1e-300)
         if (rest or moved < 0.01) and max(abs(p[0]), abs(p[1])) < 0.6 * half:
@@ -465,24 +417,13 @@ def _fit(
 
 @kernel()
 def _misfit(
-    picture: Array,
-    known: NDArray[np.bool_],
-    cx: int,
-    cy: int,
-    half: int,
-    nodes: Array,
-    p: Array,
-    H: Array,
-    g: Array,
-    derivatives: bool,
+    picture: Array, known: NDArray[np.bool_], cx: int, cy: int, half: int, p: Array, H: Array, g: Array
 ) -> float:
-    """Weighted square misfit; with `derivatives` the normal matrix and right side as well."""
+    """Weighted square misfit, and into H and g the normal matrix, its lower half, and the right side."""
     sin_a, cos_a, sin_b, cos_b = math.sin(p[2]), math.cos(p[2]), math.sin(p[3]), math.cos(p[3])
     w = p[4]
     scale, norm = 1.0 / (math.sqrt(2.0) * w), math.sqrt(2.0 / math.pi) / w
-    if derivatives:
-        H[:] = 0.0
-        g[:] = 0.0
+    H[:], g[:] = 0.0, 0.0
     d = np.empty(9)
     total = 0.0
     for y in range(-half, half + 1):
@@ -497,58 +438,30 @@ def _misfit(
             sign_a, sign_b = (1.0 if a0 > 0.0 else -1.0), (1.0 if b0 > 0.0 else -1.0)
             if beyond_a and beyond_b:
                 saddle = sign_a * sign_b
-            for i in range(0 if beyond_a and beyond_b else nodes.shape[0]):
-                dy = y + nodes[i, 0] - p[1]
-                for j in range(nodes.shape[0]):
-                    dx = x + nodes[j, 0] - p[0]
-                    k = nodes[i, 1] * nodes[j, 1]
+            for i in range(0 if beyond_a and beyond_b else 3):
+                dy = y + _NODES[i][0] - p[1]
+                for j in range(3):
+                    dx = x + _NODES[j][0] - p[0]
+                    k = _NODES[i][1] * _NODES[j][1]
                     a, b = cos_a * dy - sin_a * dx, cos_b * dy - sin_b * dx
                     ea = sign_a if beyond_a else math.erf(a * scale)
                     eb = sign_b if beyond_b else math.erf(b * scale)
                     saddle += k * ea * eb
-                    if derivatives:
-                        first = 0.0 if beyond_a else k * norm * math.exp(-0.5 * (a / w) ** 2) * eb
-                        second = 0.0 if beyond_b else k * norm * math.exp(-0.5 * (b / w) ** 2) * ea
-                        d[0] += first * sin_a + second * sin_b
-                        d[1] -= first * cos_a + second * cos_b
-                        d[2] -= first * (cos_a * dx + sin_a * dy)
-                        d[3] -= second * (cos_b * dx + sin_b * dy)
-                        d[4] -= (first * a + second * b) / w
+                    first = 0.0 if beyond_a else k * norm * math.exp(-0.5 * (a / w) ** 2) * eb
+                    second = 0.0 if beyond_b else k * norm * math.exp(-0.5 * (b / w) ** 2) * ea
+                    d[0] += first * sin_a + second * sin_b
+                    d[1] -= first * cos_a + second * cos_b
+                    d[2] -= first * (cos_a * dx + sin_a * dy)
+                    d[3] -= second * (cos_b * dx + sin_b * dy)
+                    d[4] -= (first * a + second * b) / w
             level = p[5] + p[6] * x / half + p[7] * y / half + p[8] * saddle
             rest = picture[cy + y, cx + x] - level
             total += weight * rest * rest
-            if derivatives:
-                for k5 in range(5):
-                    d[k5] *= p[8]
-                d[5], d[6], d[7], d[8] = 1.0, x / half, y / half, saddle
-                for r in range(9):
-                    g[r] += weight * d[r] * rest
-                    for c in range(r + 1):
-                        H[r, c] += weight * d[r] * d[c]
+            for r in range(5):
+                d[r] *= p[8]
+            d[5], d[6], d[7], d[8] = 1.0, x / half, y / half, saddle
+            for r in range(9):
+                g[r] += weight * d[r] * rest
+                for c in range(r + 1):
+                    H[r, c] += weight * d[r] * d[c]
     return total
-
-
-@kernel()
-def cholesky(H: Array, damping: float, g: Array) -> bool:
-    """Turn H, of which the lower half counts, into L with L L' = H + damping diag(H), and g into L^-1 g.
-
-    False where H is not positive definite.
-    """
-    size = len(g)
-    for j in range(size):
-        for i in range(j, size):
-            total = H[i, j]
-            if i == j:
-                total += damping * (H[j, j] + 1e-300)
-            for k in range(j):
-                total -= H[i, k] * H[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return False
-                H[j, j] = math.sqrt(total)
-            else:
-                H[i, j] = total / H[j, j]
-        for k in range(j):
-            g[j] -= H[j, k] * g[k]
-        g[j] /= H[j, j]
-    return True

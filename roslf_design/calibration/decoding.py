@@ -91,99 +91,82 @@ def decode(
         Images missing, of different sizes, not finite, or a raw image with over 5 % of its pixels saturated.
     """
     frame = grey_frame(raw, dark, "raw image")
-    refuse_saturated(raw, "raw image")
+    refuse_saturated(raw, "raw image", 0.05)
     reach = math.floor(lattice.pitch / 2)
-    offsets = np.arange(-reach, reach + 1, dtype=np.float64)
+    offsets = np.arange(-reach, reach + 1.0)
     inside = lattice.inside((frame.shape[0], frame.shape[1]))
-    square = lattice.layout == "square"
     rows = np.arange(inside[:, 1].min(), inside[:, 1].max() + 1)
-    # Hexagonal rows shift by half a pitch each: start them where the row enters the image, a whole number of lenses
-    # apart.
-    along = inside[:, 0] + (0.0 if square else 0.5) * inside[:, 1]
+    # Hexagonal rows shift by half a pitch each: start them where the row enters the image, whole lenses apart.
+    shift = 0.0 if lattice.layout == "square" else 0.5
+    along = inside[:, 0] + shift * inside[:, 1]
     left = math.floor(along.min())
-    starts = np.full(len(rows), left) if square else left - np.floor_divide(rows, 2)
-    columns = math.ceil(along.max()) - left + 1
-    values, weight = _sampled(frame, lattice, offsets, rows, starts, columns)
+    starts = left - np.floor(shift * rows).astype(int)
+    columns = np.arange(math.ceil(along.max()) - left + 1)
+    nodes = lattice.nodes(starts[:, None] + columns, rows[:, None])
+
+    def sampled(image: Frame) -> tuple[Samples, Samples]:
+        """Samples and whether they were inside the image, shape (t, s, v, u)."""
+        shape = (len(offsets), len(offsets), len(rows), len(columns))
+        values, held = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        with THREADS:
+            _gather.compiled(image, nodes, np.asarray(lattice.first) / lattice.pitches[0], offsets, values, held)
+        return values, held
+
+    values, weight = sampled(frame)
     if white is not None:
         bright = grey_frame(white, dark, "white image")
         same_size("raw image", frame.shape, "white image", bright.shape)
-        level, lit = _sampled(bright, lattice, offsets, rows, starts, columns)
+        level, lit = sampled(bright)
         level /= max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30)
         weight = np.where((level > _DARKEST) & (lit > 0), np.clip(level, 0, 1), 0).astype(np.float32)
         values = np.where(weight > 0, values / np.where(weight > 0, level, 1), 0).astype(np.float32)
-    step = 1.0 if square else math.sqrt(3) / 2
-    if square:
-        u = left + np.arange(columns, dtype=float)
+    if lattice.layout == "square":
+        u, step = left + columns.astype(float), 1.0
     else:
+        step = math.sqrt(3) / 2
         u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
         values, weight = _squared(values, weight, u, starts + 0.5 * rows)
     return LightField(values, weight, offsets, offsets.copy(), u, step * rows, lattice.pitch)
 
 
+@kernel()
+def cubic_taps(part: Any) -> tuple[Any, Any, Any, Any]:
+    """Weights of the samples 1 before, at, 1 and 2 after, for a place `part` of a step after a sample.
+
+    Cubic convolution (a = -1/2): exact for quadratics, third order in the pixel. For numbers and arrays.
+    """
+    return (
+        ((-0.5 * part + 1.0) * part - 0.5) * part,
+        (1.5 * part - 2.5) * part * part + 1.0,
+        ((-1.5 * part + 2.0) * part + 0.5) * part,
+        (0.5 * part - 0.5) * part * part,
+    )
+
+
 @kernel(parallel=True)
-def _gather(
-    image: Frame, nodes_x: Array, nodes_y: Array, along: Array, offsets: Array, values: Samples, inside: Samples
-) -> None:
+def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Samples, inside: Samples) -> None:
     rows, columns = image.shape
     count = offsets.shape[0]
     for k in prange(count * count):
         t, s = k // count, k % count
         dx = offsets[s] * along[0] - offsets[t] * along[1]
         dy = offsets[s] * along[1] + offsets[t] * along[0]
-        for v in range(nodes_x.shape[0]):
-            for u in range(nodes_x.shape[1]):
-                x, y = nodes_x[v, u] + dx, nodes_y[v, u] + dy
+        for v in range(nodes.shape[0]):
+            for u in range(nodes.shape[1]):
+                x, y = nodes[v, u, 0] + dx, nodes[v, u, 1] + dy
                 column, row = math.floor(x), math.floor(y)
                 if column < 1 or row < 1 or column > columns - 3 or row > rows - 3:
                     continue
-                fx, fy = x - column, y - row
+                across, down = cubic_taps(x - column), cubic_taps(y - row)
                 total = 0.0
                 for b in range(4):
-                    line = 0.0
                     for a in range(4):
-                        line += _cubic(a - 1 - fx) * image[row - 1 + b, column - 1 + a]
-                    total += _cubic(b - 1 - fy) * line
+                        total += down[b] * across[a] * image[row - 1 + b, column - 1 + a]
                 values[t, s, v, u] = total
                 inside[t, s, v, u] = 1.0
 
 
-@kernel()
-def _cubic(x: float) -> float:
-    """Cubic convolution (a = -1/2): exact for quadratics, third order in the pixel."""
-    x = abs(x)
-    if x < 1.0:
-        return (1.5 * x - 2.5) * x * x + 1.0
-    if x < 2.0:
-        return ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
-    return 0.0
-
-
-def cubic_convolution(x: Array) -> Array:
-    """Weight of a sample x steps away, for 0 <= x < 2: the kernel that `decode` reads between pixels with."""
-    return np.where(x < 1, (1.5 * x - 2.5) * x * x + 1, ((-0.5 * x + 2.5) * x - 4) * x + 2)
-
-
-def _sampled(
-    frame: Frame,
-    lattice: CentreLattice,
-    offsets: Array,
-    rows: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    columns: int,
-) -> tuple[Samples, Samples]:
-    """Samples and whether they were inside the image, shape (t, s, v, u)."""
-    i = starts[:, None] + np.arange(columns)[None, :]
-    nodes = lattice.nodes(i, np.broadcast_to(rows[:, None], i.shape))
-    along = np.asarray(lattice.first) / lattice.pitches[0]
-    shape = (len(offsets), len(offsets), len(rows), columns)
-    values, inside = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    x, y = np.ascontiguousarray(nodes[..., 0]), np.ascontiguousarray(nodes[..., 1])
-    with THREADS:
-        _gather.compiled(frame, x, y, along, offsets, values, inside)
-    return values, inside
-
-
-def _squared(values: Samples, weight: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
+def _squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
     """Hexagonal rows interpolated at u (all in pitches); row v's samples stand at ``starts[v] + 0, 1, 2, ...``."""
     columns = values.shape[-1]
     out, held = (np.zeros((*values.shape[:-1], len(u)), np.float32) for _ in range(2))
@@ -193,13 +176,13 @@ def _squared(values: Samples, weight: Samples, u: Array, starts: Array) -> tuple
         taps = np.stack([base - 1, base, base + 1, base + 2])
         usable = (taps >= 0) & (taps < columns)
         taps = np.clip(taps, 0, columns - 1)
-        light = weight[..., v, :][..., taps] * usable
+        held_by = light[..., v, :][..., taps] * usable
         a, b, c, d = np.moveaxis(values[..., v, :][..., taps], -2, 0)
-        before, at, after, beyond = np.moveaxis(light > 0, -2, 0)
+        before, at, after, beyond = np.moveaxis(held_by > 0, -2, 0)
         # A missing outer tap is put on the parabola through the other three.
         a, d = np.where(before, a, 3 * b - 3 * c + d), np.where(beyond, d, 3 * c - 3 * b + a)
-        kernels = [cubic_convolution(x) for x in (part + 1, part, 1 - part, 2 - part)]
         whole = at & after & (before | beyond)
-        out[..., v, :] = np.where(whole, kernels[0] * a + kernels[1] * b + kernels[2] * c + kernels[3] * d, 0)
-        held[..., v, :] = np.where(whole, np.where(part < 0.5, light[..., 1, :], light[..., 2, :]), 0)
+        value = sum(weight * tap for weight, tap in zip(cubic_taps(part), (a, b, c, d), strict=True))
+        out[..., v, :] = np.where(whole, value, 0)
+        held[..., v, :] = np.where(whole, np.where(part < 0.5, held_by[..., 1, :], held_by[..., 2, :]), 0)
     return out, held

@@ -22,14 +22,12 @@ from ..design import Design
 from ..imaging.transfer import MicrolensTransfer
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
-from .calibrate import Calibration, calibrate
 from .corners import fit_saddles, fit_window
-from .datasheet import DataSheet
-from .decoding import cubic_convolution, decode
+from .decoding import cubic_taps, decode
+from .fit import Calibration, calibrate, fit_lines
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice, Layout
-from .model import GLOBALS, Board, Intrinsics, Observations
-from .steps import fit_lines
+from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations
 
 Wish = Literal["auto", "on", "off"]
 _SMALL = 0.1
@@ -119,7 +117,7 @@ def calibrate_corrected(
     lattice : CentreLattice
         Of the microlens images.
     distortion, guess
-        As in `calibrate`.
+        As in `calibrate`, and errors.
     wish : {"auto", "on", "off"}
         "auto" corrects where the design's blur exceeds 0.1 px and the white image shows it.
 
@@ -129,11 +127,6 @@ def calibrate_corrected(
         The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
         between the white image's pupil image and the one that the design and the calibration predict) and what inner
         and outer views disagree on (`view_disagreement`).
-
-    Raises
-    ------
-    CalibrationError
-        As `calibrate`.
     """
     check = _looked_at(design, white, dark, lattice, wish)
     if not check.corrected or check.image is None:
@@ -143,10 +136,13 @@ def calibrate_corrected(
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
     result = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    camera = result.fit.camera
+    camera, d_2 = result.fit.camera, 1 / result.joint.camera.inverse_d_2
+    # The pupil image that D_F, lambda and the calibrated d_2 and A make.
+    radius = design.D_F / 2 * d_2 / (result.joint.camera.A * design.q)
+    predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),
-        _straightened(observations, board, _predicted(design, result.joint.camera, check.image), start=straight),
+        _straightened(observations, board, predicted, start=straight),
     )
     moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
     own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
@@ -173,11 +169,8 @@ def _looked_at(
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, round_lenses = (
-        float(microlens_image_diameter(c) / (2 * c.q)),
-        design.microlens_array.lens_shape == "circular",
-    )
-    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, round_lenses)
+    radius, circular = float(microlens_image_diameter(c) / (2 * c.q)), c.lens_shape == "circular"
+    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, circular)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
@@ -188,10 +181,9 @@ def _looked_at(
             " or not: what diffraction does to the corners cannot be told from it"
         )
     if wish == "auto" and (best is rays or warning):
-        why = f"The white image shows no microlens diffraction where the design has {expected:.2g} px of it"
-        if warning:
-            why = f"The design has {expected:.2g} px of microlens diffraction"
-        return DiffractionCheck(False, f"{why}: none was taken off", expected, best.image, best.misfit, warning=warning)
+        why = "The design" if warning else "The white image shows no microlens diffraction where the design"
+        why += f" has {expected:.2g} px of {'microlens diffraction' if warning else 'it'}: none was taken off"
+        return DiffractionCheck(False, why, expected, best.image, best.misfit, warning=warning)
     if not warning and abs(waves.image.blur / expected - 1) > 0.2:
         warning = (
             f"the white image is blurred by {waves.image.blur:.2f} px where the design's diffraction makes"
@@ -208,18 +200,14 @@ def _straightened(
     weights = view_weights(image, observations.views)
     slopes = fit_lines(observations if start is None else start).slope
     central = fit_lines(observations).central
-    uv = observations.uv
     for _ in range(_ROUNDS):
-        shift = np.stack(
-            [_shift_of_board(weights, slopes[b], central[b], board, image.circular) for b in range(len(slopes))]
-        )
-        uv = observations.uv - shift
-        now = fit_lines(replace(observations, uv=uv)).slope
-        change = float(np.nanmax(np.abs(now - slopes)))
-        slopes = now
-        if change < 1e-4:
+        boards = zip(slopes, central, strict=True)
+        shift = np.stack([_shift_of_board(weights, *one, board, image.circular) for one in boards])
+        straight = replace(observations, uv=observations.uv - shift)
+        before, slopes = slopes, fit_lines(straight).slope
+        if np.nanmax(np.abs(slopes - before)) < 1e-4:
             break
-    return replace(observations, uv=uv)
+    return straight
 
 
 def _shift_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, circular: bool) -> Array:
@@ -232,14 +220,6 @@ def _shift_of_board(weights: ViewWeights, slopes: Array, central: Array, board: 
     x = ((np.where(np.isfinite(slopes), slopes, middle) - middle) / half)[None, :, None]
     before, centre, after = (shift[:, k, None] for k in range(3))
     return np.asarray(centre + 0.5 * x * (after - before) + 0.5 * x * x * (before + after - 2 * centre))
-
-
-def _predicted(design: Design, camera: Intrinsics, seen: PupilImage) -> PupilImage:
-    """The pupil image that D_F, lambda and the calibrated d_2 and A make."""
-    d_2 = 1 / camera.inverse_d_2
-    radius = design.D_F / 2 * d_2 / (camera.A * design.q)
-    blur = design.wavelength * d_2 / (design.d * design.q)
-    return replace(seen, radius=radius, blur=blur)
 
 
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
@@ -276,8 +256,7 @@ class PupilImage:
 
     def neighbours(self) -> Array:
         """Microlenses around one, itself first [pitches], shape (m, 2)."""
-        i, j = np.meshgrid(*2 * [np.arange(-2 * _RINGS, 2 * _RINGS + 1)])
-        places = np.stack([i.ravel(), j.ravel()], axis=-1) @ self.axes.T
+        places = _whole_numbers(2 * _RINGS) @ self.axes.T
         distance = np.abs(places).max(axis=1)
         near = distance < _RINGS + 0.5
         return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
@@ -291,8 +270,7 @@ class PupilImage:
 
         reciprocal = np.linalg.inv(self.pitch * self.axes).T
         most = math.ceil(1.5 * self.pitch * 1.2)
-        i, j = np.meshgrid(np.arange(-most, most + 1), np.arange(-most, most + 1))
-        waves = np.stack([i.ravel(), j.ravel()], axis=-1) @ reciprocal.T
+        waves = _whole_numbers(most) @ reciprocal.T
         height = np.hypot(*waves.T)
         waves, height = waves[height < 1.5], height[height < 1.5]
         safe = np.where(height > 0, height, 1.0)
@@ -303,7 +281,7 @@ class PupilImage:
 
 
 class ViewWeights(NamedTuple):
-    """Shares of light in the samples of each view."""
+    """Where the light in the samples of each view came from."""
 
     views: Array
     """(s', t') that the samples are read at [px], shape (v, 2)."""
@@ -332,6 +310,12 @@ def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeig
     return ViewWeights(np.asarray(views, float), np.ascontiguousarray(shares), around, places)
 
 
+def _whole_numbers(most: int) -> Array:
+    """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
+    side = np.arange(-most, most + 1.0)
+    return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+
+
 def _sunflower(count: int) -> Array:
     """Points spread evenly over the unit disc, shape (count, 2)."""
     turns = np.arange(count) + 0.5
@@ -342,8 +326,9 @@ def _sunflower(count: int) -> Array:
 def _reading(frequency: Array) -> Array:
     """Transfer of a pixel's width and of cubic convolution (a = -1/2), along one axis [1/px]."""
     x = (np.arange(2000) + 0.5) / 1000
+    further, near, _, _ = cubic_taps(x[:1000])
     axis, back = np.unique(np.abs(frequency), return_inverse=True)
-    cubic = 2 * np.cos(2 * math.pi * np.outer(axis, x)) @ cubic_convolution(x) / 1000
+    cubic = 2 * np.cos(2 * math.pi * np.outer(axis, x)) @ np.concatenate([near, further]) / 1000
     return np.asarray((np.sinc(axis) * cubic)[back].reshape(np.shape(frequency)))
 
 
@@ -365,13 +350,7 @@ class CellFit(NamedTuple):
 
 
 def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> WhiteCell:
-    """Average the microlens images in the middle of the white image.
-
-    Raises
-    ------
-    CalibrationError
-        Less than three microlenses in the middle.
-    """
+    """Average the microlens images in the middle of the white image; at least three."""
     frame = grey_frame(white, dark, "white image")
     rows, columns = frame.shape
     reach = int(np.ceil((_HALF + 2) * lattice.pitch))
@@ -399,14 +378,13 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
         return np.asarray(light / light.mean() - cell.light)
 
     size = 2 if blurred else 1
-    low = np.array([0.1 * start.pitch, 0.01 * start.blur])[:size]
-    high = np.array([start.pitch, 0.7 * start.pitch])[:size]
+    low, high = np.array([[0.1 * start.pitch, 0.01 * start.blur], [start.pitch, 0.7 * start.pitch]])[:, :size]
     tries = []
     for radius in (start.radius, 0.45 * start.pitch):  # a design of another camera starts far off
-        first = np.clip(np.array([radius, start.blur])[:size], 1.01 * low, 0.99 * high)
+        first = np.clip([radius, start.blur][:size], 1.01 * low, 0.99 * high)
         tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
     best = min(tries, key=lambda one: float(one.cost))
-    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - len(best.x)))))
+    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
 
 
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------
@@ -415,47 +393,29 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
 def apparent_shifts(
     weights: ViewWeights, slopes: Array, edges: tuple[float, float], half: int, circular: bool = False
 ) -> Array:
-    """Displacement of fitted corners against where their views should have them.
+    """Displacement of fitted corners against where their views should have them [pitches], shape (v, k, 2).
 
     In the view (s', t') a corner of slope k stands at k (s', t'). The light of a neighbour n pitches away that passed
     the pupil at (s'', t'') has it at k (s'', t'') - n instead: the view shows the sum of all, each microlens averaging
     over its aperture, and `fit_saddles` fits that with one corner. What it finds is computed here by running it: the
     mean of the displacements would be twice as large, as a far neighbour's light moves the mean but not the fit.
 
-    Parameters
-    ----------
-    weights : ViewWeights
-    slopes : ndarray
-        Du/Ds' of corners [pitches/px], shape (k,).
-    edges, half
-        Directions of a corner's two edges in the view [rad]; how far the window reaches that it is fitted in [pitches].
-    circular : bool
-        Shape of the microlenses.
-
-    Returns
-    -------
-    ndarray
-        [pitches], shape (v, k, 2); NaN where no corner could be fitted.
+    `slopes` are Du/Ds' of corners [pitches/px], shape (k,); `edges` the directions of a corner's two edges in the view
+    [rad]; the window that it is fitted in reaches `half` pitches; microlenses are round where `circular`. NaN where no
+    corner could be fitted.
     """
     views, count = len(weights.shares), len(slopes)
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
     # Corners fall anywhere between samples: a different place for each patch.
-    turns = np.arange(views * count).reshape(views, count)
-    phases = np.stack([(turns * 0.7548776662466927) % 1 - 0.5, (turns * 0.5698402909980532) % 1 - 0.5], axis=-1)
-    middle = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
-    aperture = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
-    if circular:
-        aperture = 0.5 * _sunflower(_PARTS**2)
+    turns = np.arange(views * count)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])
+    phases = turns % 1 - 0.5
+    aperture = 0.5 * _sunflower(_PARTS**2) if circular else _whole_numbers(_PARTS // 2) / _PARTS
     out = np.empty((size, views * count * size))
-    ideal = np.einsum("k,vi->vki", slopes, weights.views)
     with THREADS:
-        _patches.compiled(
-            weights.shares, weights.neighbours, weights.places, np.asarray(slopes, float), ideal, normals, phases,
-            aperture, half, _FINE, out,
-        )  # fmt: skip
+        _patches.compiled(*weights, np.asarray(slopes, float), normals, phases, aperture, half, out)
     at = np.stack([np.arange(views * count) * size + half + 1.0, np.full(views * count, half + 1.0)], axis=-1)
-    start = at + phases.reshape(-1, 2)
+    start = at + phases
     saddles = fit_saddles(out, np.ones(out.shape, bool), start, np.tile(edges, (len(start), 1)), half)
     shift = np.where(saddles.settled[:, None], saddles.corners - start, np.nan)
     return np.asarray(shift.reshape(views, count, 2))
@@ -463,32 +423,31 @@ def apparent_shifts(
 
 @kernel(parallel=True)
 def _patches(
+    views: Array,
     shares: Array,
     neighbours: Array,
     places: Array,
     slopes: Array,
-    ideal: Array,
     normals: Array,
     phases: Array,
     aperture: Array,
     half: int,
-    fine: int,
     out: Array,
 ) -> None:
-    views, count = shares.shape[0], slopes.shape[0]
-    size = 2 * half + 3
+    count, size = slopes.shape[0], 2 * half + 3
     reach = math.ceil(1.5 * (half + 3))
-    bins = 2 * reach * fine
-    for k in prange(views * count):
+    bins = 2 * reach * _FINE
+    for k in prange(views.shape[0] * count):
         v, q = k // count, k % count
+        # Light by distance from the two edges, of which the sums along both axes are then taken.
         held = np.zeros((bins + 1, bins + 1))
         for m in range(neighbours.shape[0]):
             for n in range(places.shape[0]):
-                x = slopes[q] * places[n, 0] - neighbours[m, 0] - ideal[v, q, 0]
-                y = slopes[q] * places[n, 1] - neighbours[m, 1] - ideal[v, q, 1]
+                x = slopes[q] * (places[n, 0] - views[v, 0]) - neighbours[m, 0]
+                y = slopes[q] * (places[n, 1] - views[v, 1]) - neighbours[m, 1]
                 # Shared among the four nearest bins, so that the mean stays where it is.
-                a = min(max((normals[0, 0] * x + normals[0, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
-                b = min(max((normals[1, 0] * x + normals[1, 1] * y + reach) * fine - 0.5, 0.0), bins - 1.001)
+                a = min(max((normals[0, 0] * x + normals[0, 1] * y + reach) * _FINE - 0.5, 0.0), bins - 1.001)
+                b = min(max((normals[1, 0] * x + normals[1, 1] * y + reach) * _FINE - 0.5, 0.0), bins - 1.001)
                 column, row = math.floor(a), math.floor(b)
                 fa, fb = a - column, b - row
                 held[row + 1, column + 1] += shares[v, m, n] * (1 - fa) * (1 - fb)
@@ -496,19 +455,18 @@ def _patches(
                 held[row + 2, column + 1] += shares[v, m, n] * (1 - fa) * fb
                 held[row + 2, column + 2] += shares[v, m, n] * fa * fb
         for row in range(1, bins + 1):
+            along = 0.0
             for column in range(1, bins + 1):
-                held[row, column] += held[row, column - 1]
-        for row in range(1, bins + 1):
-            for column in range(1, bins + 1):
-                held[row, column] += held[row - 1, column]
+                along += held[row, column]
+                held[row, column] = held[row - 1, column] + along
         for row in range(size):
             for column in range(size):
                 total = 0.0
                 for p in range(aperture.shape[0]):
-                    x = column - half - 1 + aperture[p, 0] - phases[v, q, 0]
-                    y = row - half - 1 + aperture[p, 1] - phases[v, q, 1]
-                    a = (normals[0, 0] * x + normals[0, 1] * y + reach) * fine
-                    b = (normals[1, 0] * x + normals[1, 1] * y + reach) * fine
+                    x = column - half - 1 + aperture[p, 0] - phases[k, 0]
+                    y = row - half - 1 + aperture[p, 1] - phases[k, 1]
+                    a = (normals[0, 0] * x + normals[0, 1] * y + reach) * _FINE
+                    b = (normals[1, 0] * x + normals[1, 1] * y + reach) * _FINE
                     i, j = math.floor(a), math.floor(b)
                     fa, fb = a - i, b - j
                     # Light of corners on each side of both edges: sums of the cumulative table.

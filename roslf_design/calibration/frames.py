@@ -78,10 +78,9 @@ def _only(images: list[Path], stem: str) -> Path | None:
     return named[0] if named else None
 
 
-def _in_order(path: Path) -> tuple[tuple[int, int | str], ...]:
+def _in_order(path: Path) -> list[str]:
     """board2 before board10."""
-    parts = re.split(r"(\d+)", path.name)
-    return tuple((0, int(part)) if part.isdigit() else (1, part) for part in parts if part)
+    return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def read_image(path: Path) -> Image:
@@ -102,8 +101,11 @@ def read_image(path: Path) -> Image:
         raise CalibrationError(f"{path.name} cannot be read as an image ({detail}); save it again") from None
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
         raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
-    scale = _full_scale(note)
-    if scale is not None and pixels.dtype.kind == "u":
+    try:
+        scale = json.loads(note).get("full_scale") if '"full_scale"' in note else None
+    except (ValueError, AttributeError):
+        scale = None
+    if isinstance(scale, (int, float)) and pixels.dtype.kind == "u":
         return (pixels * np.float32(scale / 65535)).astype(np.float32)
     return pixels
 
@@ -125,42 +127,27 @@ def _png(path: Path) -> tuple[Image, str]:
         return pixels, str(picture.info.get("Description", ""))
 
 
-def _full_scale(note: str) -> float | None:
-    if '"full_scale"' not in note:
-        return None
-    try:
-        value = json.loads(note)["full_scale"]
-    except (ValueError, KeyError, TypeError):
-        return None
-    return float(value) if isinstance(value, (int, float)) else None
-
-
 def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:
     """One grey frame from a grey or colour image (channels are averaged), minus its dark frame.
 
     Raises
     ------
     CalibrationError
-        If the image is missing, not an image, not finite, or its dark frame has another size; `name` tells which.
+        The image, called `name`, is missing, none, not finite, or of another size than its dark frame.
     """
     if image is None:
         raise CalibrationError(f"the {name} is missing: give one frame of the same camera setting")
-    frame = _grey(np.asarray(image), name)
-    if dark is not None:
-        black = _grey(np.asarray(dark), "dark frame")
-        same_size(name, frame.shape, "dark frame", black.shape)
-        frame = frame - black
-    return frame
-
-
-def _grey(image: NDArray[np.generic], name: str) -> Frame:
-    if image.ndim == 3:
-        image = image.mean(axis=2)
-    if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "buif":
-        raise CalibrationError(f"the {name} is no image: array of shape {image.shape} and type {image.dtype}")
-    frame = np.ascontiguousarray(image, np.float32)
+    pixels = np.asarray(image)
+    if pixels.ndim == 3:
+        pixels = pixels.mean(axis=2)
+    if pixels.ndim != 2 or min(pixels.shape) < 8 or pixels.dtype.kind not in "buif":
+        raise CalibrationError(f"the {name} is no image: array of shape {pixels.shape} and type {pixels.dtype}")
+    frame = np.ascontiguousarray(pixels, np.float32)
     if not np.isfinite(frame).all():
         raise CalibrationError(f"the {name} has pixels that are not finite numbers")
+    if dark is not None:
+        same_size(name, frame.shape, "dark frame", np.shape(dark))
+        frame = frame - grey_frame(dark, None, "dark frame")
     return frame
 
 
@@ -185,9 +172,12 @@ def saturation_level(image: ArrayLike) -> float:
     return float(top) if piled else float(np.iinfo(raw.dtype).max)
 
 
-def refuse_saturated(image: ArrayLike, name: str) -> None:
-    """Demand that fewer than 5 % of an image's pixels are saturated; the error names the share and the level."""
+def refuse_saturated(image: ArrayLike, name: str, most: float) -> float:
+    """Level at which an image's pixels are saturated, no more than a share `most` of them; the error names both."""
     top = saturation_level(image)
     share = float(np.mean(np.asarray(image) >= top))
-    if share > 0.05:
-        raise CalibrationError(f"the {name} is saturated: {100 * share:.0f} % of its pixels reach {top:g}; expose less")
+    if share > most:
+        raise CalibrationError(
+            f"the {name} is saturated: {100 * share:.0f} % of its pixels reach grey level {top:g}; expose less"
+        )
+    return top

@@ -109,13 +109,9 @@ class LatticeFit(NamedTuple):
 
 
 def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout) -> LatticeFit:
-    """Least-squares lattice through measured centres, with outliers clipped at 5 robust standard deviations an axis.
+    """Least-squares lattice through measured centres [px] of the lattice indices (i, j), both of shape (n, 2).
 
-    Parameters
-    ----------
-    indices, centres : array_like
-        Lattice indices (i, j) and measured positions [px], shapes (n, 2).
-    layout : {"square", "hexagonal"}
+    Outliers are clipped at 5 robust standard deviations an axis.
 
     Raises
     ------
@@ -192,7 +188,7 @@ def _spectral_peaks(crop: Array) -> Array:
         peak &= amplitude >= np.roll(amplitude, step, axis)
     at = np.argwhere(peak)
     at = at[np.argsort(radius[at[:, 0], at[:, 1]], kind="stable")]
-    frequencies = np.array([_refined(amplitude, int(r), int(c)) for r, c in at]) / (columns, rows)
+    frequencies = np.array([_refined(amplitude, row, column) for row, column in at]) / (columns, rows)
     first = frequencies[0]
     for second in frequencies[1:]:
         cross = abs(first[0] * second[1] - first[1] * second[0])
@@ -201,21 +197,15 @@ def _spectral_peaks(crop: Array) -> Array:
     raise CalibrationError("the white image is periodic along one direction only: no lattice of microlenses")
 
 
-def _refined(amplitude: Array, row: int, column: int) -> tuple[float, float]:
+def _refined(amplitude: Array, row: int, column: int) -> Array:
     """Signed frequency in bins (x, y) of a peak, by a parabola through the logarithms along each axis."""
-    rows, columns = amplitude.shape
-
-    def vertex(before: float, at: float, after: float) -> float:
-        if min(before, after) <= 0:
-            return 0.0
-        a, b, c = math.log(before), math.log(at), math.log(after)
-        curvature = a - 2 * b + c
-        return 0.0 if curvature >= 0 else 0.5 * (a - c) / curvature
-
-    dy = vertex(*(float(amplitude[(row + k) % rows, column]) for k in (-1, 0, 1)))
-    dx = vertex(*(float(amplitude[row, (column + k) % columns]) for k in (-1, 0, 1)))
-    signed = (column if column <= columns // 2 else column - columns), (row if row <= rows // 2 else row - rows)
-    return signed[0] + dx, signed[1] + dy
+    found = []
+    for line, at in ((amplitude[row], column), (amplitude[:, column], row)):
+        before, peak, after = np.log(np.maximum(line[[at - 1, at, (at + 1) % len(line)]], 1e-300))
+        curvature = before - 2 * peak + after
+        vertex = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+        found.append((at if at <= len(line) // 2 else at - len(line)) + vertex)
+    return np.array(found)
 
 
 def _direct_basis(frequencies: Array) -> Array:
@@ -258,19 +248,18 @@ def _oriented(basis: Array, layout: Layout) -> Array:
 
 def _phase(crop: Array, lattice: CentreLattice) -> Array:
     """Indices (fractional) of the bright spot of the cell, from the crop's middle folded into one cell."""
+    from scipy.ndimage import gaussian_filter
+
     rows, columns = crop.shape
     half = int(min(max(12 * lattice.pitch, 48), rows / 2, columns / 2))
     y0, x0 = rows // 2, columns // 2
     y, x = np.mgrid[y0 - half : y0 + half, x0 - half : x0 + half]
-    local = lattice.indices(np.stack([x, y], axis=-1))
-    cell = np.floor((local % 1.0) * _BINS).astype(int) % _BINS
-    flat = cell[..., 1] * _BINS + cell[..., 0]
-    light = np.bincount(flat.ravel(), crop[y, x].ravel(), _BINS**2)
-    count = np.bincount(flat.ravel(), minlength=_BINS**2)
+    cell = np.floor(lattice.indices(np.stack([x.ravel(), y.ravel()], axis=-1)) % 1.0 * _BINS).astype(int) % _BINS
+    flat = cell @ (1, _BINS)
+    count = np.bincount(flat, minlength=_BINS**2)
+    light = np.bincount(flat, crop[y, x].ravel(), _BINS**2)
     folded = np.where(count > 0, light / np.maximum(count, 1), light.sum() / count.sum()).reshape(_BINS, _BINS)
-    frequency = np.fft.fftfreq(_BINS, 1 / _BINS)
-    blur = np.exp(-(frequency[:, None] ** 2 + frequency[None, :] ** 2) * 2 * (math.pi * 0.2) ** 2)
-    smooth = np.fft.ifft2(np.fft.fft2(folded) * blur).real
+    smooth = gaussian_filter(folded, 0.2 * _BINS, mode="wrap")
     j, i = np.unravel_index(int(np.argmax(smooth)), smooth.shape)
     nearest = np.round(lattice.indices([x0, y0]) - (i / _BINS, j / _BINS))
     return np.asarray(nearest + np.array([(i + 0.5) / _BINS, (j + 0.5) / _BINS]))

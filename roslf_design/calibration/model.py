@@ -1,4 +1,4 @@
-"""A board, a camera's parameters, and where the camera sees the board's corners in each view, with derivatives.
+"""Boards, a camera's parameters, its data sheet, and where it sees the boards' corners in each view.
 
 A view is a pinhole at S' on the flexible angular plane (Eqs. 2 and 10); the slope of the ray from it to a corner is
 distorted radially, then scaled to the array:
@@ -13,16 +13,25 @@ would move u_0 and the boards, nothing else.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..design import Design
+from ..theory.back_substitution import back_substitute
+from ..units import parse_quantity
 from .frames import Array, CalibrationError
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
+"""Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
+UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
+_TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""Cross products with the unit vectors, shape (3, 3, 3)."""
 _BOARD = re.compile(r"\s*(\d+)\s*[x×]\s*(\d+)\s+([0-9.]+)\s*(um|mm|cm|m)\s*")
 _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
@@ -160,6 +169,9 @@ class Poses(NamedTuple):
         return cls(six[:, :3], six[:, 3:])
 
 
+# --- where corners are seen -------------------------------------------------------------------------------------------
+
+
 class ProjectedCorners(NamedTuple):
     """Model values of boards b in views v at corners n, and their derivatives where asked for."""
 
@@ -184,9 +196,9 @@ def project_boards(
     Parameters
     ----------
     camera : ndarray
-        The nine `GLOBALS`, shape (9,).
+        The nine `GLOBALS`, shape (9,); without derivatives also of many cameras, shape (w, 9).
     pose : ndarray
-        Rotation vector and translation of each board, shape (b, 6).
+        Rotation vector and translation of each board, shape (b, 6) or (w, b, 6).
     points : ndarray
         Corners in the board's frame [mm], shape (n, 3).
     views : ndarray
@@ -197,34 +209,31 @@ def project_boards(
     derivatives : bool
         Ask for the Jacobian; without it those of the result are empty.
 
-    Returns
-    -------
-    ProjectedCorners
-        For complex arguments complex, so that a complex step checks the derivatives.
+    For complex arguments the result is complex, so that a complex step checks the derivatives.
     """
-    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = camera
+    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = np.moveaxis(camera, -1, 0)[..., None, None, None, None]
     at = views[None, :, None, :] if views.ndim == 2 else views
     step = q * A * inverse_d_2
-    turn = rotation_matrix(pose[:, :3])
-    scene = (np.einsum("bij,nj->bni", turn, points) + pose[:, None, 3:])[:, None]
-    z = scene[..., 2]
+    turn = rotation_matrix(pose[..., :3])
+    scene = (points @ np.swapaxes(turn, -1, -2) + pose[..., None, 3:])[..., None, :, :]
+    z = scene[..., 2:]
     pupil = -step * at
-    slope = (scene[..., :2] - pupil) / z[..., None]
-    r2 = (slope * slope).sum(axis=-1)
+    slope = (scene[..., :2] - pupil) / z
+    square = slope * slope
+    r2 = square[..., :1] + square[..., 1:]
     gain, bend, curl = 1 + r2 * (k_1 + k_2 * r2), k_1 + 2 * k_2 * r2, 2 * k_2
-    bent = gain[..., None] * slope
-    values = np.array([x_0, y_0]) - (A * bent + m * pupil) / d
+    bent = gain * slope
+    values = np.concatenate([x_0, y_0], axis=-1) - (A * bent + m * pupil) / d
     if share is not None:
         weights = np.stack([share, 1 - share], axis=-1)
-        tilted = (weights * slope * slope).sum(axis=-1)
+        tilted = weights[..., :1] * square[..., :1] + weights[..., 1:] * square[..., 1:]
         stretch = gain + 2 * bend * tilted
-        values = np.concatenate([values, (step / d * (m - A * stretch / z))[..., None]], axis=-1)
+        values = np.concatenate([values, step / d * (m - A * stretch / z)], axis=-1)
     if not derivatives:
         return ProjectedCorners(values, np.empty(0), np.empty(0))
 
-    tensor = gain[..., None, None] * np.eye(2) + (2 * bend)[..., None, None] * slope[..., :, None] * slope[..., None, :]
-    moved = np.einsum("bvnij,bvnj->bvni", (A / d) * tensor / z[..., None, None] - (m / d) * np.eye(2),
-                      np.broadcast_to(at, slope.shape))  # fmt: skip
+    tensor = gain[..., None] * np.eye(2) + 2 * bend[..., None] * slope[..., :, None] * slope[..., None, :]
+    moved = ((A / d * tensor / z[..., None] - m / d * np.eye(2)) @ at[..., None])[..., 0]
     by_globals = np.zeros((*values.shape, len(GLOBALS)), values.dtype)
     # The pupil moves with A, 1/d_2 and q through `step`.
     by_step = ((0, q * inverse_d_2), (2, q * A), (7, A * inverse_d_2))
@@ -233,25 +242,25 @@ def project_boards(
     by_globals[..., :2, 0] -= bent / d
     by_globals[..., :2, 1] = -pupil / d
     by_globals[..., 0, 3] = by_globals[..., 1, 4] = 1.0
-    for column, power in ((5, r2), (6, r2 * r2)):
-        by_globals[..., :2, column] = -(A / d) * power[..., None] * slope
+    by_globals[..., :2, 5] = -(A / d) * r2 * slope
+    by_globals[..., :2, 6] = -(A / d) * r2 * r2 * slope
     by_globals[..., :2, 8] = (A * bent + m * pupil) / (d * d)
-    slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), (*slope.shape, 2)), -slope[..., None]], axis=-1)
-    slope_by_scene = slope_by_scene / z[..., None, None]
+    slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), tensor.shape), -slope[..., None]], axis=-1)
+    slope_by_scene = slope_by_scene / z[..., None]
     by_scene = -(A / d) * (tensor @ slope_by_scene)
     if share is not None:
-        stretch_by_slope = (2 * bend + 4 * curl * tilted)[..., None] * slope + 4 * bend[..., None] * weights * slope
+        stretch_by_slope = (2 * bend + 4 * curl * tilted + 4 * bend * weights) * slope
         # d(slope)/d(step) = at/z.
-        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1) / z
+        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1, keepdims=True) / z
         for column, rate in by_step:
-            by_globals[..., 2, column] = rate / d * grown
-        by_globals[..., 2, 0] -= step / d * stretch / z
-        by_globals[..., 2, 1] = step / d
-        by_globals[..., 2, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
-        by_globals[..., 2, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
-        by_globals[..., 2, 8] = -values[..., 2] / d
-        row = -(step * A / (d * z))[..., None] * np.einsum("bvni,bvnij->bvnj", stretch_by_slope, slope_by_scene)
-        row[..., 2] += step * A / d * stretch / (z * z)
+            by_globals[..., 2:, column] = rate / d * grown
+        by_globals[..., 2:, 0] -= step / d * stretch / z
+        by_globals[..., 2:, 1] = step / d
+        by_globals[..., 2:, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
+        by_globals[..., 2:, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
+        by_globals[..., 2:, 8] = -values[..., 2:] / d
+        row = -step * A / (d * z) * (stretch_by_slope[..., None, :] @ slope_by_scene)[..., 0, :]
+        row[..., 2:] += step * A / d * stretch / (z * z)
         by_scene = np.concatenate([by_scene, row[..., None, :]], axis=-2)
     twist = (-turn[:, None] @ cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
     return ProjectedCorners(values, by_globals, np.concatenate([by_scene @ twist, by_scene], axis=-1))
@@ -259,34 +268,118 @@ def project_boards(
 
 def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
-    one, two, _ = _rotation_series(vector)
+    half = np.sqrt((vector * vector).sum(axis=-1))[..., None, None] / (2 * np.pi)
     cross = cross_matrix(vector)
-    return np.asarray(np.eye(3) + one[..., None, None] * cross + two[..., None, None] * (cross @ cross))
+    return np.asarray(np.eye(3) + np.sinc(2 * half) * cross + np.sinc(half) ** 2 / 2 * (cross @ cross))
 
 
 def cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Matrix of the cross product with a vector from the left, shape (..., 3) -> (..., 3, 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    return np.tensordot(vector, _TURNS, 1)
 
 
 def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
-    """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)`` to first order in dr."""
-    _, two, three = _rotation_series(vector)
-    cross = cross_matrix(vector)
-    return np.asarray(np.eye(3) - two[..., None, None] * cross + three[..., None, None] * (cross @ cross))
+    """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)``; the mean of R(-s r) for s from 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    turned = rotation_matrix(vector[..., None, :] * (-0.5 - nodes[:, None] / 2))
+    return np.asarray((weights[:, None, None] / 2 * turned).sum(axis=-3))
 
 
-def _rotation_series(vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """sin(a)/a, (1 - cos a)/a^2, (a - sin a)/a^3 with series where a is small."""
-    square = (vector * vector).sum(axis=-1)
-    small = np.abs(square) < 1e-3
-    safe = np.where(small, 1.0, square)
-    angle = np.sqrt(safe)
-    one = np.where(small, 1 - square / 6 * (1 - square / 20 * (1 - square / 42)), np.sin(angle) / angle)
-    half = np.sin(angle / 2) / angle
-    two = np.where(small, 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56)), 2 * half * half)
-    series = (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6
-    three = np.where(small, series, (angle - np.sin(angle)) / (safe * angle))
-    return one, two, three
+# --- the data sheet ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """Normal priors. Images fix A/d, m/d, and q A/d_2; these priors turn that into lengths."""
+
+    f: float
+    """Focal length of the main lens [mm]."""
+    q: float
+    """Pixel pitch on the sensor's conjugate [mm]."""
+    d: float
+    """Microlens pitch [mm]."""
+    f_sigma: float
+    """[mm]"""
+    q_sigma: float = 0.0
+    """[mm]"""
+    d_sigma: float = 0.0
+    """[mm]"""
+    cell_sigma: float = 0.0
+    """Relative error of the board's cell."""
+
+    def __post_init__(self) -> None:
+        for name in ("f", "q", "d"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise CalibrationError(f"{name} must be a positive length, got {getattr(self, name)} mm")
+        for name in ("f_sigma", "q_sigma", "d_sigma", "cell_sigma"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise CalibrationError(f"{name} must be zero or positive, got {getattr(self, name)}")
+        if self.f_sigma > 0.2 * self.f:
+            raise CalibrationError(f"f_sigma = {self.f_sigma} mm says hardly anything of f = {self.f} mm: 20 % at most")
+
+    @property
+    def mean(self) -> Array:
+        """f, q, d and the board's relative scale."""
+        return np.array([self.f, self.q, self.d, 1.0])
+
+    @property
+    def sigma(self) -> Array:
+        """Their standard deviations."""
+        return np.array([self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma])
+
+    def draws(self, count: int, rng: np.random.Generator) -> Array:
+        """Independent draws of f, q, d and the board's relative scale, shape (4, count)."""
+        return np.asarray(self.mean[:, None] + self.sigma[:, None] * rng.normal(size=(4, count)))
+
+
+def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3, cell_sigma: float = 1e-3) -> DataSheet:
+    """Data-sheet values of a design with relative standard deviations of f, d and the board's cell."""
+    return DataSheet(
+        design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma
+    )
+
+
+def relative_sigma(text: str, f: float) -> float:
+    """Relative standard deviation of f from text such as "1 %" or "0.5 mm".
+
+    Raises
+    ------
+    ValueError
+        Not understood; the message says what to give.
+    """
+    text = text.strip()
+    if not text.endswith("%"):
+        return parse_quantity(text, "length") / f
+    try:
+        return float(text[:-1]) / 100
+    except ValueError:
+        raise ValueError(f'"{text}" is not understood; give "1 mm" or "1%"') from None
+
+
+def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array | None = None) -> dict[str, Array]:
+    """Lengths of the camera from fitted parameters and data-sheet values.
+
+    Parameters
+    ----------
+    camera : ndarray
+        A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
+    sheet : DataSheet
+    drawn : sequence of array_like, optional
+        f, q, d [mm] and relative size of the board, each of shape (...) or a number; the sheet's where not given.
+
+    Returns
+    -------
+    dict
+        `QUANTITIES`, each of shape (...).
+
+    Notes
+    -----
+    A change of d, q or of the board's scale leaves every modelled corner where it is when A and m grow with d, d_2
+    with q d, and m and d_2 shrink with the board's scale: the posterior follows exactly, without fitting again.
+    """
+    A, m, inverse_d_2 = np.moveaxis(np.asarray(camera, float)[..., :3], -1, 0)
+    f, q, d, board = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
+    A, m = A * (d / sheet.d), m * (d / sheet.d) / board
+    d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
+    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    return {name: np.asarray(value) for name, value in zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..words import sentence
-from .calibrate import corner_statistics, fit_at
-from .datasheet import SHOWN, DataSheet, variance_shares
+from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .model import Board, Intrinsics, Observations, Poses, project_boards
-from .steps import shared_names, undetermined
+from .model import Board, DataSheet, Intrinsics, Observations, Poses, project_boards
+from .posterior import variance_shares
 
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
@@ -64,26 +63,16 @@ class Captures:
         design: Design,
         *,
         board: Board | None = None,
-        boards: int,
-        tilt: float,
+        boards: int = 12,
+        tilt: float = math.radians(20.0),
         distance: float | None = None,
         distance_range: float | None = None,
         noise: float = 0.06,
     ) -> Captures:
-        """What one means to capture with a design.
+        """What one means to capture with a design; lengths in mm, the tilt in radians.
 
-        Parameters
-        ----------
-        design : Design
-        board : Board, optional
-            Not given, one of 4 x 5 cells that the sensor sees whole at its nearest.
-        boards : int
-        tilt : float
-            [rad]
-        distance, distance_range : float, optional
-            [mm]; not given, distances lie about the focal plane, over a quarter of the way from the FAP to it.
-        noise : float
-            [pitches]
+        Not given, the board is one of 4 x 5 cells that the sensor sees whole at its nearest, and distances lie about
+        the focal plane, over a quarter of the way from the FAP to it.
 
         Raises
         ------
@@ -93,8 +82,7 @@ class Captures:
         if distance_range is not None and distance_range < 0:
             raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
-        depth = middle - design.d_3
-        spread = depth / 4 if distance_range is None else distance_range
+        spread = (design.d_f - design.d_3) / 4 if distance_range is None else distance_range
         image = abs(float(microlens_image_diameter(Camera.of(design))))
         return cls(
             board=_fitting_board(design, middle - spread / 2) if board is None else board,
@@ -102,7 +90,7 @@ class Captures:
             distance=middle,
             distance_range=spread,
             tilt=tilt,
-            offset=0.035 * max(depth, 0.0),
+            offset=0.035 * max(middle - design.d_3, 0.0),
             noise=noise,
             # As far out as corners are followed: views at the pupil's rim are left out.
             reach=0.385 * min(design.d, image) / design.q,
@@ -197,8 +185,6 @@ class PlanChange(NamedTuple):
     """One way to do better."""
 
     what: str
-    captures: Captures
-    sheet: DataSheet
     expected: ExpectedErrors
 
     def gain(self, before: ExpectedErrors, name: str = "d_3") -> float:
@@ -243,17 +229,12 @@ class CapturePlan(NamedTuple):
                 "views_across": s.views,
                 "reach_px": s.reach,
             },
-            "expected_sigma": {name: before.sigma[name] for name in SHOWN},
+            "expected_sigma": before.sigma,
             "variance_shares": before.shares,
             "condition_number": before.condition,
             "correlation_A_inverse_d_2": before.correlation,
             "changes": [
-                {
-                    "change": c.what,
-                    "expected_sigma": {name: c.expected.sigma[name] for name in SHOWN},
-                    "gain_d_3": c.gain(before),
-                }
-                for c in self.changes
+                {"change": c.what, "expected_sigma": c.expected.sigma, "gain_d_3": c.gain(before)} for c in self.changes
             ],
             "advice": self.advice,
             "distortion_coefficients": distortion,
@@ -266,19 +247,8 @@ def expected_errors(
 ) -> ExpectedErrors:
     """Standard deviations from the Fisher matrix, poses eliminated, data-sheet errors added.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        The design's.
-    sheet : DataSheet
-    captures : Captures
-        Boards, tilts, distances, noise.
-    distortion : int
-        Radial coefficients that the calibration will fit.
-    seed : int
-        Of the random poses.
-    samples : int
-        Sets of poses; the median is reported.
+    `distortion` counts the radial coefficients that the calibration will fit; medians are over so many `samples` of
+    random poses.
 
     Raises
     ------
@@ -298,18 +268,19 @@ def expected_errors(
     for k in range(samples):
         rng = np.random.default_rng([seed, k])
         poses = random_poses(captures, d_3, rng)
-        statistics = corner_statistics(synthetic_observations(camera, poses, captures), captures.noise)
+        observations = synthetic_observations(camera, poses, captures)
+        statistics = corner_statistics(observations, fit_lines(observations), captures.noise)
         fit = fit_at(statistics, camera, poses, names)
         lost = undetermined(fit.covariance, camera)
         if lost:
-            raise CalibrationError(f"these captures do not determine {', '.join(lost)}: {reason(captures)}")
+            raise CalibrationError(f"these captures do not determine {lost}: {reason(captures)}")
         fits.append(fit)
         shares.append(variance_shares(fit, sheet))
-    middle = {name: float(np.median([one[name]["sigma"] for one in shares])) for name in shares[0]}
-    order = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
-    typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[order].items()}
-    covariance = fits[order].covariance
-    return ExpectedErrors(middle, typical, covariance.condition, float(covariance.correlation[0, 2]))
+    sigma = {name: float(np.median([one[name]["sigma"] for one in shares])) for name in shares[0]}
+    middle = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
+    typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[middle].items()}
+    covariance = fits[middle].covariance
+    return ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]))
 
 
 def plan(
@@ -327,7 +298,7 @@ def plan(
             after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
         except CalibrationError:
             continue
-        changes.append(PlanChange(what, other, known, after))
+        changes.append(PlanChange(what, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
     return CapturePlan(captures, before, tuple(changes))
 
@@ -346,27 +317,25 @@ def reason(captures: Captures) -> str:
     return "too few boards, too small tilts or too much noise"
 
 
-def _alternatives(captures: Captures, sheet: DataSheet) -> Sequence[tuple[str, Captures, DataSheet]]:
+def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, Captures, DataSheet]]:
     board = captures.board
     tilt = min(max(1.5 * captures.tilt, math.radians(10.0)), _STEEPEST)
     finer = Board(2 * board.columns, 2 * board.rows, board.cell / 2)
     larger = Board(2 * board.columns - 1, 2 * board.rows - 1, board.cell)
     n, spread = captures.boards, captures.distance_range
-    options = [
-        (f"show {2 * n} boards instead of {n}", replace(captures, boards=2 * n), sheet),
-        (f"spread the distances over {2 * spread:g} mm", replace(captures, distance_range=2 * spread), sheet),
-        ("halve the corner noise", replace(captures, noise=captures.noise / 2), sheet),
-        (
-            f"use a board of {larger.columns} x {larger.rows} cells of the same size",
-            replace(captures, board=larger),
-            sheet,
-        ),
-        (f"use cells of {finer.cell:g} mm on the same board", replace(captures, board=finer), sheet),
-        ("know f twice as well", captures, replace(sheet, f_sigma=sheet.f_sigma / 2)),
-        ("know the microlens pitch twice as well", captures, replace(sheet, d_sigma=sheet.d_sigma / 2)),
-        ("know the board's scale twice as well", captures, replace(sheet, cell_sigma=sheet.cell_sigma / 2)),
-    ]
+    shown: dict[str, dict[str, Any]] = {
+        f"show {2 * n} boards instead of {n}": {"boards": 2 * n},
+        f"spread the distances over {2 * spread:g} mm": {"distance_range": 2 * spread},
+        "halve the corner noise": {"noise": captures.noise / 2},
+        f"use a board of {larger.columns} x {larger.rows} cells of the same size": {"board": larger},
+        f"use cells of {finer.cell:g} mm on the same board": {"board": finer},
+    }
     if tilt > 1.01 * captures.tilt:
-        said = f"tilt the boards by up to {math.degrees(tilt):.0f} degrees instead of {math.degrees(captures.tilt):.0f}"
-        options.append((said, replace(captures, tilt=tilt), sheet))
-    return options
+        degrees = (math.degrees(angle) for angle in (tilt, captures.tilt))
+        shown["tilt the boards by up to {:.0f} degrees instead of {:.0f}".format(*degrees)] = {"tilt": tilt}
+    known = {"f": "f_sigma", "the microlens pitch": "d_sigma", "the board's scale": "cell_sigma"}
+    for what, changes in shown.items():
+        yield what, replace(captures, **changes), sheet
+    for what, name in known.items():
+        halved: dict[str, Any] = {name: getattr(sheet, name) / 2}
+        yield f"know {what} twice as well", captures, replace(sheet, **halved)

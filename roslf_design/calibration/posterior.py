@@ -1,4 +1,4 @@
-"""How sure a calibration is: the posterior of the camera by affine-invariant ensembles, poses eliminated."""
+"""How sure a calibration is: draws of the camera, by ensembles or from the Fisher matrix, and what follows."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from .._jit import kernel
 from ..accuracy.statement import Accuracy, check_accuracy
-from .calibrate import StatisticsFit
-from .corners import cholesky
-from .datasheet import QUANTITIES, CameraDraws, DataSheet, derived
+from .fit import StatisticsFit
 from .frames import Array, CalibrationError
-from .model import GLOBALS, rotation_matrix
+from .model import GLOBALS, QUANTITIES, DataSheet, derived
 
+ENSEMBLES = 4
+"""Between which convergence is judged: fewer would not tell."""
 DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
 """Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
 SIGMAS = 2.0
@@ -28,8 +27,40 @@ RHAT = 1.01
 """R-hat between ensembles below which they count as converged."""
 _KEPT = 40_000
 """Most draws kept of a posterior."""
-_CAMERA = 7
-"""Parameters of `GLOBALS` that a likelihood takes: A, m, 1/d_2, x_0, y_0, k_1, k_2."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraDraws:
+    """Draws of what was fitted and of what follows from it: of a posterior, or of the normal law in its place."""
+
+    names: tuple[str, ...]
+    """Parameters: those of the fit, then f."""
+    parameters: Array
+    """Draws of them, shape (n, p)."""
+    quantities: Mapping[str, Array]
+    """Draws of `QUANTITIES`, data-sheet values drawn along, each of shape (n,)."""
+
+    def draws(self, name: str) -> Array:
+        """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
+        if name in self.quantities:
+            return self.quantities[name]
+        if name not in self.names:
+            known = ", ".join([*self.quantities, *self.names])
+            raise ValueError(f"no quantity {name!r} in the posterior: it holds {known}")
+        return np.asarray(self.parameters[:, self.names.index(name)])
+
+
+def laplace_draws(fit: StatisticsFit, sheet: DataSheet, count: int, rng: np.random.Generator) -> CameraDraws:
+    """Draws from Laplace's approximation: the normal law of the Fisher matrix about the best fit, and the data sheet.
+
+    Systematic errors of the fit are drawn along.
+    """
+    names = fit.covariance.names
+    root = np.linalg.cholesky(fit.covariance.matrix)
+    cameras = fit.camera.vector(names) + rng.normal(size=(count, len(root))) @ root.T
+    cameras[:, :3] += rng.normal(size=(count, len(fit.systematic))) @ fit.systematic
+    drawn = sheet.draws(count, rng)
+    return CameraDraws((*names, "f"), np.column_stack([cameras, drawn[0]]), derived(cameras, sheet, drawn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +79,6 @@ class Posterior(CameraDraws):
     """Of each ensemble, after the first that were dropped."""
     walkers: int
     """In all ensembles."""
-    ensembles: int
     between: float
     """Standard error of a mean by the scatter between ensembles, in standard deviations; rms over the parameters."""
 
@@ -58,7 +88,6 @@ def sample_posterior(
     sheet: DataSheet,
     *,
     seed: int,
-    ensembles: int = 4,
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
     ess: float = DEFAULT_ESS,
@@ -66,46 +95,30 @@ def sample_posterior(
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
 
-    Ensembles, of four walkers for each parameter and at least 24, start apart, spread 1.5 times as wide as the Fisher
-    matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and bulk
-    and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
+    Four ensembles, of four walkers for each parameter and at least 24, start apart, spread 1.5 times as wide as the
+    Fisher matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and
+    bulk and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
     `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
     board's scale as the data sheet says; q, d, scale and the fit's systematic errors, which no image informs, are drawn
     afterwards.
 
-    Parameters
-    ----------
-    fit : StatisticsFit
-    sheet : DataSheet
-    seed : int
-        Same seed, same draws.
-    ensembles : int
-        Separate ensembles, at least 4.
-    chunk : int
-        Steps between checks.
-    most_steps : int
-        Of each ensemble.
-    ess : float
-        Effective sample size wanted, bulk and tail.
-    progress : callable, optional
-        Called with (steps, R-hat, effective sample size) after each chunk.
+    The same `seed` gives the same draws; after each `chunk` of steps `progress` is called with (steps, R-hat, effective
+    sample size).
 
     Raises
     ------
     CalibrationError
-        Fewer than four ensembles, or the likelihood is not finite near its peak.
+        The likelihood is not finite near its peak.
     """
     import emcee
 
-    if ensembles < 4:
-        raise CalibrationError(f"convergence is judged between at least 4 ensembles, got {ensembles}")
     target = _Target(fit, sheet)
     dimension = len(target.names)
     size = max(24, 4 * dimension)
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.DESnookerMove(), 0.1), (emcee.moves.StretchMove(), 0.2)]
-    seeds = np.random.SeedSequence(seed).spawn(ensembles + 1)
+    seeds = np.random.SeedSequence(seed).spawn(ENSEMBLES + 1)
     samplers, states = [], []
-    for spawned in seeds[:ensembles]:
+    for spawned in seeds[:ENSEMBLES]:
         random = np.random.RandomState(np.random.MT19937(spawned))
         start = 1.5 * random.normal(size=(size, dimension))
         start[~np.isfinite(target(start))] *= 0.1
@@ -135,13 +148,13 @@ def sample_posterior(
     flat = target.parameters(chain.swapaxes(0, 1).reshape(-1, dimension))
     flat = flat[:: max(1, len(flat) // _KEPT)]
     rng = np.random.default_rng(seeds[-1])
-    scales = sheet.draws(len(flat), rng)[1:]
+    drawn = [flat[:, -1], *sheet.draws(len(flat), rng)[1:]]
     flat[:, :3] += rng.normal(size=(len(flat), len(fit.systematic))) @ fit.systematic
     means, spread = chain.mean(axis=(1, 2)), chain.reshape(-1, dimension).std(axis=0)
     return Posterior(
         names=target.names,
         parameters=flat,
-        quantities=derived(flat, sheet, flat[:, -1], scales),
+        quantities=derived(flat, sheet, drawn),
         r_hat=r_hat,
         bulk_ess=bulk,
         tail_ess=tail,
@@ -149,9 +162,8 @@ def sample_posterior(
         message=("converged: " if converged else f"NOT converged after {steps} steps: ") + said,
         acceptance=float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers])),
         steps=steps,
-        walkers=ensembles * size,
-        ensembles=ensembles,
-        between=float(np.sqrt(np.mean((means.std(axis=0, ddof=1) / spread) ** 2) / ensembles)),
+        walkers=ENSEMBLES * size,
+        between=float(np.sqrt(np.mean((means.std(axis=0, ddof=1) / spread) ** 2) / ENSEMBLES)),
     )
 
 
@@ -160,24 +172,19 @@ class _Target:
 
     def __init__(self, fit: StatisticsFit, sheet: DataSheet) -> None:
         self.likelihood = ProfileLikelihood(fit)
-        fitted = fit.covariance.names
-        self.names = (*fitted, "f")
-        self._columns = [GLOBALS.index(name) for name in fitted]
-        self._centre = fit.camera.vector(fitted)
+        self.names = (*self.likelihood.names, "f")
         self._root = np.linalg.cholesky(fit.covariance.matrix)
         self._sheet = sheet
 
     def parameters(self, whitened: Array) -> Array:
         """Fitted parameters and f of whitened coordinates, shape (n, p)."""
-        shared = self._centre + whitened[:, :-1] @ self._root.T
+        shared = self.likelihood.best + whitened[:, :-1] @ self._root.T
         return np.column_stack([shared, self._sheet.f + self._sheet.f_sigma * whitened[:, -1]])
 
     def __call__(self, whitened: Array) -> Array:
         """Log-posterior of many points, shape (n,)."""
         values = self.parameters(whitened)
-        cameras = np.tile(self.likelihood.best, (len(values), 1))
-        cameras[:, self._columns] = values[:, :-1]
-        log = self.likelihood(cameras) - self.likelihood.peak - 0.5 * whitened[:, -1] ** 2
+        log = self.likelihood(values[:, :-1]) - self.likelihood.peak - 0.5 * whitened[:, -1] ** 2
         return np.where(values[:, -1] > 0, log, -np.inf)
 
     def diagnostics(self, chain: Array) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
@@ -188,7 +195,7 @@ class _Target:
         groups, steps, walkers, dimension = chain.shape
         values = self.parameters(chain.reshape(-1, dimension))
         series = {name: values[:, k] for k, name in enumerate(self.names)}
-        lengths = derived(values, self._sheet, values[:, -1])
+        lengths = derived(values, self._sheet, [values[:, -1], *self._sheet.mean[1:]])
         series |= {name: lengths[name] for name in QUANTITIES if name not in series and name != "d_2"}
         r_hat, bulk, tail = {}, {}, {}
         for name, flat in series.items():
@@ -240,12 +247,12 @@ def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accura
     thinned = 0.0 if count >= p.walkers * p.steps else 1 / count
     return Accuracy(
         of,
-        f"{p.walkers} walkers in {p.ensembles} ensembles, {p.steps} steps: effective sample size {least:.0f}",
+        f"{p.walkers} walkers in {ENSEMBLES} ensembles, {p.steps} steps: effective sample size {least:.0f}",
         SIGMAS * math.sqrt(1 / least + thinned),
         SIGMAS * p.between,
         "scatter between ensembles",
         asked,
-        scatter=1 / math.sqrt(2 * (p.ensembles - 1) * len(p.names)),
+        scatter=1 / math.sqrt(2 * (ENSEMBLES - 1) * len(p.names)),
     )
 
 
@@ -253,113 +260,108 @@ def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accura
 
 
 class ProfileLikelihood:
-    """Log-likelihood of (A, m, 1/d_2, x_0, y_0, k_1, k_2), each board's pose taken along.
+    """Log-likelihood of the shared parameters, each board's pose taken along.
 
-    For a camera off the best fit, each pose is moved as the linear fit says, one Gauss-Newton step's gain is taken off
-    its misfit in closed form (the Schur complement of the pose block), and what is left is summed over the boards.
-    With poses Gaussian about their best, and flat in units of their own standard deviation, this is the likelihood
-    with poses integrated out, up to a constant. Flat in millimetres instead would favour far boards, twelve times over,
-    and pull A by up to its own standard deviation.
+    For a camera off the best fit, each pose is moved as the linear fit says, what of its residuals a pose can still
+    take up is projected away, and the rest is summed over the boards. With poses Gaussian about their best, and flat in
+    units of their own standard deviation, this is the likelihood with poses integrated out, up to a constant. Flat in
+    millimetres instead would favour far boards, twelve times over, and pull A by up to its own standard deviation.
     """
 
     def __init__(self, fit: StatisticsFit) -> None:
-        names = fit.covariance.names
-        columns = [GLOBALS.index(name) for name in names]
-        self.best = fit.camera.vector()[:_CAMERA]
-        self._follow = np.zeros((*fit.pose_by_shared.shape[:2], _CAMERA))
-        self._follow[..., columns] = fit.pose_by_shared
-        self._fixed = np.array([fit.camera.q, fit.camera.d])
-        self._pose = np.ascontiguousarray(fit.poses.vector)
-        data = fit.statistics
-        weight = 1 / data.sigma
-        self._data = tuple(map(np.ascontiguousarray, (data.points, data.values, data.at, data.share, weight)))
-        zero = self(self.best[None])
-        self.peak = float(zero[0])
+        self.names = fit.covariance.names
+        self.best = fit.camera.vector(self.names)
+        self._fit = fit
+        self._columns = [GLOBALS.index(name) for name in self.names]
+        self._taken = fit.statistics.linear(fit.camera.vector(), fit.poses.vector).eliminated().own
+        self.peak = float(self(self.best[None])[0])
         """Log-likelihood at the best fit."""
 
-    def __call__(self, cameras: Array) -> Array:
-        """Log-likelihood, up to a constant, shape (w,), of cameras, shape (w, 7); -inf where a board is behind one."""
-        cameras = np.ascontiguousarray(cameras, float)
-        out = np.empty(len(cameras))
-        pose = self._pose + np.tensordot(cameras - self.best, self._follow, (1, 2))
-        turns, shifts = rotation_matrix(pose[..., :3]), np.ascontiguousarray(pose[..., 3:])
-        points, values, at, share, weight = self._data
-        _eliminate.compiled(cameras, turns, shifts, self._fixed, points, values, at, share, weight, out)
-        return out
+    def __call__(self, shared: Array) -> Array:
+        """Log-likelihood, up to a constant, shape (w,), of `names`, shape (w, p); -inf where a board is behind."""
+        cameras = np.tile(self._fit.camera.vector(), (len(shared), 1))
+        cameras[:, self._columns] = shared
+        pose = self._fit.poses.vector + np.tensordot(shared - self.best, self._fit.pose_by_shared, (1, 2))
+        possible = (cameras[:, :3] > 0).all(axis=1) & (pose[..., 5] > 0).all(axis=1)
+        off = self._fit.statistics.linear(cameras, pose, derivatives=False).off
+        taken = off[..., None, :] @ self._taken
+        squares = np.einsum("wbr,wbr->w", off, off) - np.einsum("wbip,wbip->w", taken, taken)
+        return np.where(possible, -0.5 * squares, -np.inf)
 
 
-@kernel()
-def _eliminate(
-    cameras: Array,
-    turns: Array,
-    shifts: Array,
-    fixed: Array,
-    points: Array,
-    values: Array,
-    at: Array,
-    share: Array,
-    weight: Array,
-    out: Array,
-) -> None:
-    boards, corners = share.shape
-    for w in range(cameras.shape[0]):
-        A, m, x_0, y_0 = cameras[w, 0], cameras[w, 1], cameras[w, 3], cameras[w, 4]
-        k_1, k_2, q, d = cameras[w, 5], cameras[w, 6], fixed[0], fixed[1]
-        step = q * A * cameras[w, 2]
-        J, H, g, r = np.empty((3, 6)), np.empty((6, 6)), np.empty(6), np.empty(3)
-        total, behind = 0.0, A <= 0.0 or m <= 0.0 or step <= 0.0
-        for b in range(boards):
-            R, p = turns[w, b], shifts[w, b]
-            H[:] = 0.0
-            g[:] = 0.0
-            misfit = 0.0
-            for n in range(corners):
-                if weight[b, n, 0] == 0.0:
-                    continue
-                px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-                z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + p[2]
-                if z <= 0.0:
-                    behind = True
-                    break
-                sx, sy = -step * at[b, n, 0], -step * at[b, n, 1]
-                fx = (R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + p[0] - sx) / z
-                fy = (R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + p[1] - sy) / z
-                r2 = fx * fx + fy * fy
-                gain, bend, curl = 1.0 + r2 * (k_1 + k_2 * r2), k_1 + 2.0 * k_2 * r2, 2.0 * k_2
-                wx, wy = share[b, n], 1.0 - share[b, n]
-                tilted = wx * fx * fx + wy * fy * fy
-                stretch = gain + 2.0 * bend * tilted
-                r[0] = weight[b, n, 0] * (x_0 - (A * gain * fx + m * sx) / d - values[b, n, 0])
-                r[1] = weight[b, n, 1] * (y_0 - (A * gain * fy + m * sy) / d - values[b, n, 1])
-                r[2] = weight[b, n, 2] * (step / d * (m - A * stretch / z) - values[b, n, 2])
-                # Derivatives by the ray's slope, then by the corner's place, then by the board's turn and shift.
-                a = -A / (d * z)
-                txx, txy, tyy = gain + 2.0 * bend * fx * fx, 2.0 * bend * fx * fy, gain + 2.0 * bend * fy * fy
-                lx = 2.0 * bend * fx + 4.0 * curl * tilted * fx + 4.0 * bend * wx * fx
-                ly = 2.0 * bend * fy + 4.0 * curl * tilted * fy + 4.0 * bend * wy * fy
-                J[0, 3], J[0, 4], J[0, 5] = a * txx, a * txy, -a * (txx * fx + txy * fy)
-                J[1, 3], J[1, 4], J[1, 5] = a * txy, a * tyy, -a * (txy * fx + tyy * fy)
-                s = a * step / z
-                J[2, 3], J[2, 4], J[2, 5] = s * lx, s * ly, -s * (lx * fx + ly * fy + stretch)
-                for i in range(3):
-                    k = weight[b, n, i]
-                    for j in range(3, 6):
-                        J[i, j] *= k
-                    for j in range(3):
-                        # dX = R (turn x P): column j of -R [P]_x.
-                        u, v = (j + 1) % 3, (j + 2) % 3
-                        J[i, j] = 0.0
-                        for c in range(3):
-                            J[i, j] += J[i, 3 + c] * (R[c, v] * points[n, u] - R[c, u] * points[n, v])
-                    misfit += r[i] * r[i]
-                    for j in range(6):
-                        g[j] += J[i, j] * r[i]
-                        for c in range(j + 1):
-                            H[j, c] += J[i, j] * J[i, c]
-            if behind or not cholesky(H, 0.0, g):
-                behind = True
-                break
-            total += misfit
-            for j in range(6):
-                total -= g[j] * g[j]
-        out[w] = -math.inf if behind else -0.5 * total
+# --- what follows from them -------------------------------------------------------------------------------------------
+
+
+def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
+    """What the calibration's uncertainty does to depths measured with it.
+
+    Parameters
+    ----------
+    draws : CameraDraws
+    fit : StatisticsFit
+        Whose camera makes the slope of a point at each distance.
+    sheet : DataSheet
+    distances : ndarray
+        From the main lens [mm], beyond the FAP, shape (k,).
+
+    Returns
+    -------
+    dict
+        ``distance``; ``from_lens`` and ``from_pupil``: standard deviation of Z and of Z_F [mm]; ``low_95`` and
+        ``high_95``: interval of the error of Z [mm]; each of shape (k,).
+
+    Notes
+    -----
+    Eq. 12 solved for depth. The images' errors of d_3 and of A cancel in distances from the lens near the focal plane
+    (d_f = f (1 + m)/m knows nothing of A), where the error of f alone is left; in distances from the pupil f drops out
+    and the error of A stays.
+    """
+    distances = np.asarray(distances, float)
+    best = derived(fit.camera.vector(), sheet)
+    depth = distances - best["d_3"]
+    if not (depth > 0).all():
+        raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
+    # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
+    measured = (best["m"] - best["A"] / depth) * best["A"] / best["d_2"]
+    m, A, d_2, d_3 = (draws.quantities[name][:, None] for name in ("m", "A", "d_2", "d_3"))
+    with np.errstate(divide="ignore"):
+        z_f = A / (m - measured * d_2 / A)
+    z = z_f + d_3
+    low, high = np.quantile(z - distances, [0.025, 0.975], axis=0)
+    return {
+        "distance": distances,
+        "from_lens": z.std(axis=0, ddof=1),
+        "from_pupil": z_f.std(axis=0, ddof=1),
+        "low_95": low,
+        "high_95": high,
+    }
+
+
+def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str, float]]:
+    """To first order, what share of each quantity's variance comes from the images and from each data-sheet value.
+
+    Returns
+    -------
+    dict
+        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board`` and ``systematic`` (what
+        scatter does not show) that add up to 1, and ``sigma``, the standard deviation of all.
+    """
+    images = np.linalg.cholesky(fit.covariance.part(("A", "m", "inverse_d_2"))).T
+    # Steps of one standard deviation in (A, m, 1/d_2, f, q, d, board), by their source.
+    steps = {"images": np.pad(images, ((0, 0), (0, 4)))}
+    by_sheet = np.eye(4, 7, 3) * sheet.sigma[:, None]
+    steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet, strict=True)}
+    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, 4)))
+    best = np.concatenate([fit.camera.vector()[:3], sheet.mean])
+
+    def variance(step: Array) -> dict[str, float]:
+        ahead, behind = (derived(at, sheet, at[:, 3:].T) for at in (best + 0.01 * step, best - 0.01 * step))
+        return {name: float(np.square((ahead[name] - behind[name]) / 0.02).sum()) for name in QUANTITIES}
+
+    parts = {source: variance(step) for source, step in steps.items()}
+    shares = {}
+    for name in QUANTITIES:
+        total = sum(part[name] for part in parts.values())
+        shares[name] = {source: part[name] / total if total > 0 else 0.0 for source, part in parts.items()}
+        shares[name]["sigma"] = float(np.sqrt(total))
+    return shares

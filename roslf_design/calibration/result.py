@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -13,20 +13,20 @@ from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
-from .calibrate import Calibration
 from .centres import MicrolensCentres
-from .datasheet import QUANTITIES, SHOWN, UNITS, CameraDraws, DataSheet, depth_errors, derived, variance_shares
 from .diffraction import DiffractionCheck
+from .fit import Calibration
 from .frames import Array
-from .model import Board
-from .posterior import Posterior
+from .model import QUANTITIES, UNITS, Board, DataSheet, derived
+from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
 LAPLACE_DRAWS = 20_000
 _ONE_DEPTH = 0.02
 """Spread of the boards' depths, relative to their mean, below which they stand at one depth."""
-_GAUSS = {"68": 0.994458, "95": 1.959964}
+_GAUSS = (-1.959964, -0.994458, 0.994458, 1.959964)
+"""Ends of a normal law's 95 and 68 % intervals, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,8 @@ class QuantityEstimate:
     value: float
     """Of the best fit."""
     sigma: float
-    low_68: float
-    high_68: float
-    low_95: float
-    high_95: float
+    interval_68: tuple[float, float]
+    interval_95: tuple[float, float]
     r_hat: float | None
     """None where nothing was sampled."""
     ess: float | None
@@ -110,14 +108,12 @@ class Outcome:
         """Everything as JSON's types."""
         result, fit = self.calibration, self.calibration.fit
         names = list(fit.covariance.names)
-        steps = {
-            way: dict(zip(("d_1", "d_f", "H", "d_3"), (float(x) for x in lengths[:4]), strict=True))
-            for way, lengths in (("steps_one_and_two", result.stepwise), ("joint", result.refined))
-        }
+        ways = {"steps_one_and_two": result.second.camera, "joint": result.joint.camera}
+        lengths = {way: derived(found.vector(), self.sheet) for way, found in ways.items()}
         camera, sigma = fit.camera, fit.covariance.sigma
         told = ("message", "acceptance", "steps", "walkers", "r_hat", "bulk_ess", "tail_ess")
         p = self.posterior
-        lattice, used = self.centres.lattice, self.centres.used
+        lattice = self.centres.lattice
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
         radius = self.undistorted_radius
         return {
@@ -129,39 +125,31 @@ class Outcome:
                 name: {
                     "estimate": e.value,
                     "unit": UNITS[name],
-                    "sigma": e.sigma,
-                    "interval_68": [e.low_68, e.high_68],
-                    "interval_95": [e.low_95, e.high_95],
-                    "r_hat": e.r_hat,
-                    "ess": e.ess,
+                    **{key: value for key, value in asdict(e).items() if key != "value"},
                     "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
                 }
-                for name, e in ((name, self.estimates[name]) for name in SHOWN)
+                for name, e in self.estimates.items()
             },
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),
             "posterior": None if p is None else {name: getattr(p, name) for name in told},
-            "fit": {
-                name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names
-            },
+            "fit": {name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names},
             "condition_number": fit.covariance.condition,
             "correlations": {"names": names, "matrix": fit.covariance.correlation.tolist()},
-            "other_ways": steps,
+            "other_ways": {
+                way: {name: float(by[name]) for name in ("d_1", "d_f", "H", "d_3")} for way, by in lengths.items()
+            },
             "diffraction": None if self.diffraction is None else _diffraction_dict(self.diffraction, self.sheet),
             "systematic_sigma": dict(zip(("A", "m", "inverse_d_2"), map(float, systematic), strict=True)),
             "data_sheet": {
-                "f_mm": self.sheet.f,
-                "f_sigma_mm": self.sheet.f_sigma,
-                "q_mm": self.sheet.q,
-                "d_mm": self.sheet.d,
-                "d_sigma_mm": self.sheet.d_sigma,
+                **{f"{name}_mm": getattr(self.sheet, name) for name in ("f", "f_sigma", "q", "d", "d_sigma")},
                 "cell_sigma_relative": self.sheet.cell_sigma,
             },
             "reprojection_rms_pitches": result.joint.rms,
             "step_one_rms_pitches": result.first.rms,
             "noise_pitches": result.lines.sigma,
             "images_used": list(result.observations.names),
-            "images_missing": list(result.missing),
+            "images_missing": list(result.observations.missing),
             "views": len(result.observations.views),
             "coordinates": result.observations.count,
             "white_image": {
@@ -170,7 +158,7 @@ class Outcome:
                 "layout": lattice.layout,
                 "rms_px": self.centres.rms,
                 "microlenses": self.centres.counts(),
-                "used": int(used.sum()),
+                "used": int(self.centres.used.sum()),
                 "undistorted_radius_px": radius if radius is not None and np.isfinite(radius) else None,
             },
             "depth_errors_mm": {name: values.tolist() for name, values in self.depths.items()},
@@ -198,17 +186,23 @@ def outcome_of(
     fit = calibration.fit
     posterior = draws if isinstance(draws, Posterior) else None
     shares = variance_shares(fit, sheet)
-    best = derived(fit.camera.vector(), sheet, np.asarray(sheet.f))
+    best = derived(fit.camera.vector(), sheet)
     estimates = {name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior) for name in QUANTITIES}
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances)
-    notes = [*unlike(design, centres)]
+    notes = []
+    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
+    if abs(shown / expected - 1) >= 0.02:
+        notes.append(
+            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
+            " pixel and its microlens pitch those of this camera?"
+        )
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
-    if calibration.missing:
-        notes.append(f"no board found in {', '.join(calibration.missing)}: calibrated from the others")
+    if calibration.observations.missing:
+        notes.append(f"no board found in {', '.join(calibration.observations.missing)}: calibrated from the others")
     if np.ptp(depth) < _ONE_DEPTH * depth.mean():
         notes.append(
             f"the boards stand at one depth, within {np.ptp(depth):.2g} mm of {depth.mean():.4g} mm from the FAP: d_2"
@@ -224,21 +218,21 @@ def outcome_of(
 
 def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None) -> QuantityEstimate:
     if posterior is None:
-        near, far = _GAUSS["68"] * sigma, _GAUSS["95"] * sigma
-        return QuantityEstimate(value, sigma, value - near, value + near, value - far, value + far, None, None)
+        low, lower, higher, high = (value + end * sigma for end in _GAUSS)
+        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None)
     draws = posterior.quantities[name]
-    low, lower, high, higher = (float(x) for x in np.quantile(draws, [0.16, 0.025, 0.84, 0.975]))
+    low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
-    return QuantityEstimate(value, float(draws.std(ddof=1)), low, high, lower, higher, posterior.r_hat[key], ess)
+    spread = float(draws.std(ddof=1))
+    return QuantityEstimate(value, spread, (lower, higher), (low, high), posterior.r_hat[key], ess)
 
 
 def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, object]:
     """The correction as JSON's types, with what would have come out without it."""
     without = None
     if check.before is not None:
-        best = derived(check.before.vector(), sheet, np.asarray(sheet.f))
-        without = {name: float(best[name]) for name in SHOWN}
+        without = {name: float(value) for name, value in derived(check.before.vector(), sheet).items()}
     return {
         "corrected": check.corrected,
         "reason": check.reason,
@@ -261,17 +255,6 @@ def undistorted_radius(design: Design) -> float:
     c = Camera.of(design)
     bound = field_limit(c).radius
     return bound * float(c.m) * _pitch(c) / design.d if math.isfinite(bound) else math.inf
-
-
-def unlike(design: Design, centres: MicrolensCentres) -> tuple[str, ...]:
-    """A warning where the white image's pitch is not the design's."""
-    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
-    if abs(shown / expected - 1) < 0.02:
-        return ()
-    return (
-        f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its pixel"
-        " and its microlens pitch those of this camera?",
-    )
 
 
 def _pitch(c: Camera) -> float:

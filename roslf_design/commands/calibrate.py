@@ -12,9 +12,16 @@ import numpy as np
 from pydantic import ValidationError
 
 from .. import calibration
-from ..calibration import Board, CalibrationError, CameraDraws, LightField, MicrolensCentres, Outcome
-from ..calibration.datasheet import relative_sigma
+from ..calibration import (
+    Board,
+    CalibrationError,
+    CameraDraws,
+    LightField,
+    MicrolensCentres,
+    Outcome,
+)
 from ..calibration.frames import Capture
+from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS

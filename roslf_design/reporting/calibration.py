@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from .. import __version__
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
-from ..calibration.datasheet import QUANTITIES, SHOWN, UNITS, relative_sigma
+from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
@@ -200,7 +199,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
     """What an engineer came for."""
     found = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
-    images, total = len(found.observations.names), len(found.observations.names) + len(found.missing)
+    images, total = len(found.observations.names), len(found.observations.names) + len(found.observations.missing)
     yield Statement(
         "plain",
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
@@ -258,7 +257,7 @@ def quantities_table(data: Mapping[str, Any]) -> Table:
 
 def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     """Where each quantity's variance comes from; sources that add nothing to any are left out."""
-    names = [name for name in SHOWN if name in shares]
+    names = [name for name in QUANTITIES if name in shares]
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
     rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
     note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
@@ -276,7 +275,7 @@ def ways_table(result: Outcome) -> Table:
     }
     if result.diffraction is not None and result.diffraction.before is not None:
         ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
-    lengths = [derived(camera.vector(), sheet, np.asarray(sheet.f)) for camera, _ in ways.values()]
+    lengths = [derived(camera.vector(), sheet) for camera, _ in ways.values()]
     rows = [(name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name]) for name in QUANTITIES]
     rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
     caption = "Step one's error is that of the central view, the others' that of all views."
@@ -344,7 +343,7 @@ def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, .
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     board = f"{c.board.columns}x{c.board.rows} {c.board.cell:g} mm"
     command = f'roslf calibrate CAPTURES --design design.toml --board "{board}" -o calibration'
-    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in SHOWN)
+    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
         for c in plan.changes
@@ -375,7 +374,7 @@ def _diffraction(result: Outcome, found: DiffractionCheck) -> Statement:
     taken = f"{found.reason}: up to {found.largest:.2g} pitches from a corner."
     if found.before is None:
         return Statement("plain", taken, "Left in, it would leave no calibration at all.")
-    best = derived(found.before.vector(), result.sheet, np.asarray(result.sheet.f))
+    best = derived(found.before.vector(), result.sheet)
     changes = ", ".join(
         f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
         for name in ("d_2", "m", "H", "d_3")

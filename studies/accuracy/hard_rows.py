@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import mpmath as mp
 import numpy as np
 
+from roslf_design.calibration.fit import EpiLines, StepOne, fit_lines, step_two
 from roslf_design.calibration.model import Intrinsics, Observations, Poses
-from roslf_design.calibration.steps import EpiLines, StepOne, fit_lines, step_two
 from roslf_design.camera import Camera
 from roslf_design.design import Design
 from roslf_design.design.conjugates import mla_distance
@@ -633,7 +633,7 @@ def _two(depth: tuple[float, ...], slope: tuple[float, ...], A: float, q: float,
     pose = np.zeros((b, 6))
     pose[:, 5] = depth
     one = np.ones((b, 1))
-    lines = EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, one, 0.0)
+    lines = EpiLines(np.zeros((b, 1, 2)), np.zeros((b, 1, 2)), np.array(slope)[:, None], one, np.ones((b, 1, 2)), 0.0)
     first = StepOne(Intrinsics(A, 0.0, 0.0, 0.0, 0.0, q=q, d=d), Poses.from_vector(pose), 0.0)
     observations = Observations(np.zeros((1, 3)), np.zeros((1, 2)), np.zeros((b, 1, 1, 2)))
     camera = step_two(observations, lines, first).camera

@@ -19,7 +19,7 @@ from captures import CELL, CELLS, KINDS, make
 from pictures import draw_images, draw_intervals, draw_shifts
 
 from roslf_design.calibration import CalibrationError, Observations
-from roslf_design.calibration.datasheet import SHOWN, UNITS
+from roslf_design.calibration.model import QUANTITIES, UNITS
 from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated
@@ -43,7 +43,7 @@ def facts_of(result: Outcome, truth: dict[str, float]) -> dict[str, Any]:
     """What came out of one kind of captures beside the truth."""
     told = result.to_dict()
     rows: dict[str, Any] = {}
-    for name in SHOWN:
+    for name in QUANTITIES:
         e = result.estimates[name]
         shares = result.shares[name]
         rows[name] = {
@@ -52,8 +52,8 @@ def facts_of(result: Outcome, truth: dict[str, float]) -> dict[str, Any]:
             "unit": UNITS[name],
             "sigma": e.sigma,
             "sigma_without_f": e.sigma * math.sqrt(max(1 - shares["f"], 0.0)),
-            "interval_95": [e.low_95, e.high_95],
-            "holds": bool(e.low_95 <= truth[name] <= e.high_95),
+            "interval_95": list(e.interval_95),
+            "holds": bool(e.interval_95[0] <= truth[name] <= e.interval_95[1]),
         }
     return {
         "quantities": rows,
@@ -83,7 +83,7 @@ def table(facts: dict[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]
     left = facts["waves"]["diffraction"]["without"]
-    for name in SHOWN:
+    for name in QUANTITIES:
         cells = []
         for kind in KINDS:
             row = facts[kind]["quantities"][name]

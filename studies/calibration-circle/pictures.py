@@ -10,8 +10,8 @@ from captures import FULL_SCALE
 from matplotlib.figure import Figure
 
 from roslf_design.calibration import decode
-from roslf_design.calibration.datasheet import SHOWN
 from roslf_design.calibration.frames import read_image
+from roslf_design.calibration.model import QUANTITIES
 from roslf_design.calibration.result import Outcome
 from roslf_design.pictures.axes import BLUE, GREY, INK, ORANGE, VERMILLION
 
@@ -22,7 +22,7 @@ def draw_intervals(facts: dict[str, Any]) -> Figure:
     """Errors of every length with their 95 % intervals, thick without the share of f."""
     figure = Figure(figsize=(9.2, 4.4), layout="constrained")
     panels = figure.subplots(2, 4, sharey=True).ravel()
-    for ax, name in zip(panels, SHOWN, strict=False):
+    for ax, name in zip(panels, QUANTITIES, strict=False):
         true = facts["rays"]["quantities"][name]["truth"]
         for y, kind in enumerate(("rays", "waves")):
             row = facts[kind]["quantities"][name]

@@ -5,8 +5,7 @@ import sys
 
 import numpy as np
 
-from roslf_design.calibration.datasheet import DataSheet
-from roslf_design.calibration.model import Intrinsics
+from roslf_design.calibration.model import DataSheet, Intrinsics
 from roslf_design.calibration.planning import Captures, random_poses, synthetic_observations
 
 CAMERA = Intrinsics(92.0, 0.4, 0.5, 182.0, 118.0, q=0.004847826, d=0.063)

@@ -38,8 +38,7 @@ def test_clean_white_image_gives_centres_below_two_thousandths_of_a_pixel(layout
     assert found.lattice.rotation == pytest.approx(ROTATION, abs=1e-5)
 
 
-@pytest.mark.parametrize("layout", ["square", "hexagonal"])
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("layout", "sign"), [("square", 1), ("hexagonal", -1)])
 def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
     shape = (1000, 1000)
     truth = nodes_over(shape, PITCH, ROTATION, layout, (1.3, 0.4))
@@ -77,7 +76,7 @@ def test_any_pitch_and_rotation_without_knowing_them(layout, pitch, degrees):
     assert rms(errors(found, truth)) < 0.005  # few lenses at 80 px: each is known to 0.02
 
 
-@pytest.mark.parametrize(("pitch", "fill"), [(14.07, 0.8), (14.07, 1.0), (40.3, 0.9)])
+@pytest.mark.parametrize(("pitch", "fill"), [(14.07, 1.0), (40.3, 0.9)])
 def test_vignetting_leaves_the_centres_alone(pitch, fill):
     shape = (900, 1100)
     truth = nodes_over(shape, pitch, ROTATION, "square", (1.3, 0.4))

@@ -1,5 +1,6 @@
 """Microlens diffraction: read from white images, computed for corners, taken off a rendered calibration."""
 
+import functools
 import json
 import math
 
@@ -193,20 +194,24 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
     camera = camera_of(PAPER)
     observations = synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
 
-    def looked(overrides, wish, design=PAPER):
+    @functools.cache
+    def white_of(overrides):
         white = render(PAPER, overrides=overrides, region=(2100, 1340, 300, 300)).pixels
-        lattice = find_centres(white, layout="square").lattice
+        return white, find_centres(white, layout="square").lattice
+
+    def looked(overrides, wish, design=PAPER):
+        white, lattice = white_of(overrides)
         found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), design, white, lattice, wish=wish)
         return found.diffraction, found.calibration
 
-    rays = ["-microlens_diffraction", "-microlens_defocus"]
+    rays = ("-microlens_diffraction", "-microlens_defocus")
     asked, _ = looked(rays, "on")
     assert asked.corrected
     assert "where the design's diffraction makes 3.60 px" in asked.warning
     assert not looked(rays, "auto")[0].corrected
-    left, plain = looked([], "off")
+    left, plain = looked((), "off")
     assert (left.corrected, left.image) == (False, None)
-    seen, found = looked([], "auto")
+    seen, found = looked((), "auto")
     assert seen.corrected
     assert seen.warning == ""
     # Corners that nobody displaced: taking off what diffraction would do makes d_2 too small, by the bias it has.
@@ -214,5 +219,5 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
     fine = PAPER.replace({"light.wavelength": 1e-5})
     small, _ = looked(rays, "auto", fine)
     assert "too small to matter" in small.reason
-    foreign = looked([], "auto", PAPER.replace({"light.wavelength": 900e-6}))[0]
+    foreign = looked((), "auto", PAPER.replace({"light.wavelength": 900e-6}))[0]
     assert "are its wavelength, its d_2 and its pixel those of this camera?" in foreign.warning

@@ -24,10 +24,9 @@ from roslf_design.calibration import (
     undistorted_radius,
     variance_shares,
 )
-from roslf_design.calibration.calibrate import corner_statistics, fit_statistics
 from roslf_design.calibration.diffraction import view_disagreement
+from roslf_design.calibration.fit import Linear, corner_statistics, covariance_of, fit_lines, refine, settle
 from roslf_design.calibration.model import GLOBALS, project_boards, rotation_matrix
-from roslf_design.calibration.steps import Linear, covariance_of, refine
 from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
 from roslf_design.design.parts import Stop
@@ -114,9 +113,10 @@ def test_derivatives_agree_with_complex_steps(sloped):
 def test_statistics_are_the_least_squares_lines_of_the_model_s_views(camera, tolerance):
     """With distortion to second order in the baseline."""
     poses = poses_of(3, seed=2)
-    statistics = corner_statistics(synthetic_observations(camera, poses, Captures(boards=3)), 0.06)
-    model = statistics.model(camera.vector(), poses.vector)
-    np.testing.assert_allclose(model.values, statistics.values, rtol=1e-11, atol=tolerance)
+    observations = synthetic_observations(camera, poses, Captures(boards=3))
+    data = corner_statistics(observations, fit_lines(observations), 0.06)
+    model = project_boards(camera.vector(), poses.vector, data.points, data.at[:, None], data.share[:, None])
+    np.testing.assert_allclose(model.values[:, 0], data.values, rtol=1e-11, atol=tolerance)
 
 
 def test_parameters_go_by_name():
@@ -135,10 +135,11 @@ def test_exact_corners_give_the_camera_back(distortion):
     captures = Captures(noise=1e-10, boards=6, offset=15.0)
     found = calibrate(captured(captures, camera=camera), SHEET, distortion=distortion)
     np.testing.assert_allclose(found.joint.camera.vector(), camera.vector(), rtol=1e-6, atol=1e-6)
-    assert found.refined.pupil_distance == pytest.approx(120.0, abs=1e-6)
-    assert found.refined.aperture_constant == pytest.approx(140 / 92, rel=1e-8)
+    joint, steps = (derived(way.camera.vector(), SHEET) for way in (found.joint, found.second))
+    assert joint["d_3"] == pytest.approx(120.0, abs=1e-6)
+    assert joint["H"] == pytest.approx(140 / 92, rel=1e-8)
     # Distortion is not in the steps' straight lines: second order in the baseline, 1e-3 px.
-    assert found.stepwise.pupil_distance == pytest.approx(120.0, abs=1e-6 if distortion == 0 else 0.5)
+    assert steps["d_3"] == pytest.approx(120.0, abs=1e-6 if distortion == 0 else 0.5)
     assert found.joint.rms < 1e-9
 
 
@@ -159,8 +160,8 @@ def test_joint_fit_is_at_the_noise_and_its_errors_are_honest():
 def off_by(found):
     """What the fit on statistics makes of the same noise, and how far from the joint fit, in its sigmas."""
     joint = found.joint
-    statistics = corner_statistics(found.observations, joint.sigma)
-    plain = fit_statistics(statistics, joint.camera, joint.poses, NAMES, scale=False)
+    statistics = corner_statistics(found.observations, found.lines, joint.sigma)
+    plain = settle(statistics.linear, joint.camera, joint.poses, NAMES)
     difference = plain.camera.vector(NAMES) - joint.camera.vector(NAMES)
     return plain, np.abs(difference / np.sqrt(np.diag(joint.covariance.matrix))).max()
 
@@ -169,16 +170,24 @@ def test_fit_on_statistics_is_the_joint_fit():
     found = calibrate(captured(Captures(boards=8)), SHEET)
     plain, off = off_by(found)
     assert off < 1e-4
-    np.testing.assert_allclose(plain.covariance.matrix, found.joint.covariance.matrix, rtol=1e-6)
-    assert found.fit.place_scale == pytest.approx(1.0, abs=0.15)
-    assert found.fit.slope_scale == pytest.approx(1.0, abs=0.3)
+    matrix = covariance_of(plain.linear.information(), NAMES).matrix
+    np.testing.assert_allclose(matrix, found.joint.covariance.matrix, rtol=1e-6)
+    place, slope = scales(found)
+    assert place == pytest.approx(1.0, abs=0.15)
+    assert slope == pytest.approx(1.0, abs=0.3)
+
+
+def scales(found):
+    """Scatter of places and slopes about the model over what independent errors would make."""
+    independent = corner_statistics(found.observations, found.lines, found.lines.sigma)
+    return (found.fit.statistics.sigma / independent.sigma)[0, 0, 1:]
 
 
 def test_errors_common_to_all_views_widen_the_errors():
     observations = captured(Captures(boards=8))
     shared = np.random.default_rng(9).normal(0, 0.06, observations.uv[:, :1].shape)  # a corner off in every view alike
     found = calibrate(replace(observations, uv=observations.uv + shared), SHEET)
-    assert found.fit.place_scale == pytest.approx(math.sqrt(1 + 13), rel=0.15)  # 13 views no longer average it away
+    assert scales(found)[0] == pytest.approx(math.sqrt(1 + 13), rel=0.15)  # 13 views no longer average it away
     assert found.fit.covariance.sigma["A"] > 2.5 * found.joint.covariance.sigma["A"]
 
 
@@ -210,7 +219,7 @@ def test_table_2_of_the_paper_with_its_spread():
     np.testing.assert_allclose(lengths[:4], (142.00, 338.10, 1.56, 121.21), atol=0.005)
 
     def d_3(a=0.0, m=0.0, f=0.0):
-        return float(derived(np.array([91.09 + a, 0.42 + m, 0.5]), SHEET, np.asarray(100.0 + f))["d_3"])
+        return float(derived(np.array([91.09 + a, 0.42 + m, 0.5]), SHEET, (100.0 + f, SHEET.q, SHEET.d, 1.0))["d_3"])
 
     assert d_3() == lengths.pupil_distance
     digits = list(itertools.product((-0.005, 0.005), repeat=2))
@@ -227,7 +236,7 @@ def test_table_2_of_the_paper_with_its_spread():
         (Captures(boards=1), 0, None, "one image of the board"),
         (Captures(views=1), 0, None, "one view only"),
         (
-            Captures(distance_range=0.0, tilt=math.radians(6), noise=0.4, boards=6), 3, None,
+            Captures(distance_range=0.0, tilt=math.radians(6), noise=0.4, boards=6), 2, None,
             "not determined to 30 %: the boards stand at one depth",
         ),
     ],
@@ -343,7 +352,7 @@ def test_images_say_nothing_of_q_d_and_the_board_s_scale():
     captures, poses = Captures(boards=5, views=3), poses_of(5, seed=2)
     uv = synthetic_observations(CAMERA, poses, captures).uv
     q, d, scale = 1.03, 0.98, 1.01
-    lengths = derived(CAMERA.vector(), SHEET, np.asarray(100.0), np.array([q * SHEET.q, d * SHEET.d, scale]))
+    lengths = derived(CAMERA.vector(), SHEET, (100.0, q * SHEET.q, d * SHEET.d, scale))
     A, m, d_2 = (float(lengths[name]) for name in ("A", "m", "d_2"))
     other = replace(CAMERA, A=A, m=m, inverse_d_2=1 / d_2, q=q * SHEET.q, d=d * SHEET.d)
     grown = Poses(poses.rotation, poses.translation * scale)

@@ -70,7 +70,7 @@ def test_likelihood_is_the_misfit_with_every_pose_fitted(fit):
     for _ in range(3):
         step = 1.5 * rng.normal(size=5)
         camera = fit.camera.with_values(fit.covariance.names, fit.camera.vector(fit.covariance.names) + root @ step)
-        value = likelihood(camera.vector()[None, :7])[0]
+        value = likelihood(camera.vector(likelihood.names)[None])[0]
         assert value == pytest.approx(-0.5 * brute_force(fit, camera), abs=0.02)  # one closed-form step a pose
     np.testing.assert_allclose(likelihood.peak, -0.5 * brute_force(fit, fit.camera), atol=1e-4)
 
@@ -102,7 +102,7 @@ def test_posterior_is_the_normal_law_of_the_fisher_matrix_near_its_peak(fit, pos
         assert posterior.quantities[name].std() == pytest.approx(math.sqrt(lengths[k, k]), rel=0.15)
     low, high = np.quantile(posterior.draws("d_3"), [0.025, 0.975])
     assert low < 120.0 < high
-    with pytest.raises(ValueError, match="no quantity 'd_4' in the posterior: it holds A, m"):
+    with pytest.raises(ValueError, match="no quantity 'd_4' in the posterior: it holds H, d_3"):
         posterior.draws("d_4")
 
 
@@ -119,8 +119,6 @@ def test_a_short_run_says_that_it_did_not_converge(fit):
     short = sample_posterior(fit, SHEET, seed=0, chunk=10, most_steps=10)
     assert not short.converged
     assert short.message.startswith("NOT converged after 10 steps: R-hat")
-    with pytest.raises(CalibrationError, match="at least 4 ensembles, got 2"):
-        sample_posterior(fit, SHEET, seed=0, ensembles=2)
 
 
 def test_distortion_is_sampled_where_asked():

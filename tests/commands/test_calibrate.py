@@ -306,9 +306,8 @@ def test_the_plan_of_the_paper(capsys):
 
 def test_a_board_that_the_sensor_cannot_see_whole_is_noted():
     paper = load("paper")
-    wanted = {"boards": 12, "tilt": 0.3, "distance": None, "distance_range": None, "noise": 0.06}
-    assert too_large(paper, Captures.for_design(paper, board=Board(4, 5, 6.0), **wanted)) == ""
-    note = too_large(paper, Captures.for_design(paper, board=Board(9, 10, 6.0), **wanted))
+    assert too_large(paper, Captures.for_design(paper, board=Board(4, 5, 6.0))) == ""
+    note = too_large(paper, Captures.for_design(paper, board=Board(9, 10, 6.0)))
     assert "54 x 60 mm" in note
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from roslf_design.calibration.planning import field_at
+from roslf_design.calibration.planning import Captures, field_at
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
@@ -15,7 +15,6 @@ from roslf_design.reporting.calibration import (
     CalibrationPart,
     calibrated_finding,
     calibration_plan,
-    captures_for,
     plan_finding,
     read_calibration,
 )
@@ -108,7 +107,7 @@ def test_a_story_may_end_in_a_calibration(tmp_path):
 @pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum"])
 def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
     design = load(name)
-    captures = captures_for(design, CalibrationPart())
+    captures = Captures.for_design(design)
     board = captures.board
     sides = sorted((board.columns * board.cell, board.rows * board.cell))
     seen = sorted(field_at(design, captures.distance - captures.distance_range / 2))

@@ -1,0 +1,616 @@
+"""From corners to the camera: lines through the views, Zhang's method, Eq. 12, and the joint fit of all corners.
+
+Intervals come from a last fit, on what all views together say of each corner: its place and its slope.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .corners import homography
+from .frames import Array, CalibrationError
+from .model import (
+    GLOBALS,
+    DataSheet,
+    Intrinsics,
+    Observations,
+    Poses,
+    ProjectedCorners,
+    observed,
+    project_boards,
+    rotation_matrix,
+)
+
+_MOST = 200
+"""Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
+_SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_1": 10.0, "k_2": 1000.0}
+_LOST = 0.3
+"""Relative standard deviation of A, m or d_2 above which it counts as not determined."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What the boards say of the camera, by both ways."""
+
+    observations: Observations
+    lines: EpiLines
+    first: StepOne
+    """Zhang's method on the central view."""
+    second: StepTwo
+    """Eq. 12 on the epipolar slopes."""
+    joint: Refined
+    """All corners in all views."""
+    fit: StatisticsFit
+    """The joint fit on the corners' statistics, noise judged by its scatter: what intervals come from."""
+
+
+def calibrate(
+    observations: Observations, sheet: DataSheet, *, distortion: int = 0, guess: float | None = None
+) -> Calibration:
+    """Calibrate the camera from a board's corners in the views of several light fields.
+
+    Parameters
+    ----------
+    observations : Observations
+    sheet : DataSheet
+        f, q and d.
+    distortion : int
+        Radial coefficients to find: 0, 1 or 2.
+    guess : float, optional
+        A [mm] to start from, such as the design's.
+
+    Raises
+    ------
+    CalibrationError
+        The boards do not determine the camera: says which parameter is lost, and why.
+    """
+    if len(observations.names) < 2:
+        raise CalibrationError(
+            "one image of the board cannot tell its distance from A; show two or more, tilted differently"
+        )
+    lines, names = fit_lines(observations), shared_names(distortion)
+    try:
+        first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
+        second = step_two(observations, lines, first)
+        joint = refine(observations, second.camera, first.poses, names)
+        lost = undetermined(joint.covariance, joint.camera)
+        if lost:
+            raise CalibrationError(f"{lost} not determined to 30 %: {_why(joint.poses)}")
+    except CalibrationError as error:
+        if _all_parallel(observations, lines):
+            raise CalibrationError(
+                "A, x_0 and y_0 (and with them d_2, H and d_3) are not determined: the boards are all parallel, as far"
+                " as their corners tell; tilt them by 20 degrees in several directions"
+            ) from error
+        raise
+    statistics = corner_statistics(observations, lines, lines.sigma if lines.sigma > 0 else joint.sigma)
+    fit = fit_statistics(statistics, joint.camera, joint.poses, names)
+    return Calibration(observations, lines, first, second, joint, fit)
+
+
+def _why(poses: Poses) -> str:
+    depth, count = poses.translation[:, 2], len(poses.rotation)
+    if np.ptp(depth) < 0.02 * depth.mean():
+        near = f"{depth.mean():.1f} mm from the pupil, within {np.ptp(depth):.2f} mm"
+        return f"the boards stand at one depth ({near}); spread their distances"
+    return f"{count} boards are too few, their tilts too small, or their corners too noisy"
+
+
+def shared_names(distortion: int) -> tuple[str, ...]:
+    """Names of the shared parameters that a fit with so many radial coefficients finds."""
+    if distortion not in (0, 1, 2):
+        raise ValueError(f"distortion must be 0, 1 or 2 radial coefficients, got {distortion}")
+    return GLOBALS[: 5 + distortion]
+
+
+# --- lines through the views ------------------------------------------------------------------------------------------
+
+
+class EpiLines(NamedTuple):
+    """Lines u = u_mean + slope (s - s_mean), v = v_mean + slope (t - t_mean) of board b's corner n.
+
+    Means and slope are independent for independent errors of the corners, and hold all that the views say of a corner
+    but for distortion's second order in the baseline (1e-3 px in the paper's system).
+    """
+
+    mean: Array
+    """(u, v) averaged over the views that saw the corner [pitches], shape (b, n, 2); NaN where fewer than one did."""
+    at: Array
+    """The same average of (s', t') [px], shape (b, n, 2)."""
+    slope: Array
+    """Du/Ds' = Dv/Dt' [pitches/px], shape (b, n); NaN without a baseline."""
+    views: Array
+    """Views that saw the corner, shape (b, n)."""
+    lever: Array
+    """Sum of squared baselines along s and along t [px^2], shape (b, n, 2): slopes have variance sigma^2 over both."""
+    sigma: float
+    """Standard deviation of one coordinate about its line [pitches]; NaN with one view only."""
+
+    @property
+    def central(self) -> Array:
+        """(u, v) in the central view [pitches], shape (b, n, 2)."""
+        return self.mean - np.nan_to_num(self.slope)[..., None] * self.at
+
+
+def fit_lines(observations: Observations) -> EpiLines:
+    """Fit every corner's line.
+
+    Raises
+    ------
+    CalibrationError
+        A board without a corner.
+    """
+    seen = observations.seen
+    if not seen.any(axis=(1, 2)).all():
+        empty = [observations.names[k] for k in np.flatnonzero(~seen.any(axis=(1, 2)))]
+        raise CalibrationError(f"no corner was seen of {', '.join(empty)}")
+    count, held = seen.sum(axis=1).astype(float), seen[..., None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight = (seen / count[:, None])[..., None]
+        st = np.broadcast_to(observations.views[None, :, None, :], observations.uv.shape)
+        mean, at = ((weight * np.where(held, part, 0.0)).sum(axis=1) for part in (observations.uv, st))
+        mean[count == 0] = np.nan
+        base = np.where(held, st - at[:, None], 0.0)
+        lever = np.square(base).sum(axis=1)
+        power = lever.sum(axis=-1)
+        moved = np.where(held, observations.uv - mean[:, None], 0.0)
+        slope = np.where(power > 0, (base * moved).sum(axis=(1, 3)) / power, np.nan)
+    rest = moved - np.nan_to_num(slope)[:, None, :, None] * base
+    freedom = 2 * seen.sum() - 2 * (count > 0).sum() - (power > 0).sum()
+    sigma = float(np.sqrt(np.square(rest).sum() / freedom)) if freedom > 0 and (power > 0).any() else float("nan")
+    return EpiLines(mean, at, slope, count, lever, sigma)
+
+
+# --- step one ---------------------------------------------------------------------------------------------------------
+
+
+class StepOne(NamedTuple):
+    """The central view's calibration."""
+
+    camera: Intrinsics
+    """A, x_0, y_0, k_1, k_2 found; m and 1/d_2 not yet."""
+    poses: Poses
+    rms: float
+    """Reprojection error in the central view: RMS distance [pitches] from measured to modelled corner."""
+
+
+def step_one(
+    observations: Observations,
+    lines: EpiLines,
+    pixel_pitch: float,
+    microlens_pitch: float,
+    *,
+    distortion: int = 0,
+    guess: float | None = None,
+) -> StepOne:
+    """Zhang's method on the central view gives A, the axis, distortion and the boards' poses.
+
+    `lines`, of the observations, put each corner in the central view with the help of all views; `guess` is an A [mm]
+    to start from where the boards' tilts leave it open.
+
+    Raises
+    ------
+    CalibrationError
+        The boards do not determine A or the axis: all parallel.
+    """
+    import cv2
+
+    central = lines.central
+    seen = observed(central)
+    if (seen.sum(axis=1) < 4).any():
+        few = [observations.names[k] for k in np.flatnonzero(seen.sum(axis=1) < 4)]
+        raise CalibrationError(f"fewer than four corners were seen of {', '.join(few)}")
+    middle = np.nanmean(central, axis=(0, 1))
+    # The picture is turned round: u falls as X grows.
+    plates = [(observations.points[s], middle - c[s]) for s, c in zip(seen, central, strict=True)]
+    A = microlens_pitch * _focal_length(np.stack([homography(points[:, :2], image) for points, image in plates]))
+    if A == 0 and guess is None:
+        raise CalibrationError(
+            "the boards do not determine A: their perspective shows no tilt; tilt them by 20 degrees or more, in"
+            " several directions"
+        )
+    A = A or guess or 0.0
+    pinhole = np.diag([A / microlens_pitch, A / microlens_pitch, 1.0])
+    poses = [np.concatenate(cv2.solvePnP(points, image, pinhole, None)[1:]).ravel() for points, image in plates]
+    x_0, y_0 = middle.tolist()
+    camera = Intrinsics(A, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
+    view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
+    fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *shared_names(distortion)[3:]))
+    if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
+        raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
+    return StepOne(fit.camera, fit.poses, fit.rms)
+
+
+def _focal_length(homographies: Array) -> float:
+    """Focal length of square pixels in image units, to start a fit from; 0 where the boards show no perspective.
+
+    Closed form, with the principal point at (0, 0): of omega = diag(a, a, e), h_1' omega h_2 = 0 and h_1' omega h_1 =
+    h_2' omega h_2 for each board.
+    """
+    scaled = homographies / np.cbrt(np.abs(np.linalg.det(homographies)))[:, None, None]
+    g, h = scaled[..., 0], scaled[..., 1]
+    products = np.concatenate([g * h, g * g - h * h])
+    near, far = products[:, :2].sum(axis=1), products[:, 2]
+    square = -float(far @ near) / max(float(far @ far), 1e-300)
+    return math.sqrt(max(square, 0.0))
+
+
+def _all_parallel(observations: Observations, lines: EpiLines) -> bool:
+    """Whether boards may all be parallel, as far as their corners tell.
+
+    Parallel planes share one vanishing line. The lines, with their errors from those of the corners, are compared with
+    their weighted mean: true unless parallel boards would look as different in fewer than one of 1000 sets.
+    """
+    from scipy.stats import chi2
+
+    central, rng = lines.central, np.random.default_rng(0)
+    seen = observed(central)
+    if (seen.sum(axis=1) < 4).any() or not lines.sigma > 0:
+        return False
+    sigma = lines.sigma / float(np.sqrt(np.median(lines.views[lines.views > 0])))
+    middle = central[seen].mean(axis=0)
+
+    def vanishing(plane: Array, image: Array) -> Array:
+        """(a, b) of the line a x + b y + 1 = 0 about `middle`; (0, 0): face on."""
+        line = np.linalg.inv(homography(plane, image - middle))[2]
+        return np.asarray(line[:2] / line[2])
+
+    lines_at, weights = [], []
+    for s, c in zip(seen, central, strict=True):
+        plane, image = observations.points[s, :2], c[s]
+        drawn = [vanishing(plane, image + sigma * rng.normal(size=image.shape)) for _ in range(100)]
+        lines_at.append(vanishing(plane, image))
+        weights.append(np.linalg.pinv(np.cov(drawn, rowvar=False)))
+    mean = np.linalg.solve(np.sum(weights, axis=0), np.einsum("bij,bj->i", weights, lines_at))
+    away = np.array(lines_at) - mean
+    misfit = float(np.einsum("bi,bij,bj->", away, weights, away))
+    return misfit < float(chi2.ppf(0.999, max(2 * (len(away) - 1), 1)))
+
+
+# --- step two ---------------------------------------------------------------------------------------------------------
+
+
+class StepTwo(NamedTuple):
+    """The line fit of Eq. 12."""
+
+    camera: Intrinsics
+    """With m and 1/d_2."""
+    inverse_depth: Array
+    """1/Z_F of every corner used [1/mm], shape (k,)."""
+    slope: Array
+    """Its measured slope [pitches/px], shape (k,)."""
+    fitted: Array
+    """The line's slope there, shape (k,)."""
+
+
+def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> StepTwo:
+    """Fit ``slope = alpha + beta (1/Z_F - 1/Z_0)``, beta = -q A^2/(d d_2), alpha = (q A/(d d_2))(m - A/Z_0).
+
+    Centred on the mean inverse depth the two columns are orthogonal, so that few or near depths widen the errors of m
+    and d_2 without losing digits. From the fit ``1/d_2 = -beta d/(q A^2)`` and ``m = A (1/Z_0 - alpha/beta)``.
+
+    Raises
+    ------
+    CalibrationError
+        No baseline (one view only), or slopes that do not fall with inverse depth: one depth only.
+    """
+    camera = first.camera
+    turn = rotation_matrix(first.poses.rotation)
+    depth = np.einsum("bj,nj->bn", turn[:, 2], observations.points) + first.poses.translation[:, 2:]
+    used = np.isfinite(lines.slope)
+    if not used.any():
+        raise CalibrationError(
+            "all corners were seen in one view only: step two needs views from several places of the pupil"
+        )
+    inverse, slope, weight = 1 / depth[used], lines.slope[used], lines.lever.sum(axis=-1)[used]
+    centre, alpha = (float(np.average(values, weights=weight)) for values in (inverse, slope))
+    away = inverse - centre
+    power = float(np.sum(weight * away**2))
+    if not np.sqrt(power / np.sum(weight)) > 1e-9 * abs(centre):
+        raise CalibrationError(
+            "all corners lie at one depth: d_2 and m are not determined; show boards at several distances"
+        )
+    # Both sums centred: the rounding of the mean of 1/Z would else enter times the mean slope, as 1/gap^2.
+    beta = float(np.sum(weight * away * (slope - alpha))) / power
+    if beta >= 0:
+        raise CalibrationError(
+            "the epipolar slopes do not fall with inverse depth: the boards stand too nearly at one depth for d_2 and"
+            " m, or the views are mirrored"
+        )
+    A, q, d = camera.A, camera.q, camera.d
+    m = A * (centre - alpha / beta)
+    if m <= 0:
+        raise CalibrationError(f"step two found m = {m:.3g}: the boards' depths do not determine d_2 and m")
+    best = replace(camera, m=m, inverse_d_2=-beta * d / (q * A * A))
+    return StepTwo(best, inverse, slope, alpha + beta * away)
+
+
+# --- the joint fit ----------------------------------------------------------------------------------------------------
+
+
+class Refined(NamedTuple):
+    """The joint fit."""
+
+    camera: Intrinsics
+    poses: Poses
+    residuals: Array
+    """Measured minus modelled [pitches], shape (b, v, n, 2); NaN where not seen."""
+    rms: float
+    """RMS distance from measured to modelled corner [pitches]."""
+    sigma: float
+    """Standard deviation of one coordinate [pitches]."""
+    covariance: Covariance
+    """Of the shared parameters, for independent errors of `sigma`."""
+
+
+def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> Refined:
+    """Fit the shared parameters `names` and every pose to all corners in all views at once, from steps one and two.
+
+    Raises
+    ------
+    CalibrationError
+        Too few corners, or a parameter that they do not determine.
+    """
+    seen = observations.seen
+    count, unknown = observations.count, len(names) + 6 * len(poses.rotation)
+    if count < unknown:
+        raise CalibrationError(f"{count} coordinates cannot determine {unknown} parameters: show more boards")
+    measured = np.where(seen[..., None], observations.uv, 0.0)
+
+    def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
+        corners = project_boards(shared, pose, observations.points, observations.views, derivatives=derivatives)
+        return whitened(corners, measured, seen[..., None])
+
+    fit = settle(model, camera, poses, names)
+    squares = float(np.square(fit.linear.off).sum())
+    sigma = float(np.sqrt(squares / max(count - unknown, 1)))
+    residuals = np.where(seen[..., None], -fit.linear.off.reshape(measured.shape), np.nan)
+    covariance = covariance_of(fit.linear.information() / max(sigma, 1e-12) ** 2, names)
+    return Refined(fit.camera, fit.poses, residuals, float(np.sqrt(squares / seen.sum())), sigma, covariance)
+
+
+# --- the fit on what all views say of a corner ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CornerStatistics:
+    """What all views say of each corner, in three numbers: a sufficient summary of the observations."""
+
+    points: Array
+    """Corners in the board's frame [mm], shape (n, 3)."""
+    values: Array
+    """u, v [pitches] at `at`, and the slope [pitches/px], shape (b, n, 3); 0 where not seen."""
+    at: Array
+    """Mean (s', t') [px], shape (b, n, 2)."""
+    share: Array
+    """Share of the squared baseline along s, shape (b, n)."""
+    sigma: Array
+    """Standard deviation of each value, shape (b, n, 3); infinite where not seen."""
+
+    def linear(self, camera: Array, pose: Array, derivatives: bool = True) -> Linear:
+        """Residuals of `project_boards`, in standard deviations."""
+        model = project_boards(camera, pose, self.points, self.at[:, None], self.share[:, None], derivatives)
+        return whitened(model, self.values[:, None], 1 / self.sigma[:, None])
+
+
+def corner_statistics(observations: Observations, lines: EpiLines, sigma: float) -> CornerStatistics:
+    """Summarise observations, of which `lines` are, whose coordinates have independent errors of `sigma` [pitches]."""
+    power = lines.lever.sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place, slope = sigma / np.sqrt(lines.views), sigma / np.sqrt(power)
+        share = np.where(power > 0, lines.lever[..., 0] / power, 0.5)
+    values = np.nan_to_num(np.concatenate([lines.mean, lines.slope[..., None]], axis=-1))
+    at = np.nan_to_num(lines.at)
+    return CornerStatistics(observations.points, values, at, share, np.stack([place, place, slope], axis=-1))
+
+
+class StatisticsFit(NamedTuple):
+    """The fit, and how the boards follow the camera."""
+
+    camera: Intrinsics
+    poses: Poses
+    statistics: CornerStatistics
+    """With the standard deviations used."""
+    covariance: Covariance
+    """Of the shared parameters, poses eliminated."""
+    pose_by_shared: Array
+    """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
+    systematic: Array = np.zeros((0, 3))
+    """Standard deviations of what corners' scatter does not show, as independent shifts of (A, m, 1/d_2), (k, 3)."""
+
+
+def fit_statistics(
+    statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]
+) -> StatisticsFit:
+    """Fit the shared parameters `names` and all poses to the statistics, from near the solution.
+
+    Errors of a corner in neighbouring views are seldom independent (interpolation, diffraction, the detector's own
+    bias). So the scatter about the model of places and of slopes, each over its own degrees of freedom, replaces what
+    independence would promise.
+
+    Raises
+    ------
+    CalibrationError
+        A parameter is not determined, or the fit does not settle.
+    """
+    for _ in range(3):
+        fit = settle(statistics.linear, camera, poses, names)
+        if not fit.done:
+            raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
+        camera, poses = fit.camera, fit.poses
+        statistics = replace(statistics, sigma=statistics.sigma * _scatter(fit.linear))
+    return fit_at(statistics, camera, poses, names)
+
+
+def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
+    """What a fit that ended at this camera and these poses would say of its errors."""
+    linear = statistics.linear(camera.vector(), poses.vector)
+    linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
+    follow = -np.linalg.pinv(linear.own) @ linear.shared
+    return StatisticsFit(camera, poses, statistics, covariance_of(linear.information(), names), follow)
+
+
+def _scatter(linear: Linear) -> Array:
+    """Scatter of u, v and slope over their standard deviations, places and slopes by their own degrees of freedom."""
+    free = linear.eliminated()
+    flat = free.shared.reshape(-1, free.shared.shape[-1])
+    basis = np.linalg.qr(flat / np.sqrt(np.square(flat).sum(axis=0)))[0]
+    taken = np.square(basis).sum(axis=1) + np.square(free.own).sum(axis=-1).ravel()
+    off, used = linear.off.ravel(), (linear.own != 0).any(axis=-1).ravel()
+    sloped = np.arange(off.size) % 3 == 2
+    scales = []
+    for rows in (used & ~sloped, used & sloped):
+        freedom = rows.sum() - taken[rows].sum()
+        scales.append(float(np.sqrt(np.square(off[rows]).sum() / freedom)) if freedom > 8 else 1.0)
+    return np.array(scales)[[0, 0, 1]]
+
+
+# --- least squares with one pose a board ------------------------------------------------------------------------------
+
+
+class Linear(NamedTuple):
+    """A whitened model at one point."""
+
+    off: Array
+    """Residuals, shape (b, r)."""
+    shared: Array
+    """Derivatives by the shared parameters, shape (b, r, p)."""
+    own: Array
+    """Derivatives by the board's pose, shape (b, r, 6)."""
+
+    def eliminated(self) -> Linear:
+        """What poses cannot take up, as `off` and `shared`; `own` is then an orthonormal basis of what they can."""
+        length = np.sqrt(np.square(self.own).sum(axis=1, keepdims=True))
+        basis = np.linalg.qr(self.own / np.where(length > 0, length, 1.0))[0]
+        turned = np.swapaxes(basis, 1, 2)
+        off = self.off - (basis @ (turned @ self.off[..., None]))[..., 0]
+        return Linear(off, self.shared - basis @ (turned @ self.shared), basis)
+
+    def information(self) -> Array:
+        """Fisher information on the shared parameters, poses eliminated (Schur complement), shape (p, p).
+
+        Computed from residuals of projections, not from a difference of products.
+        """
+        free = self.eliminated().shared
+        return np.asarray(np.einsum("brp,brq->pq", free, free))
+
+
+def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
+    """Corners where they are modelled minus `measured`, both (b, v, n, k), in units of their errors 1/`weight`."""
+    share = np.zeros(measured.shape) + weight
+    off = ((model.values - measured) * share).reshape(*model.values.shape[:-3], -1)
+    if not model.by_pose.size:
+        return Linear(off, model.by_globals, model.by_pose)
+    shared, own = ((part * share[..., None]).reshape(len(off), -1, part.shape[-1]) for part in model[1:])
+    return Linear(off, shared, own)
+
+
+class SettledFit(NamedTuple):
+    """A least-squares fit of a camera and its boards' poses."""
+
+    camera: Intrinsics
+    poses: Poses
+    linear: Linear
+    done: bool
+    """False where it ran out of evaluations."""
+
+
+def settle(
+    model: Callable[[Array, Array, bool], Linear], camera: Intrinsics, poses: Poses, names: tuple[str, ...]
+) -> SettledFit:
+    """Fit the shared parameters `names` and all poses by Levenberg-Marquardt, from `camera` and `poses`.
+
+    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns.
+    """
+    from scipy.optimize import least_squares
+
+    count, columns = len(names), [GLOBALS.index(name) for name in names]
+
+    def at(x: Array, derivatives: bool) -> Linear:
+        return model(camera.with_values(names, x[:count]).vector(), x[count:].reshape(-1, 6), derivatives)
+
+    def residuals(x: Array) -> Array:
+        return at(x, False).off.ravel()
+
+    def jacobian(x: Array) -> Array:
+        linear = at(x, True)
+        boards, rows = linear.off.shape
+        full = np.zeros((boards, rows, len(x)))
+        full[..., :count] = linear.shared[..., columns]
+        for b in range(boards):
+            full[b, :, count + 6 * b : count + 6 * b + 6] = linear.own[b]
+        return full.reshape(boards * rows, -1)
+
+    run = least_squares(
+        residuals, np.concatenate([camera.vector(names), poses.vector.ravel()]), jacobian,
+        method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST,
+    )  # fmt: skip
+    linear = at(run.x, True)
+    linear = linear._replace(shared=linear.shared[..., columns])
+    best = camera.with_values(names, run.x[:count])
+    return SettledFit(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
+
+
+class Covariance(NamedTuple):
+    """How well a fit knows its shared parameters."""
+
+    names: tuple[str, ...]
+    matrix: Array
+    """Covariance, shape (p, p)."""
+    condition: float
+    """Condition number of the normal matrix with its columns scaled to unit length."""
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Standard deviation of each parameter."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.matrix)).tolist(), strict=True))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation matrix, shape (p, p)."""
+        sigma = np.sqrt(np.diag(self.matrix))
+        return np.asarray(self.matrix / np.outer(sigma, sigma))
+
+    def part(self, names: Sequence[str]) -> Array:
+        """Covariance of the parameters named, in their order."""
+        at = [self.names.index(name) for name in names]
+        return self.matrix[np.ix_(at, at)]
+
+
+def covariance_of(information: Array, names: tuple[str, ...]) -> Covariance:
+    """Invert an information matrix after scaling it to unit diagonal.
+
+    Raises
+    ------
+    CalibrationError
+        A parameter has no information at all, or the matrix is singular: names what is lost.
+    """
+    diagonal = np.diag(information)
+    typical = np.array([_SCALES.get(name, 1.0) for name in names])
+    blind = ~(diagonal * typical**2 > 1e-12)
+    if blind.any():
+        raise CalibrationError(f"the images do not determine {_symbols(names, blind)}")
+    scale = 1 / np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    if values[0] < 1e-13 * values[-1]:
+        share = np.abs(vectors[:, 0]) * scale / typical
+        raise CalibrationError(f"the images do not determine {_symbols(names, share > 0.1 * share.max())}: rank loss")
+    inverse = (vectors / values) @ vectors.T
+    return Covariance(names, inverse * np.outer(scale, scale), float(values[-1] / values[0]))
+
+
+def _symbols(names: Sequence[str], chosen: NDArray[np.bool_]) -> str:
+    return ", ".join("d_2" if name == "inverse_d_2" else name for name, one in zip(names, chosen, strict=True) if one)
+
+
+def undetermined(covariance: Covariance, camera: Intrinsics) -> str:
+    """Which of A, m, d_2 have a standard deviation above 30 % of their value; "" where none."""
+    names = covariance.names[:3]
+    sigma = np.sqrt(np.diag(covariance.matrix))[:3]
+    return _symbols(names, sigma > _LOST * np.abs(camera.vector(names)))
