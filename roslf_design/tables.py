@@ -80,7 +80,7 @@ class Table:
         )
 
 
-def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ()) -> None:
+def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = (), least: tuple[int, ...] = ()) -> None:
     """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
 
     Parameters
@@ -89,6 +89,8 @@ def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ())
     console : Console
     leave_out : tuple of str
         Headings of columns that a terminal has no room for.
+    least : tuple of int
+        Characters that columns take at least; aligns tables below each other.
     """
     from rich.table import Table as Grid
     from rich.text import Text
@@ -110,11 +112,11 @@ def print_table(block: Table, console: Console, leave_out: tuple[str, ...] = ())
         words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]
         widest = max(map(len, cells), default=1)
         longest = max(map(len, [*words, *headings[index].split()]), default=1)
-        least = max(longest, min(widest, LEAST_WORDS))
+        narrowest = max(longest, min(widest, LEAST_WORDS), *least[index : index + 1])
         side: Literal["left", "right"] = "left" if block.align[index] == "l" else "right"
-        grid.add_column(Text(headings[index]), justify=side, min_width=least)
-        needed += least
-    for row in block.rows:
-        grid.add_row(*(Text(row[index]) for index in kept))
+        grid.add_column(Text(headings[index]), justify=side, min_width=narrowest)
+        needed += narrowest
+    for number, row in enumerate(block.rows):
+        grid.add_row(*(Text(row[index]) for index in kept), style="dim" if number in block.faint else None)
     console.print()
     console.print(grid, width=max(console.width, needed), crop=False)

@@ -14,7 +14,7 @@ from ..accuracy.statement import check_accuracy
 from ..design import load
 from ..design.errors import InputError, Problem
 from ..evaluation import evaluate as compute
-from ..evaluation.precision import evaluation_accuracy
+from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 
 
@@ -46,12 +46,7 @@ def evaluate(
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)
-    try:
-        result = compute(loaded, fields, accuracy)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError((Problem("--accuracy", str(error)),)) from None
+    result = compute(loaded, fields, accuracy)
     worth = evaluation_accuracy(loaded, result, accuracy)
     worth = replace(worth, seconds=time.perf_counter() - began)
     if json:

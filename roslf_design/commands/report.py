@@ -16,7 +16,7 @@ from ..design import load
 from ..design.kinds import CALLED
 from ..design.write import write_atomically
 from ..errors import InputError, Problem
-from ..evaluation.precision import check_evaluation_accuracy
+from ..evaluation.evaluate import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
 from ..reporting.calibration import read_calibration

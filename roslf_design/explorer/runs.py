@@ -6,16 +6,15 @@ The only place that knows how studies are run.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..optimization.run import Result
 from ..pictures.lettering import short
 from ..pictures.optimise import SearchEnd, VariableMove, ends_of
 from ..pictures.tolerance import LimitSpread, Offender, Yields, YieldShare
@@ -30,12 +29,8 @@ from ..tolerancing.study import TolerancePlan, make_plan
 from ..tolerancing.tally import merged
 from ..units import format_quantity
 from ..words import in_words, to_html
-from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
-from .state import PLACES
-
-Kind = Literal["tolerance", "optimise"]
-KINDS: tuple[Kind, ...] = ("tolerance", "optimise")
+from .state import BY_SYMBOL, PLACES, show
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
@@ -54,28 +49,48 @@ CURVE_TRIALS = 4096
 SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Of all tolerances at once."""
 
-GOALS: dict[str, tuple[str, str, str]] = {
-    "depth": ("finest depth", "sigma_z_mm", "min"),
-    "field": ("widest field", "field_half_width_mm", "max"),
-    "light": ("most light", "light_sr", "max"),
-    "views": ("most independent views", "views_independent", "max"),
-    "sample": ("finest object sample", "object_sample_mm", "min"),
-    "length": ("shortest instrument", "total_length_mm", "min"),
+
+class Wish(NamedTuple):
+    """What may be wanted of a design, or kept from getting worse."""
+
+    label: str
+    quantity: str
+    side: str
+    """"min" where less is better or the limit a least value, else "max"."""
+
+    @property
+    def words(self) -> str:
+        """The quantity in words."""
+        return in_words(self.quantity)
+
+    @property
+    def unit(self) -> str:
+        """The quantity's."""
+        return quantity_named(self.quantity).unit
+
+
+GOALS = {
+    "depth": Wish("finest depth", "sigma_z_mm", "min"),
+    "field": Wish("widest field", "field_half_width_mm", "max"),
+    "light": Wish("most light", "light_sr", "max"),
+    "views": Wish("most independent views", "views_independent", "max"),
+    "sample": Wish("finest object sample", "object_sample_mm", "min"),
+    "length": Wish("shortest instrument", "total_length_mm", "min"),
 }
-"""Goals by their keys: what they are called, the quantity, the direction."""
+"""Goals by their keys, with their directions."""
 VARIABLES = ("D", "f", "d_f", "D_F", "d_3", "d", "d_2")
 """What may vary; f_ml follows its focus."""
 USUAL = ("D_F", "d_3", "d_2")
 """What varies where nobody says otherwise."""
-HELD: dict[str, tuple[str, str, str]] = {
-    "depth": ("depth precision", "sigma_z_mm", "max"),
-    "field": ("field", "field_half_width_mm", "min"),
-    "views": ("independent views", "views_independent", "min"),
-    "pixels": ("pixels across an image", "views_geometric", "min"),
-    "length": ("total length", "total_length_mm", "max"),
-    "light": ("light", "light_sr", "min"),
+HELD = {
+    "depth": Wish("depth precision", "sigma_z_mm", "max"),
+    "field": Wish("field", "field_half_width_mm", "min"),
+    "views": Wish("independent views", "views_independent", "min"),
+    "pixels": Wish("pixels across an image", "views_geometric", "min"),
+    "length": Wish("total length", "total_length_mm", "max"),
+    "light": Wish("light", "light_sr", "min"),
 }
-"""What may be kept from getting worse: what it is called, the quantity, the side of its limit."""
+"""What may be kept from getting worse, with the side of its limit."""
 GIVE = 1e-3
 """Part of a held value that may be given up, so that the design itself is inside its limits."""
 REACH = 2.0
@@ -92,8 +107,7 @@ class ToleranceRequest:
 
     design: Design
     grade: str = "precision"
-    trials: int | None = None
-    """None: `TRIALS`, or `TRIALS_TRACED` behind a real lens."""
+    trials: int = TRIALS
     seed: int = 0
     calibrated: bool = True
     """Whether the decoder is calibrated on each build."""
@@ -103,7 +117,6 @@ class ToleranceRequest:
 class ToleranceResult(Yields):
     """What a tolerance run found."""
 
-    trials: int
     limits: tuple[tuple[str, YieldShare], ...]
     """Each limit alone."""
     offenders: tuple[Offender, ...]
@@ -137,11 +150,7 @@ class OptimiseResult:
     """What an optimisation run found."""
 
     feasible: bool
-    goal: str
-    """What was wanted, in words."""
-    quantity: str
-    """What that is a number of."""
-    unit: str
+    goal: Wish
     before: float
     after: float
     """The goal's quantity, of the design asked about and of the one found."""
@@ -150,42 +159,13 @@ class OptimiseResult:
     """The design found; None where nothing holds all limits."""
     sentences: tuple[Statement, ...]
     ends: tuple[SearchEnd, ...]
-    against: str
-    """The other goal; "" where there is none."""
-    against_quantity: str
-    against_unit: str
+    against: Wish | None
+    """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run, and the design that it was started for."""
-
-    design: Design
-    job: ProcessJob[Any]
-
-    @property
-    def result(self) -> Any:
-        """What was found; None before the end."""
-        state = self.job.poll()
-        return state.result if isinstance(state, Done) else None
-
-
 # Forms.
-
-
-def kind_of(text: str) -> Kind:
-    """A kind of run by its name.
-
-    Raises
-    ------
-    ValueError
-        There is none of that name.
-    """
-    if text not in KINDS:
-        raise ValueError(f"there is no run called {text!r}")
-    return text
 
 
 def forms(design: Design) -> dict[str, Any]:
@@ -194,24 +174,11 @@ def forms(design: Design) -> dict[str, Any]:
     return {
         "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
         "trials": TRIALS_TRACED if traced else TRIALS,
-        "goals": [{"key": key, "label": label} for key, (label, _, _) in GOALS.items()],
+        "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [{"key": s, "label": to_html(s), "chosen": s in USUAL} for s in VARIABLES],
-        "held": [{"key": key, "label": label} for key, (label, _, _) in HELD.items()],
+        "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
         "lens": traced,
     }
-
-
-def begin(kind: Kind, design: Design, options: Options) -> Run:
-    """Start a run in a process of its own.
-
-    Raises
-    ------
-    InputError
-        Options that cannot be.
-    """
-    if kind == "tolerance":
-        return Run(design, ProcessJob(run_tolerance, tolerance_request(design, options)))
-    return Run(design, ProcessJob(run_optimise, optimise_request(design, options)))
 
 
 def tolerance_request(design: Design, options: Options) -> ToleranceRequest:
@@ -284,19 +251,18 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     wrong : str
         What is wrong with what the form asked for.
     """
-    blank = {"state": "none", "share": -1, "text": "", "message": wrong, "stale": False, "seconds": ""}
+    shown = {"state": "none", "share": -1, "text": "", "message": wrong, "stale": False, "seconds": ""}
     if run is None:
-        return blank
+        return shown
+    shown["stale"] = run.design != design
     state = run.job.poll()
-    shown = {**blank, "stale": run.design != design}
     if isinstance(state, Progress):
         share = -1 if state.share is None else state.share
-        return {**shown, "state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
+        return shown | {"state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):
-        return {**shown, "state": "failed", "message": wrong or state.message}
-    result = state.result
-    details = _tolerances(result) if isinstance(result, ToleranceResult) else _optimum(result)
-    return {**shown, "state": "done", "seconds": f"{state.seconds:.1f} s", **details}
+        return shown | {"state": "failed", "message": wrong or state.message}
+    _, _, show_result = KINDS[run.kind]
+    return shown | {"state": "done", "seconds": f"{state.seconds:.1f} s", **show_result(state.result)}
 
 
 def _tolerances(result: ToleranceResult) -> dict[str, Any]:
@@ -313,11 +279,12 @@ def _tolerances(result: ToleranceResult) -> dict[str, Any]:
 
 
 def _optimum(result: OptimiseResult) -> dict[str, Any]:
-    unit = f" {result.unit}" if result.unit else ""
+    headline = "Nothing within the bounds holds all that was asked"
+    if result.feasible:
+        after = f"{short(result.after, 4)} {result.goal.unit}".strip()
+        headline = f"{to_html(result.goal.words)}: {short(result.before, 4)} → {after}"
     return {
-        "headline": f"{to_html(result.quantity)}: {short(result.before, 4)} → {short(result.after, 4)}{unit}"
-        if result.feasible
-        else "Nothing within the bounds holds all that was asked",
+        "headline": headline,
         "rows": [{"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes],
         "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in result.sentences],
         "can_apply": result.design is not None,
@@ -346,8 +313,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     InputError
         The grade is not known, or does not suit the design.
     """
-    design = request.design
-    trials = request.trials or (TRIALS if design.lens is None else TRIALS_TRACED)
+    design, trials = request.design, request.trials
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
     if not request.calibrated:
@@ -378,7 +344,6 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     decoder = "calibrated on each build" if request.calibrated else "as designed"
     return ToleranceResult(
         grade=request.grade,
-        trials=trials,
         share=_share(variant.result),
         limits=tuple((_label(limit.label), _share(limit.result)) for limit in variant.limits),
         offenders=tuple(offenders),
@@ -458,30 +423,23 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     result = run_optimisation(
         optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
     )
-    answer = result.answer
-    goal = answer.asked.goals[0]
+    answer, wish = result.answer, GOALS[request.goal]
     values = answer.variables()
-    against = request.against if request.against != request.goal else ""
+    best = answer.problem.design_at(answer.unit, f"{design.name}, {wish.label}") if answer.feasible else None
     return OptimiseResult(
         feasible=answer.feasible,
-        goal=GOALS[request.goal][0],
-        quantity=in_words(goal.quantity.name),
-        unit=goal.quantity.unit,
-        before=_number(design, goal.quantity.name),
-        after=answer.number(goal),
+        goal=wish,
+        before=_number(design, wish.quantity),
+        after=answer.number(answer.asked.goals[0]),
         changes=tuple(
             VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *bounds_of(design, symbol))
             for symbol in request.variables
         ),
-        design=answer.problem.design_at(answer.unit, f"{design.name}, {GOALS[request.goal][0]}")
-        if answer.feasible
-        else None,
+        design=best,
         sentences=tuple(statements(result)),
         ends=ends_of(answer),
-        against=GOALS[against][0] if against else "",
-        against_quantity=in_words(GOALS[against][1]) if against else "",
-        against_unit=quantity_named(GOALS[against][1]).unit if against else "",
-        front=_front(result),
+        against=GOALS[request.against] if request.against not in ("", request.goal) else None,
+        front=() if result.front is None else tuple((p.values[0], p.values[1]) for p in result.front.points),
     )
 
 
@@ -537,5 +495,37 @@ def _part_done(text: str) -> float | None:
     return 0.85 if text.startswith("checking") else None
 
 
-def _front(result: Result) -> tuple[tuple[float, float], ...]:
-    return () if result.front is None else tuple((p.values[0], p.values[1]) for p in result.front.points)
+Work = Callable[[Any, Tell], Any]
+KINDS: dict[str, tuple[Callable[[Design, Options], Any], Work, Callable[[Any], dict[str, Any]]]] = {
+    "tolerance": (tolerance_request, run_tolerance, _tolerances),
+    "optimise": (optimise_request, run_optimise, _optimum),
+}
+"""Of each kind of run: what reads its form, what does it, and what the page shows of its result."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run, and the design that it was started for."""
+
+    kind: str
+    """Of `KINDS`."""
+    design: Design
+    job: ProcessJob[Any]
+
+    @classmethod
+    def begin(cls, kind: str, design: Design, options: Options) -> Run:
+        """Start a run in a process of its own.
+
+        Raises
+        ------
+        InputError
+            Options that cannot be.
+        """
+        read_form, work, _ = KINDS[kind]
+        return cls(kind, design, ProcessJob(work, read_form(design, options)))
+
+    @property
+    def result(self) -> Any:
+        """What was found; None before the end."""
+        state = self.job.poll()
+        return state.result if isinstance(state, Done) else None

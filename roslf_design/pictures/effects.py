@@ -11,7 +11,7 @@ from .panel import Panel, Scale, named_ticks
 from .picture import Picture
 
 if TYPE_CHECKING:
-    from ..evaluation.result import EffectLine
+    from ..effects.plan import PlannedEffect
 
 BAR, REASON = 24.0, 15.0
 """Heights of a bar's row, and of the line below it that says why, where there is room [px]."""
@@ -26,7 +26,7 @@ LINE = 16.0
 UNITS = {"pitch": "pitches", "intensity": "of full scale", "px": "px"}
 
 
-def effects_budget(effects: Sequence[EffectLine], size: Point = (560, 360)) -> Picture:
+def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -> Picture:
     """Draw the effects of a plan as bars of estimate over budget, largest first; those of no size are left out.
 
     `size` [px] is the least: with many effects the picture grows higher rather than illegible.
@@ -87,11 +87,11 @@ def effects_budget(effects: Sequence[EffectLine], size: Point = (560, 360)) -> P
     return Picture("effects", title, (size[0], max(size[1], foot)), (panel.with_marks(*marks),), remarks=remarks)
 
 
-def _named(effect: EffectLine) -> str:
+def _named(effect: PlannedEffect) -> str:
     words = {"fap": "FAP", "mla": "MLA", "cos4": "cos⁴"}
     return " ".join(words.get(word, word) for word in effect.name.split("_"))
 
 
-def _without_size(effects: Sequence[EffectLine]) -> str:
+def _without_size(effects: Sequence[PlannedEffect]) -> str:
     names = [_named(effect) for effect in effects if effect.estimate == 0 or effect.budget <= 0]
     return f"Of no size here: {', '.join(names)}." if names else ""

@@ -137,13 +137,13 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
     ValueError
         No second goal was asked for.
     """
-    if not run.against:
+    if run.against is None:
         raise ValueError("no front: the run was asked for one goal alone")
-    units = [f" [{unit}]" if unit else "" for unit in (run.unit, run.against_unit)]
+    goals = run.goal, run.against
     points = np.array(run.front, float).reshape(-1, 2)
     words = "" if len(points) > 1 else "the goals do not compete" if len(points) else "no design holds every limit"
-    labels = f"{run.quantity}{units[0]}", f"{run.against_quantity}{units[1]}"
-    title = f"What {run.goal} costs of {run.against}: {len(points)} designs"
+    labels = [f"{goal.words} [{goal.unit}]" if goal.unit else goal.words for goal in goals]
+    title = f"What {goals[0].label} costs of {goals[1].label}: {len(points)} designs"
     return goal_front(points, labels, title=title, size=size, words=words, also=(run.after,))
 
 

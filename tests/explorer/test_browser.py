@@ -9,8 +9,8 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.design import dumps, load, loads
-from roslf_design.explorer.fields import BY_SYMBOL, FIELDS, read
 from roslf_design.explorer.runs import ToleranceRequest, run_tolerance
+from roslf_design.explorer.state import BY_SYMBOL, FIELDS, read
 from roslf_design.theory.f_number import matched
 from tests.explorer.conftest import Explorer
 

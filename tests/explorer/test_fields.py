@@ -1,13 +1,11 @@
 """Numbers as the page shows them: text and sliders, there and back."""
 
-import math
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.design import load
-from roslf_design.explorer.fields import BY_SYMBOL, FIELDS, STEPS, position, reach, read, show, symbol_of, value_at
+from roslf_design.explorer.state import BY_SYMBOL, FIELDS, STEPS, position, reach, read, show, value_at
 
 PAPER = load("paper")
 lengths = st.floats(1e-6, 1e4)
@@ -87,9 +85,3 @@ def test_a_slider_reaches_a_value_typed_beyond_it():
 def test_every_reachable_pupil_distance_lies_before_the_object():
     assert value_at(BY_SYMBOL["d_3"], STEPS, reach(BY_SYMBOL["d_3"], PAPER, PAPER)) < PAPER.d_f
     assert value_at(BY_SYMBOL["d_3"], 0, reach(BY_SYMBOL["d_3"], PAPER, PAPER)) == 0
-
-
-def test_places_of_a_file_belong_to_fields():
-    assert symbol_of("aperture.distance") == "d_3"
-    assert symbol_of("stops.0.diameter") is None
-    assert all(math.isfinite(getattr(PAPER, field.symbol)) for field in FIELDS)

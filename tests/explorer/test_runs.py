@@ -11,9 +11,8 @@ from roslf_design.explorer.runs import (
     LEAST_TRIALS,
     MOST_TRIALS,
     VARIABLES,
-    begin,
+    Run,
     forms,
-    kind_of,
     optimise_request,
     summary,
     tolerance_request,
@@ -76,14 +75,9 @@ def test_what_the_optimise_form_cannot_ask_is_summary(options, message):
     assert message in str(caught.value)
 
 
-def test_there_is_no_other_kind_of_run():
-    with pytest.raises(ValueError, match="no run called"):
-        kind_of("__class__")
-
-
 def test_a_run_is_told_from_start_to_cancel():
     assert summary(None, PAPER)["state"] == "none"
-    run = begin("tolerance", PAPER, {"trials": ["1000000"]})
+    run = Run.begin("tolerance", PAPER, {"trials": ["1000000"]})
     try:
         assert summary(run, PAPER)["state"] == "running"
         assert summary(run, PAPER.replace(D_F=3.0))["stale"]

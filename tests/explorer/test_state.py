@@ -10,8 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.design import DesignError, load, preset_names
-from roslf_design.explorer.fields import CONJUGATE
-from roslf_design.explorer.state import DEPTH, LIMIT, TABS, WHOLE, History, LinkError, Look, State, decode, encode
+from roslf_design.explorer.state import (
+    CONJUGATE,
+    DEPTH,
+    LIMIT,
+    TABS,
+    WHOLE,
+    History,
+    LinkError,
+    Look,
+    State,
+    decode,
+    encode,
+)
 
 PAPER = load("paper")
 START = State.of(PAPER)
