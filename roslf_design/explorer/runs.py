@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -34,9 +34,6 @@ from .state import BY_SYMBOL, PLACES, show
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
-
-LEAST_TRIALS, MOST_TRIALS = 64, 1_000_000
-LARGEST_SEED = 2**32 - 1
 
 GRADES = ("commercial", "precision", "high")
 """Of the shipped table, from loose to tight."""
@@ -101,14 +98,20 @@ STARTS, SECONDS = 8, 40.0
 FRONT_POINTS = 9
 
 
+# What the forms ask for. Each control has its name, what it is before anyone chooses, and what may be chosen.
+
+KNOWN, RANGE = "known", "range"
+SEED = {RANGE: (0, 2**32 - 1)}
+
+
 @dataclass(frozen=True)
 class ToleranceRequest:
     """What is asked of a tolerance run."""
 
     design: Design
-    grade: str = "precision"
-    trials: int = TRIALS
-    seed: int = 0
+    grade: str = field(default=GRADES[1], metadata={KNOWN: GRADES})
+    trials: int = field(default=TRIALS, metadata={RANGE: (64, 1_000_000)})
+    seed: int = field(default=0, metadata=SEED)
     calibrated: bool = True
     """Whether the decoder is calibrated on each build."""
 
@@ -131,25 +134,22 @@ class OptimiseRequest:
     """What is asked of an optimisation run."""
 
     design: Design
-    goal: str = "depth"
-    """A key of `GOALS`."""
-    variables: tuple[str, ...] = USUAL
+    goal: str = field(default="depth", metadata={KNOWN: GOALS})
+    variables: tuple[str, ...] = field(default=USUAL, metadata={KNOWN: VARIABLES})
     matched: bool = True
     """Whether microlens images have to fill their cells without overlap."""
     undistorted: bool = True
     """Whether no microlens image on the sensor may be cut."""
-    held: tuple[str, ...] = ()
-    """Keys of `HELD`."""
-    against: str = ""
-    """Another key of `GOALS`: what the goal costs of it is found out as well."""
-    seed: int = 0
+    held: tuple[str, ...] = field(default=(), metadata={KNOWN: HELD})
+    against: str = field(default="", metadata={KNOWN: ("", *GOALS)})
+    """Another goal: what the goal costs of it is found out as well."""
+    seed: int = field(default=0, metadata=SEED)
 
 
 @dataclass(frozen=True)
 class OptimiseResult:
     """What an optimisation run found."""
 
-    feasible: bool
     goal: Wish
     before: float
     after: float
@@ -165,7 +165,7 @@ class OptimiseResult:
     """Goal and what it is against, of designs of which none is better in both."""
 
 
-# Forms.
+Request = TypeVar("Request", ToleranceRequest, OptimiseRequest)
 
 
 def forms(design: Design) -> dict[str, Any]:
@@ -181,52 +181,35 @@ def forms(design: Design) -> dict[str, Any]:
     }
 
 
-def tolerance_request(design: Design, options: Options) -> ToleranceRequest:
-    """What the form of the tolerance view asks for.
+def read_form(kind: type[Request], design: Design, options: Options) -> Request:
+    """What a form asks for: a tick is there or not, of several boxes those that are known, one text of what may be.
 
     Raises
     ------
     InputError
-        A grade that is not known, or numbers out of range.
+        What is not known, a number out of range, or nothing that may vary.
     """
-    grade = _one(options, "grade", GRADES[1])
-    if grade not in GRADES:
-        raise InputError((Problem("grade", f"'{grade}' is not known; there are {', '.join(GRADES)}"),))
-    trials = _whole(options, "trials", TRIALS, LEAST_TRIALS, MOST_TRIALS)
-    return ToleranceRequest(design, grade, trials, _seed(options), "calibrated" in options)
-
-
-def optimise_request(design: Design, options: Options) -> OptimiseRequest:
-    """What the form of the optimise view asks for.
-
-    Raises
-    ------
-    InputError
-        A goal that is not known, nothing that may vary, or a seed out of range.
-    """
-    goal, against = _one(options, "goal", "depth"), _one(options, "against", "")
-    unknown = [key for key in (goal, against) if key and key not in GOALS]
-    if unknown:
-        raise InputError((Problem("goal", f"'{unknown[0]}' is not known; there are {', '.join(GOALS)}"),))
-    variables = tuple(symbol for symbol in VARIABLES if symbol in options.get("variables", ()))
-    if not variables:
+    values: dict[str, Any] = {}
+    for control in fields(kind)[1:]:
+        name, chosen = control.name, options.get(control.name, ())
+        text = str(chosen[0] if chosen else control.default).strip()
+        if isinstance(control.default, bool):
+            values[name] = bool(chosen)
+        elif isinstance(control.default, tuple):
+            values[name] = tuple(key for key in control.metadata[KNOWN] if key in chosen)
+        elif isinstance(control.default, int):
+            values[name] = _whole(name, text, *control.metadata[RANGE])
+        elif text in control.metadata[KNOWN]:
+            values[name] = text
+        else:
+            known = ", ".join(filter(None, control.metadata[KNOWN]))
+            raise InputError((Problem(name, f"'{text}' is not known; there are {known}"),))
+    if values.get("variables") == ():
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
-    held = tuple(key for key in HELD if key in options.get("held", ()))
-    wanted = "matched" in options, "undistorted" in options
-    return OptimiseRequest(design, goal, variables, *wanted, held, against, _seed(options))
+    return kind(design, **values)
 
 
-def _one(options: Options, name: str, otherwise: str) -> str:
-    values = options.get(name) or (otherwise,)
-    return str(values[0])
-
-
-def _seed(options: Options) -> int:
-    return _whole(options, "seed", 0, 0, LARGEST_SEED)
-
-
-def _whole(options: Options, name: str, otherwise: int, low: int, high: int) -> int:
-    text = _one(options, name, str(otherwise)).strip()
+def _whole(name: str, text: str, low: int, high: int) -> int:
     try:
         value = int(text)
     except ValueError:
@@ -280,7 +263,7 @@ def _tolerances(result: ToleranceResult) -> dict[str, Any]:
 
 def _optimum(result: OptimiseResult) -> dict[str, Any]:
     headline = "Nothing within the bounds holds all that was asked"
-    if result.feasible:
+    if result.design is not None:
         after = f"{short(result.after, 4)} {result.goal.unit}".strip()
         headline = f"{to_html(result.goal.words)}: {short(result.before, 4)} → {after}"
     return {
@@ -293,9 +276,9 @@ def _optimum(result: OptimiseResult) -> dict[str, Any]:
 
 
 def _moved(change: VariableMove) -> str:
-    field = BY_SYMBOL[change.symbol]
+    number = BY_SYMBOL[change.symbol]
     bound = " (at its bound)" if change.at_bound else ""
-    return f"{show(field, change.before)} → {show(field, change.after)}{bound}"
+    return f"{show(number, change.before)} → {show(number, change.after)}{bound}"
 
 
 def _percent(share: float) -> str:
@@ -427,7 +410,6 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     values = answer.variables()
     best = answer.problem.design_at(answer.unit, f"{design.name}, {wish.label}") if answer.feasible else None
     return OptimiseResult(
-        feasible=answer.feasible,
         goal=wish,
         before=_number(design, wish.quantity),
         after=answer.number(answer.asked.goals[0]),
@@ -496,11 +478,11 @@ def _part_done(text: str) -> float | None:
 
 
 Work = Callable[[Any, Tell], Any]
-KINDS: dict[str, tuple[Callable[[Design, Options], Any], Work, Callable[[Any], dict[str, Any]]]] = {
-    "tolerance": (tolerance_request, run_tolerance, _tolerances),
-    "optimise": (optimise_request, run_optimise, _optimum),
+KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
+    "tolerance": (ToleranceRequest, run_tolerance, _tolerances),
+    "optimise": (OptimiseRequest, run_optimise, _optimum),
 }
-"""Of each kind of run: what reads its form, what does it, and what the page shows of its result."""
+"""Of each kind of run: what it asks for, what does it, and what the page shows of its result."""
 
 
 @dataclass(frozen=True)
@@ -521,8 +503,8 @@ class Run:
         InputError
             Options that cannot be.
         """
-        read_form, work, _ = KINDS[kind]
-        return cls(kind, design, ProcessJob(work, read_form(design, options)))
+        request, work, _ = KINDS[kind]
+        return cls(kind, design, ProcessJob(work, read_form(request, design, options)))
 
     @property
     def result(self) -> Any:

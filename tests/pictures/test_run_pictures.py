@@ -53,7 +53,6 @@ TOLERANCE = ToleranceResult(
     question="",
 )
 OPTIMUM = OptimiseResult(
-    feasible=True,
     goal=GOALS["depth"],
     before=1.25,
     after=0.6,
