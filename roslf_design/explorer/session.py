@@ -246,13 +246,10 @@ class Session:
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
             return
-        across, up = drawn.mapping.to_value(float(x), float(y))
-        if picture == "mla-map":
-            self._look = replace(self._look, place=on_array(self.design, across, up))
-        elif picture == "matching-plane":
+        if picture == "matching-plane":
             # Axes that follow the design would run away under the pointer.
             self._limits = (drawn.mapping.x.high, drawn.mapping.y.high)
-            self._move_pupil(across, up, gesture)
+        self._place(picture, *drawn.mapping.to_value(float(x), float(y)), gesture)
 
     def let_go(self) -> None:
         """A drag in a picture has ended."""
@@ -263,13 +260,13 @@ class Session:
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
             return
-        design, step = self.design, self.design.d
+        design = self.design
+        x, y = design.d_3, design.D_F
+        across, high = drawn.mapping.x.high / 100, drawn.mapping.y.high / 100
         if picture == "mla-map":
             x, y = place_on_mla(design, self._look.place)
-            self._look = replace(self._look, place=on_array(design, x + step * right, y + step * up))
-        elif picture == "matching-plane":
-            across, high = (drawn.mapping.x.high / 100, drawn.mapping.y.high / 100)
-            self._move_pupil(design.d_3 + across * right, design.D_F + high * up, "")
+            across = high = design.d
+        self._place(picture, x + across * right, y + high * up)
 
     def resize(self, sizes: dict[str, Sequence[float]]) -> None:
         """Take note of how much room the pictures have [px]."""
@@ -357,11 +354,15 @@ class Session:
             self._drawn[name] = (wanted, picture, text)
         return text
 
-    def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
-        farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
-        place = {"d_3": round(min(max(distance, 0.0), farthest), 4), "D_F": round(max(diameter, 1e-3), 4)}
-        with contextlib.suppress(DesignError):
-            self._go(self.state.change(place), gesture)
+    def _place(self, picture: str, x: float, y: float, gesture: str = "") -> None:
+        """Look at a microlens, or move the pupil, to where a picture has it."""
+        if picture == "mla-map":
+            self._look = replace(self._look, place=on_array(self.design, x, y))
+        elif picture == "matching-plane":
+            farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
+            pupil = {"d_3": round(min(max(x, 0.0), farthest), 4), "D_F": round(max(y, 1e-3), 4)}
+            with contextlib.suppress(DesignError):
+                self._go(self.state.change(pupil), gesture)
 
     def _go(self, state: State, gesture: str = "") -> None:
         self._history = self._history.record(state, gesture)

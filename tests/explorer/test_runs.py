@@ -40,7 +40,7 @@ def test_the_tolerance_form_is_read(grade):
         ({"grade": ["best"]}, "grade: 'best' is not known"),
     ],
 )
-def test_what_the_tolerance_form_cannot_ask_is_summary(options, message):
+def test_what_the_tolerance_form_cannot_ask_is_told(options, message):
     with pytest.raises(InputError) as caught:
         read_form(ToleranceRequest, PAPER, options)
     assert message in str(caught.value)
@@ -70,7 +70,7 @@ def test_the_optimise_form_is_read():
         ({"variables": ["d_2"], "against": ["money"]}, "against: 'money' is not known"),
     ],
 )
-def test_what_the_optimise_form_cannot_ask_is_summary(options, message):
+def test_what_the_optimise_form_cannot_ask_is_told(options, message):
     with pytest.raises(InputError) as caught:
         read_form(OptimiseRequest, PAPER, options)
     assert message in str(caught.value)
