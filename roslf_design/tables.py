@@ -92,8 +92,16 @@ class Table:
         )
 
 
-def print_table(block: Table, console: Console) -> None:
-    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers."""
+def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> None:
+    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
+
+    Parameters
+    ----------
+    block : Table
+    console : Console
+    least : tuple of int
+        Characters that columns take at least; aligns tables below each other.
+    """
     from rich.table import Table as Grid
     from rich.text import Text
 
@@ -113,11 +121,11 @@ def print_table(block: Table, console: Console) -> None:
         words = [word for cell in cells for word in (cell.split() if align == "l" else [cell])]
         widest = max(map(len, cells), default=1)
         longest = max(map(len, [*words, *heading.split()]), default=1)
-        least = max(longest, min(widest, LEAST_WORDS))
+        narrowest = max(longest, min(widest, LEAST_WORDS), *least[index : index + 1])
         side: Literal["left", "right"] = "left" if align == "l" else "right"
-        grid.add_column(Text(heading), justify=side, min_width=least)
-        needed += least
-    for row in block.rows:
-        grid.add_row(*map(Text, row))
+        grid.add_column(Text(heading), justify=side, min_width=narrowest)
+        needed += narrowest
+    for number, row in enumerate(block.rows):
+        grid.add_row(*map(Text, row), style="dim" if number in block.faint else None)
     console.print()
     console.print(grid, width=max(console.width, needed), crop=False)

@@ -109,13 +109,8 @@ def settle(
         budget = Budget(share, share, share)
         chosen = plan(design, scene, budget, wanted)
         share = share / 4 if share > 1e-12 else 0.0
-    missing = left_out(chosen)
     job = _Job(design, scene, chosen, budget, seed, region)
-    if job.method in ROUNDING:
-        expected = missing + ROUNDING[job.method]
-        _reachable(accuracy, expected, job.method)
-        return Settled(budget, chosen, RaySampling(seed=seed), expected, job.method)
-    floor = missing + (CONVOLVED if job.convolved else 0.0) + (FAINT if job.scene.points else 0.0)
+    floor = job.floor
     if not job.ladder:
         _reachable(accuracy, floor, job.method)
         return Settled(budget, chosen, RaySampling(seed=seed), floor, job.method)
@@ -152,14 +147,11 @@ def stated(
         That it took, everything included.
     """
     taken = image.seconds if seconds is None else seconds
+    budget = budget if settled is None else settled.budget
+    job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
     if settled is None:
-        expected = left_out(image.plan) + ROUNDING.get(image.method, 0.0)
-        job = _Job(image.design, image.scene, image.plan, budget, image.seed, image.region, image.method)
-        expected += (CONVOLVED if job.convolved else 0.0) + (FAINT if image.scene.points else 0.0)
-        if job.ladder:
-            expected += 2 * max(budget.intensity, 1e-4)
+        expected = job.floor + (2 * max(budget.intensity, 1e-4) if job.ladder else 0.0)
         return Accuracy(OF, image.method, expected, seconds=taken, model=job.model)
-    job = _Job(image.design, image.scene, image.plan, settled.budget, image.seed, image.region, image.method)
     measured, by = None, ""
     if job.ladder and job.rays(settled.sampling) <= max(CHEAP, CHEAPER * image.rays):
         measured, _ = job.error(settled.sampling, job.patches(1, True))
@@ -219,6 +211,12 @@ class _Job:
             spread = RaySampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
             found.append((spread, fixed) if rays >= 256 else (fixed,))
         return tuple(found)
+
+    @property
+    def floor(self) -> float:
+        """Error that stays however finely pixels are sampled."""
+        known = left_out(self.plan) + ROUNDING.get(self.method, 0.0)
+        return known + (CONVOLVED if self.convolved else 0.0) + (FAINT if self.scene.points else 0.0)
 
     @property
     def model(self) -> str:

@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -81,13 +81,9 @@ class AccuracyTable:
     machine: str
     """Python, numpy, processor; empty where unknown."""
 
-    @cached_property
-    def _parts(self) -> dict[str, tuple[Row, ...]]:
-        return {name: tuple(row for row in self.rows if row.quantity == name) for name in QUANTITIES}
-
     def of(self, quantity: str) -> tuple[Row, ...]:
         """Rows of one quantity, methods together, levels rising."""
-        return self._parts.get(quantity, ())
+        return tuple(row for row in self.rows if row.quantity == quantity)
 
     def to_json(self) -> str:
         """Text of a table file."""

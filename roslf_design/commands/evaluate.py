@@ -11,9 +11,8 @@ from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
-from ..errors import InputError
 from ..evaluation import evaluate as compute
-from ..evaluation.precision import evaluation_accuracy
+from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 from .terminal import Flag, json_text, refusal
 
@@ -46,10 +45,7 @@ def evaluate(
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)
-    try:
-        result = compute(loaded, fields, accuracy)
-    except ValueError as error:
-        raise error if isinstance(error, InputError) else refusal("--accuracy", str(error)) from None
+    result = compute(loaded, fields, accuracy)
     worth = evaluation_accuracy(loaded, result, accuracy)
     worth = replace(worth, seconds=time.perf_counter() - began)
     if json:

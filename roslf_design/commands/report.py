@@ -18,7 +18,7 @@ from cyclopts import Parameter
 from ..design import load
 from ..design.kinds import CALLED
 from ..errors import InputError, Problem
-from ..evaluation.precision import check_evaluation_accuracy
+from ..evaluation.evaluate import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
 from ..reporting.calibration import read_calibration

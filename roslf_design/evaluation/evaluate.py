@@ -1,11 +1,14 @@
-"""`evaluate`: every closed form of one design, in the terms an engineer asks in."""
+"""`evaluate`: every closed form of one design, in the terms an engineer asks in, and what its numbers are worth."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, TypeVar
 
+from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
 from ..design import Design, load
 from ..effects.plan import plan
@@ -13,20 +16,11 @@ from ..theory import exit_pupil
 from ..theory.disparity import SIGMA_DISPARITY
 from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import field_limit
-from .fields import RAYS, default_fields, evaluate_fields, rays_for
-from .real_lens import trace_lens
-from .result import (
-    Depth,
-    Diffraction,
-    EffectLine,
-    Evaluation,
-    ExitPupil,
-    FNumber,
-    MicrolensImage,
-    NonDistortion,
-    Sampling,
-)
+from .fields import default_fields, evaluate_fields, rays_for, trace_lens
+from .result import Depth, Diffraction, Evaluation, ExitPupil, FNumber, MicrolensImage, NonDistortion, Sampling
 from .verdicts import verdicts_of, warnings_of
+
+Group = TypeVar("Group")
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -36,8 +30,10 @@ TRACED = (
     "The main lens is real: all of that is its thin twin of the same focal length, and under real lens stands what "
     "exact rays through its surfaces say."
 )
+ROUNDING = 1e-12
+"""Relative, of closed forms and disc areas."""
 COUNTED_ERROR = 0.002
-"""Of a share counted with `RAYS` rays [fraction]."""
+"""Of a share counted with the rays that are taken where no accuracy is asked for."""
 COUNTED = (
     "Parts are tilted, so the shapes of the microlens images are those of exact ellipses and their ray budgets were "
     "counted from {rays} rays each (error of a share up to {error:g}); all other numbers are those of the untilted "
@@ -60,7 +56,7 @@ def evaluate(
         Microlens positions on the MLA [mm], a bare number along x. Default: centre, edge and corner of what the
         sensor sees.
     accuracy : float, optional
-        What shares of light may be off by where parts are tilted and rays are counted; None is `RAYS` rays. Straight
+        What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
 
     Returns
@@ -83,82 +79,59 @@ def evaluate(
     """
     if not isinstance(design, Design):
         design = load(design)
-    rays = RAYS if accuracy is None or design.aligned else rays_for(accuracy)
+    rays = rays_for(None if design.aligned else accuracy)
     axes = default_fields(design) if fields is None else tuple(_axis(field) for field in fields)
     camera = Camera.of(design)
-
-    def of(name: str) -> float:
-        return float(QUANTITIES[name](camera))
-
-    f_number = FNumber(
-        microlens=of("f_number_microlens"),
-        pupil=of("f_number_pupil"),
-        main_lens=of("f_number_main_lens"),
-        fill_factor=of("fill_factor"),
-        mismatch_px=of("mismatch_px"),
-    )
     limit = field_limit(camera)
-    non_distortion = NonDistortion(
+    f_number = _numbers(FNumber, camera, "f_number_")
+    non_distortion = _numbers(
+        NonDistortion,
+        camera,
         x0_max_mm=limit.radius,
         x_ml_max_mm=limit.radius / float(camera.inverse_m),
         room_at_corner_mm=limit.room,
         limited_by=limit.rim,
-        field_half_width_mm=of("field_half_width_mm"),
-        field_half_diagonal_mm=of("field_half_diagonal_mm"),
         undistorted_in_field=limit.room >= 0,
     )
-    sampling = Sampling(
-        views_geometric=of("views_geometric"),
-        views_independent=of("views_independent"),
-        lateral_samples=round(of("lateral_samples")),
-        object_sample_mm=of("object_sample_mm"),
-        view_baseline_mm=of("view_baseline_mm"),
-    )
+    sampling = _numbers(Sampling, camera, lateral_samples=round(float(QUANTITIES["lateral_samples"](camera))))
     images = evaluate_fields(design, axes, rays)
     traced = trace_lens(design, axes, non_distortion)
-    return Evaluation(
+    method = [METHOD]
+    if not design.aligned:
+        method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
+    if traced is not None:
+        method.append(TRACED)
+    return _numbers(
+        Evaluation,
+        camera,
         design=design.name,
-        aperture_constant=of("aperture_constant"),
-        inverse_aperture_constant=of("inverse_aperture_constant"),
-        exit_pupil=ExitPupil(
+        exit_pupil=_numbers(
+            ExitPupil,
+            camera,
             distance_from_lens_mm=float(exit_pupil.exit_pupil_distance(camera)),
-            vergence_at_mla_per_mm=of("vergence_at_mla_per_mm"),
             diameter_mm=float(exit_pupil.exit_pupil_diameter(camera)),
             telecentric=bool(exit_pupil.is_telecentric(camera)),
         ),
         f_number=f_number,
         non_distortion=non_distortion,
-        microlens_image=MicrolensImage(
-            diameter_mm=of("image_diameter_mm"),
-            diameter_px=of("image_diameter_px"),
-            pitch_mm=of("image_pitch_mm"),
-            centre_shift_px_per_microlens=of("centre_shift_px_per_microlens"),
-        ),
+        microlens_image=_numbers(MicrolensImage, camera, "image_"),
         fields=images,
         sampling=sampling,
-        depth=Depth(
-            disparity_pitches_per_mm=of("disparity_pitches_per_mm"),
-            sigma_z_mm=of("sigma_z_mm"),
-            sigma_disparity_pitches=SIGMA_DISPARITY,
-        ),
-        diffraction=Diffraction(fresnel_number=of("fresnel_number"), airy_radius_px=of("airy_radius_px")),
-        effects=tuple(
-            EffectLine(line.name, line.estimate, line.unit, line.budget, line.on, line.reason) for line in plan(design)
-        ),
+        depth=_numbers(Depth, camera, sigma_disparity_pitches=SIGMA_DISPARITY),
+        diffraction=_numbers(Diffraction, camera),
+        effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
         warnings=warnings_of(design, images),
-        method=" ".join(_methods(design, rays, COUNTED_ERROR if accuracy is None else accuracy)),
+        method=" ".join(method),
         real_lens=traced,
     )
 
 
-def _methods(design: Design, rays: int, error: float) -> list[str]:
-    methods = [METHOD]
-    if not design.aligned:
-        methods.append(COUNTED.format(rays=rays, error=error))
-    if design.lens is not None:
-        methods.append(TRACED)
-    return methods
+def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own: Any) -> Group:
+    """A group of numbers: from the registry, under the group's prefix or none, all that are not its own."""
+    names = [field.name for field in dataclasses.fields(kind) if field.name not in own]  # type: ignore[arg-type]
+    quantities = [QUANTITIES.get(prefix + name) or QUANTITIES[name] for name in names]
+    return kind(**own, **{name: float(of(camera)) for name, of in zip(names, quantities, strict=True)})
 
 
 def _axis(field: float | tuple[float, float]) -> tuple[float, float]:
@@ -166,3 +139,45 @@ def _axis(field: float | tuple[float, float]) -> tuple[float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise ValueError(f"field {field!r} is not finite; give mm on the MLA")
     return x, y
+
+
+def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:
+    """Refuse what is no accuracy, or what counted rays cannot reach.
+
+    Raises
+    ------
+    InputError
+    """
+    if accuracy is not None:
+        check_accuracy(accuracy)
+        rays_for(None if design.aligned else accuracy)
+
+
+def evaluation_accuracy(
+    design: Design, result: Evaluation, asked: float | None = None, seconds: float | None = None
+) -> Accuracy:
+    """Rounding where everything is straight; where rays are counted, what half of them would have told.
+
+    Parameters
+    ----------
+    design : Design
+    result : Evaluation
+        Of it, to the accuracy asked for.
+    asked : float, optional
+    seconds : float, optional
+        That it took.
+    """
+    if design.aligned:
+        method = "closed forms and exact disc areas"
+        return Accuracy("every number, relative", method, ROUNDING, asked=asked, seconds=seconds)
+    rays = rays_for(asked)
+    measured, by = None, ""
+    if asked is not None:
+        # Half the rays miss by more than all of them do: their difference is an upper bound but for luck.
+        half = evaluate_fields(design, [field.x_ml_mm for field in result.fields], max(256, rays // 2))
+        pairs = zip(result.fields, half, strict=True)
+        measured = max((abs(a.kept_fraction - b.kept_fraction) for a, b in pairs), default=0.0)
+        by = "half the rays"
+    of = "shares of light over the field (all other numbers to rounding)"
+    method = f"parts are tilted: {rays} rays counted for each microlens"
+    return Accuracy(of, method, COUNTED_ERROR if asked is None else asked, measured, by, asked, seconds)

@@ -1,16 +1,20 @@
-"""Single microlenses: the shape of each image, and the ray budget: of what fills the pupil, what each element takes."""
+"""Single microlenses: the shape of each image, its ray budget, and what a traced main lens makes of it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._points import sunflower
+from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
+from ..lenses.prescription import LensError
+from ..lenses.tracer import KEPT
 from ..rays import Status, trace_pupil
 from ..shapes.cells import area_in_polygon
 from ..shapes.discs import ClipStatus, intersect
@@ -18,11 +22,17 @@ from ..shapes.lattice import cell_polygon
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import half_field
 from ..theory.stop_images import MicrolensImages, stop_discs
-from .result import Field, RayBudget, Share
+from ..traced.camera import camera_of
+from ..traced.images import measured_bound, real_field
+from .result import Field, NonDistortion, RayBudget, RealLens, RealLensField, Share
 
 Array = NDArray[np.float64]
+Place = tuple[float, float]
+Shares = tuple[Array, Array, float, float]
+"""Of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the cell."""
 
 STATUS = {ClipStatus.FULL: "full", ClipStatus.CLIPPED: "clipped", ClipStatus.EMPTY: "dark"}
+TRACED_STATUS = ("dark", "clipped", "full", "folded")
 
 RAYS = 65_536
 """Rays per microlens, evenly over the FAP, where no accuracy is asked for."""
@@ -30,7 +40,7 @@ BEST_ACCURACY = 3e-5
 """Below this, counting takes more rays than memory holds comfortably."""
 
 
-def default_fields(design: Design) -> tuple[tuple[float, float], ...]:
+def default_fields(design: Design) -> tuple[Place, ...]:
     """Centre, edge and corner of what the sensor sees of the MLA [mm].
 
     Edge and corner are where the sensor or the array ends or, where images move outwards, the outermost microlenses
@@ -46,7 +56,48 @@ def default_fields(design: Design) -> tuple[tuple[float, float], ...]:
     return ((x, y), (x + edge, y), (x + edge, y + corner))
 
 
-def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]], rays: int = RAYS) -> tuple[Field, ...]:
+def axes_in_space(design: Design, axes: ArrayLike) -> Array:
+    """Microlens axes against the optical axis: the MLA's rotation and decentre applied; shape (N, 2) [mm]."""
+    return MicrolensImages(Camera.of(design), axes).in_system
+
+
+def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
+    """Discs that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
+
+    Parameters
+    ----------
+    design : Design
+        Its tilts are left out.
+    axes : array_like, shape (N, 2)
+        Microlens axes, on the MLA [mm].
+
+    Returns
+    -------
+    (centres, radii)
+        Shapes (N, K, 2) and (N, K) [mm], the FAP first, then `Camera.rims`.
+    """
+    camera = Camera.of(design)
+    return stop_discs(camera, *MicrolensImages(camera, axes).from_lens.T)
+
+
+def rays_for(accuracy: float | None) -> int:
+    """Rays that count a share to within `accuracy`; `RAYS` where none is asked for.
+
+    Points that fill the FAP evenly, cut by a rim, miss its share by at most about ``N^-3/4`` (largest of six tilted
+    cameras each at 256 to 262 144 rays); twice that is allowed for.
+
+    Raises
+    ------
+    InputError
+        Not between `BEST_ACCURACY` and 1.
+    """
+    if accuracy is None:
+        return RAYS
+    check_accuracy(accuracy, BEST_ACCURACY, "parts are tilted, and rays are counted; straight designs are exact")
+    return max(256, math.ceil(math.pow(2 / accuracy, 4 / 3)))
+
+
+def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> tuple[Field, ...]:
     """Shape and ray budget of the microlens at each place.
 
     Parameters
@@ -66,46 +117,37 @@ def evaluate_fields(design: Design, axes: Sequence[tuple[float, float]], rays: i
     if not axes:
         return ()
     camera = Camera.of(design)
-    return _straight(camera, axes) if design.aligned else _tilted(camera, axes, rays)
+    images = MicrolensImages(camera, axes)
+    shape, offset = images.shapes, np.zeros((len(axes), 2))
+    if design.aligned:
+        shares = _exact_shares(images)
+    else:
+        points = sunflower(rays)
+        shares = [_counted_shares(camera, axis, points) for axis in axes]
+        middle = np.stack(np.broadcast_arrays(images.outline.x, images.outline.y, images.x)[:2], -1)[:, 0]
+        offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
+    centroid, lit, ratio = shape.centroid[:, 0] + offset, shape.lit[:, 0], shape.axis_ratio[:, 0]
+    return tuple(
+        Field(
+            x_ml_mm=axis,
+            status=STATUS[ClipStatus(int(shape.status[i, 0]))],
+            area_mm2=float(shape.area[i, 0]),
+            kept_fraction=float(shape.kept_fraction[i, 0]),
+            lost_fraction=float(shape.lost_fraction[i, 0]),
+            centroid_mm=_pair(centroid[i]) if lit[i] else None,
+            axis_ratio=float(ratio[i]) if lit[i] else None,
+            ray_budget=_budget(camera, *shares[i]),
+            rays=None if design.aligned else rays,
+        )
+        for i, axis in enumerate(axes)
+    )
 
 
-def axes_in_space(design: Design, axes: ArrayLike) -> Array:
-    """Microlens axes against the optical axis: the MLA's rotation and decentre applied; shape (N, 2) [mm]."""
-    on_array = np.asarray(axes, float).reshape(-1, 2)
-    cosine, sine = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-    turned = on_array @ np.array([[cosine, sine], [-sine, cosine]])
-    return np.asarray(turned + np.asarray(design.microlens_array.decentre))
-
-
-def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
-    """Discs that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
-
-    Parameters
-    ----------
-    design : Design
-        Its tilts are left out.
-    axes : array_like, shape (N, 2)
-        Microlens axes, on the MLA [mm].
-
-    Returns
-    -------
-    (centres, radii)
-        Shapes (N, K, 2) and (N, K) [mm], the FAP first, then `Camera.rims`.
-    """
-    x, y = (axes_in_space(design, axes) - np.asarray(design.main_lens.decentre)).T
-    return stop_discs(Camera.of(design), x, y)
-
-
-def _names(camera: Camera) -> tuple[str, ...]:
-    return tuple(rim.name for rim in (camera.fap, *camera.rims))
-
-
-def _budget(camera: Camera, past: Array, kept: Array, sensor: float, own: float) -> RayBudget:
-    """A budget from shares past the first few rims in the order of light, and in that of the design file."""
+def _budget(camera: Camera, kept: Array, past: Array, sensor: float, own: float) -> RayBudget:
     return RayBudget(
         fap=1.0,
         main_lens=float(kept[1]),
-        stops=tuple(float(share) for share in kept[2:]),
+        stops=tuple(kept[2:].tolist()),
         own_cell=own,
         by_name=(
             *(Share(rim.name, float(share)) for rim, share in zip(camera.in_light_order, past, strict=True)),
@@ -116,44 +158,33 @@ def _budget(camera: Camera, past: Array, kept: Array, sensor: float, own: float)
     )
 
 
-def _straight(camera: Camera, axes: Sequence[tuple[float, float]]) -> tuple[Field, ...]:
+def _exact_shares(images: MicrolensImages) -> list[Shares]:
     """Every stop is a disc on the sensor."""
-    images = MicrolensImages(camera, axes)
+    camera = images.camera
     centres, radii = (values[:, 0] for values in images.discs)
-    names = _names(camera)
-    light = [0, *(names.index(rim.name) for rim in camera.in_light_order if rim.name != "FAP")]
-    in_file, in_light = (
-        np.stack(
-            [intersect(centres[:, order[:k]], radii[:, order[:k]]).kept_fraction for k in range(1, len(order) + 1)], -1
-        )
-        for order in (list(range(len(names))), light)
-    )
+    names = [rim.name for rim in (camera.fap, *camera.rims)]
+    in_light = [names.index(rim.name) for rim in camera.in_light_order]
+
+    def past(order: list[int]) -> Array:
+        """Shares past the first few rims; shape (microlenses, rims)."""
+        firsts = (order[: k + 1] for k in range(len(order)))
+        return np.stack([intersect(centres[:, few], radii[:, few]).kept_fraction for few in firsts], -1)
+
     # The FAP stands among the others; what stops before it take is taken of the rays that fill it.
-    at_fap = [rim.name for rim in camera.in_light_order].index("FAP")
-    past = np.concatenate([in_light[:, 1 : at_fap + 1], in_light[:, at_fap : at_fap + 1], in_light[:, at_fap + 1 :]], 1)
-    shape = intersect(centres, radii)
-    sensor, own = (
-        np.minimum(area / (math.pi * radii[:, 0] ** 2), shape.kept_fraction)
-        for area in _areas_on_sensor(camera, images, centres, radii)
+    at_fap = in_light.index(0)
+    fap_first = past([0, *(k for k in in_light if k)])
+    light = fap_first[:, [*range(1, at_fap + 1), at_fap, *range(at_fap + 1, len(names))]]
+    kept = past(list(range(len(names))))
+    on_sensor, own = (
+        np.minimum(area / (math.pi * radii[:, 0] ** 2), kept[:, -1]).tolist()
+        for area in _areas_on_sensor(images, centres, radii)
     )
-    return tuple(
-        Field(
-            x_ml_mm=axis,
-            status=STATUS[ClipStatus(int(shape.status[i]))],
-            area_mm2=float(shape.area[i]),
-            kept_fraction=float(shape.kept_fraction[i]),
-            lost_fraction=float(shape.lost_fraction[i]),
-            centroid_mm=(float(shape.centroid[i, 0]), float(shape.centroid[i, 1])) if shape.lit[i] else None,
-            axis_ratio=float(shape.axis_ratio[i]) if shape.lit[i] else None,
-            ray_budget=_budget(camera, past[i], in_file[i], float(sensor[i]), float(min(own[i], sensor[i]))),
-            rays=None,
-        )
-        for i, axis in enumerate(axes)
-    )
+    return [(*rows, sensor, min(cell, sensor)) for *rows, sensor, cell in zip(kept, light, on_sensor, own, strict=True)]
 
 
-def _areas_on_sensor(camera: Camera, images: MicrolensImages, centres: Array, radii: Array) -> tuple[Array, Array]:
+def _areas_on_sensor(images: MicrolensImages, centres: Array, radii: Array) -> tuple[Array, Array]:
     """Area of each image on the sensor, and of that in its own cell (0 where the images' pitch is) [mm^2]."""
+    camera = images.camera
     pitch = abs(float(microlens_image_pitch(camera)))
     cell = cell_polygon(camera.layout, pitch, float(camera["microlens_array.rotation"])) if pitch else np.empty((0, 2))
     half = np.asarray(camera.sensor_size, float) / 2
@@ -163,22 +194,14 @@ def _areas_on_sensor(camera: Camera, images: MicrolensImages, centres: Array, ra
         low, high = middle - half - axis, middle + half - axis
         box = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
         on_sensor[i] = area_in_polygon(centres[i], radii[i], box)
-        polygon = clipped_to_box(centres[i, 0] + cell, low, high)
+        polygon = _clipped_to_box(centres[i, 0] + cell, low, high)
         if len(polygon) > 2:
             own[i] = area_in_polygon(centres[i], radii[i], polygon)
     return on_sensor, own
 
 
-def clipped_to_box(polygon: Array, low: Array, high: Array) -> Array:
-    """Part of a convex polygon inside an upright box; corners in order, fewer than three where nothing is left.
-
-    Parameters
-    ----------
-    polygon : ndarray
-        Corners in order, shape (M, 2).
-    low, high : ndarray
-        Opposite corners of the box, shape (2,).
-    """
+def _clipped_to_box(polygon: Array, low: Array, high: Array) -> Array:
+    """Part of a convex polygon inside an upright box, corners (M, 2) in order; none where it has no area."""
     for side in (0, 1):
         for sign, limit in ((1.0, high[side]), (-1.0, -low[side])):
             room = limit - sign * polygon[:, side]
@@ -190,74 +213,113 @@ def clipped_to_box(polygon: Array, low: Array, high: Array) -> Array:
                 if room[i] * room[j] < 0:
                     inside.append(polygon[i] + (polygon[j] - polygon[i]) * (room[i] / (room[i] - room[j])))
             polygon = np.array(inside).reshape(-1, 2)
-    if len(polygon) < 3:
-        return np.empty((0, 2))
-    x, y = (polygon - polygon[0]).T
+    x, y = (polygon - polygon[:1]).T
     return polygon if abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) > 0 else np.empty((0, 2))
 
 
-def rays_for(accuracy: float) -> int:
-    """Rays that count a share to within `accuracy`.
+def _counted_shares(camera: Camera, axis: Place, points: Array) -> Shares:
+    rays = trace_pupil(camera, (points[0], points[1]), axis)
+    traceable = rays.status != Status.UNTRACEABLE
+    kept, past = (
+        np.logical_and.accumulate([rays.passes[rim.name] & traceable for rim in rims]).mean(axis=1)
+        for rims in ((camera.fap, *camera.rims), camera.in_light_order)
+    )
+    own = rays.status == Status.KEPT
+    on_sensor = own | (rays.status == Status.NEIGHBOUR)
+    return kept, past, float(on_sensor.mean()), float(own.mean())
 
-    Points that fill the FAP evenly, cut by a rim, miss its share by at most about ``N^-3/4`` (largest of six tilted
-    cameras each at 256 to 262 144 rays); twice that is allowed for.
+
+def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> RealLens | None:
+    """Trace a design's main lens.
+
+    Parameters
+    ----------
+    design : Design
+    axes : sequence of (x, y)
+        Microlens axes, on the MLA [mm].
+    thin : NonDistortion
+        Eq. 6 for the thin twin.
+
+    Returns
+    -------
+    RealLens or None
+        None where the main lens is ideal.
 
     Raises
     ------
-    ValueError
-        Not between `BEST_ACCURACY` and 1.
+    LensError
+        Parts that collide with the lens.
     """
-    if not BEST_ACCURACY <= accuracy <= 1:
-        raise ValueError(
-            f"accuracy {accuracy:g} is out of reach of counted rays; give {BEST_ACCURACY:g} to 1, or leave out tilts: "
-            "straight designs are exact"
+    if design.lens is None:
+        return None
+    camera = camera_of(design)
+    constants = camera.first_order
+    x0, x_ml = measured_bound(design)
+    half_x, half_y = map(float, half_field(Camera.of(design)))
+    corner = ((half_x, half_y), (-half_x, half_y), (half_x, -half_y), (-half_x, -half_y))
+    fields = _traced_fields(design, axes)
+    whole = all(field.status == "full" for field in (*fields, *_traced_fields(design, corner)))
+    return RealLens(
+        lens=camera.lens.name,
+        focal_length_mm=constants.focal_length,
+        back_focal_length_mm=constants.back_focal_length,
+        front_principal_mm=constants.front_principal,
+        rear_principal_mm=constants.rear_principal,
+        first_vertex_to_fap_mm=-camera.fap.z,
+        last_vertex_to_mla_mm=camera.mla - camera.lens.length,
+        x0_max_mm=x0,
+        x_ml_max_mm=x_ml,
+        thin_x_ml_max_mm=thin.x_ml_max_mm,
+        turned_x_ml_max_mm=None if whole else _turned_bound(design),
+        undistorted_in_field=whole,
+        fields=fields,
+    )
+
+
+def _turned_bound(design: Design) -> float | None:
+    try:
+        return measured_bound(design.replace({"main_lens.reversed": not design.main_lens.reversed}))[1]
+    except LensError:
+        return None
+
+
+def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField, ...]:
+    if not axes:
+        return ()
+    traced = real_field(design, axes)
+    images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
+    cone = design.D_F / float(Camera.of(design).A) / design.d
+    seen = maps.status == KEPT
+    columns = {
+        "diameter_mm": diameter * (1 + traced.widening),
+        "widening_px": diameter * traced.widening / design.q,
+        "widening_percent": 100 * traced.widening,
+        "tangential_focus_mm": maps.tangential_focus,
+        "sagittal_focus_mm": maps.sagittal_focus,
+        "tangential_focus_pitches": maps.tangential_focus * cone,
+        "sagittal_focus_pitches": maps.sagittal_focus * cone,
+        "blur_pitches": maps.blur / design.d,
+        "distortion_percent": 100 * maps.distortion,
+        "lateral_colour_pitches": traced.lateral_colour / design.d,
+    }
+    known: list[dict[str, Any]] = [
+        {name: float(column[i]) if seen[i] and not math.isnan(column[i]) else None for name, column in columns.items()}
+        for i in range(len(axes))
+    ]
+    return tuple(
+        RealLensField(
+            x_ml_mm=axis,
+            status=TRACED_STATUS[int(images.status[i])],
+            chief_ray=traced.chief[i],
+            kept_fraction=float(images.kept_fraction[i]),
+            centre_mm=_pair(images.chief[i]) if seen[i] else None,
+            axis_ratio=float(images.axis_ratio[i]) if images.status[i] else None,
+            shift_px=_pair(traced.shift[i] / design.q) if seen[i] else None,
+            **known[i],
         )
-    return max(256, math.ceil(math.pow(2 / accuracy, 4 / 3)))
+        for i, axis in enumerate(axes)
+    )
 
 
-def _tilted(camera: Camera, axes: Sequence[tuple[float, float]], rays: int) -> tuple[Field, ...]:
-    """Stops are ellipses on the sensor; the shares of the budget are counted."""
-    images = MicrolensImages(camera, axes)
-    shape = images.shapes
-    points = sunflower(rays)
-    fields = []
-    for i, axis in enumerate(axes):
-        kept, past, sensor, own = _count(camera, axis, points)
-        lit = bool(shape.lit[i, 0])
-        middle = np.array(
-            [np.ravel(part)[i if np.size(part) > 1 else 0] for part in (images.outline.x, images.outline.y)]
-        )
-        centroid = shape.centroid[i, 0] + middle + np.asarray(_part_decentre(camera, "sensor")) - images.in_system[i]
-        fields.append(
-            Field(
-                x_ml_mm=axis,
-                status=STATUS[ClipStatus(int(shape.status[i, 0]))],
-                area_mm2=float(shape.area[i, 0]),
-                kept_fraction=float(shape.kept_fraction[i, 0]),
-                lost_fraction=float(shape.lost_fraction[i, 0]),
-                centroid_mm=(float(centroid[0]), float(centroid[1])) if lit else None,
-                axis_ratio=float(shape.axis_ratio[i, 0]) if lit else None,
-                ray_budget=_budget(camera, past, kept, sensor, own),
-                rays=rays,
-            )
-        )
-    return tuple(fields)
-
-
-def _part_decentre(camera: Camera, part: str) -> tuple[float, float]:
-    return float(camera[f"{part}.decentre.0"]), float(camera[f"{part}.decentre.1"])
-
-
-def _count(camera: Camera, axis: tuple[float, float], points: Array) -> tuple[Array, Array, float, float]:
-    """Shares of rays past the rims, in the order of the file and of light; on the sensor; in the own cell."""
-    rays = trace_pupil(camera, (points[0], points[1]), axis)
-    traceable = rays.status != Status.UNTRACEABLE
-
-    def shares(names: Sequence[str]) -> Array:
-        past = np.logical_and.accumulate([rays.passes[name] & traceable for name in names])
-        return np.asarray(past.mean(axis=1))
-
-    own = rays.status == Status.KEPT
-    on_sensor = own | (rays.status == Status.NEIGHBOUR)
-    in_light = shares([rim.name for rim in camera.in_light_order])
-    return shares(_names(camera)), in_light, float(on_sensor.mean()), float(own.mean())
+def _pair(values: Array) -> Place:
+    return float(values[0]), float(values[1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from .show import as_html, as_text
 
@@ -168,18 +169,6 @@ class Diffraction:
 
 
 @dataclass(frozen=True)
-class EffectLine:
-    """One entry of the effects plan."""
-
-    name: str
-    estimate: float
-    unit: str
-    budget: float
-    on: bool
-    reason: str
-
-
-@dataclass(frozen=True)
 class Verdict:
     """One question an engineer asks first, and its answer."""
 
@@ -278,7 +267,7 @@ class Evaluation:
     sampling: Sampling
     depth: Depth
     diffraction: Diffraction
-    effects: tuple[EffectLine, ...]
+    effects: tuple[PlannedEffect, ...]
     verdicts: tuple[Verdict, ...]
     warnings: tuple[str, ...]
     method: str

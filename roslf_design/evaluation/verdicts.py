@@ -1,14 +1,18 @@
-"""The questions an engineer asks first, answered with their margins and what would mend them."""
+"""The questions an engineer asks first, answered with their margins and what would mend them; warnings, hard cases."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..theory.f_number import matched
-from .result import Field, FNumber, NonDistortion, RealLens, RealLensField, Sampling, Verdict
+from ..theory.f_number import fill_factor, matched
+from .fields import default_fields, field_discs
+from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
@@ -16,6 +20,8 @@ TOUCHING_PX = 1e-6
 """Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
+NEAR = 1e-2
+"""Relative distance below which a design is called near a hard case."""
 
 
 def verdicts_of(
@@ -29,108 +35,63 @@ def verdicts_of(
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     """
-    field = _undistorted(camera, non_distortion)
-    return (
-        _matched(camera, f_number),
-        field if lens is None else _undistorted_through(lens, non_distortion, field),
-        _resolved(sampling),
-        *(() if lens is None else (_thin(f_number, lens),)),
-    )
+    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(sampling)]
+    return (*answers, *(() if lens is None else (_thin(f_number, lens),)))
 
 
-def _undistorted_through(lens: RealLens, thin: NonDistortion, by_thin: Verdict) -> Verdict:
-    """The field's verdict by the traced lens, Eq. 6's bound beside it."""
-    bound = (
-        f"measured through {lens.lens}, microlens images are whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
-        f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
-    )
-    seen = (
-        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm (corner)"
-    )
-    if lens.undistorted_in_field:
-        return Verdict("field_undistorted", True, "good", f"field undistorted: {bound}; {seen}", "")
-    folded = [field for field in lens.fields if field.status == "folded"]
-    where = f"; folded at {', '.join(f'{x:g}, {y:g} mm' for x, y in (f.x_ml_mm for f in folded))}" if folded else ""
-    other = lens.turned_x_ml_max_mm
-    turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
-    ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
-    remedy = f"{turned}{by_thin.remedy or ways}"
-    return Verdict("field_undistorted", False, "fault", f"field distorted: {bound}{where}; {seen}", remedy)
-
-
-def _thin(f: FNumber, lens: RealLens) -> Verdict:
-    """Whether microlens images lie where the thin lens puts them, and are as large."""
-    told = [field for field in lens.fields if field.shift_px is not None and field.widening_px is not None]
-    worst = max(told, key=lambda field: _departure(field), default=None)
-    unseen = len(told) < len(lens.fields)
-    if worst is None:
-        if not lens.fields:
-            return Verdict("thin_lens_holds", True, "good", "thin lens: no field was asked for", "")
-        return Verdict(
-            "thin_lens_holds", False, "fault", "thin lens fails: no field asked for has a whole image", _OTHER
-        )
-    assert worst.shift_px is not None
-    assert worst.widening_percent is not None
-    x, y = worst.x_ml_mm
-    moved, fill = math.hypot(*worst.shift_px), f.fill_factor * (1 + worst.widening_percent / 100)
-    size = (
-        f"at {x:g}, {y:g} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
-        f"{worst.widening_percent:.3g} % (fill factor {fill:.3g})"
-    )
-    if _departure(worst) <= SLACK_PX and not unseen:
-        return Verdict("thin_lens_holds", True, "good", f"thin lens holds: {size}", "")
-    return Verdict("thin_lens_holds", False, "fault", f"thin lens does not hold: {size}", _OTHER)
-
-
-_OTHER = "calibrate image centres rather than compute them, or take a better corrected lens"
-
-
-def _departure(field: RealLensField) -> float:
-    assert field.shift_px is not None
-    assert field.widening_px is not None
-    return math.hypot(*field.shift_px) + abs(field.widening_px) / 2
+def _answer(name: str, text: str, remedy: str = "") -> Verdict:
+    """Good where there is nothing to mend."""
+    return Verdict(name, not remedy, "fault" if remedy else "good", text, remedy)
 
 
 def _matched(camera: Camera, f: FNumber) -> Verdict:
-    ok = abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
-    if ok:
-        text = f"f-number matched: fill factor {f.fill_factor:.5g}, {images}"
-        return Verdict("f_number_matched", True, "good", text, "")
+    if abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
+        return _answer("f_number_matched", f"f-number matched: fill factor {f.fill_factor:.5g}, {images}")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
         f"{f.fill_factor:.4g}, {images}"
     )
-    return Verdict("f_number_matched", False, "fault", text, _match_remedy(camera))
-
-
-def _match_remedy(camera: Camera) -> str:
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
-    found = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if way.exists]
-    if not found:
-        return "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
-    return f"any one of these matches it exactly: {', '.join(found)}"
+    lengths = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if way.exists]
+    remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
+    none = "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
+    return _answer("f_number_matched", text, remedy if lengths else none)
 
 
-def _undistorted(camera: Camera, field: NonDistortion) -> Verdict:
-    seen = (
-        f"the sensor sees {field.field_half_width_mm:.4g} mm (half width), "
-        f"{field.field_half_diagonal_mm:.4g} mm (corner)"
+def _undistorted(camera: Camera, thin: NonDistortion, lens: RealLens | None) -> Verdict:
+    """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
+    sees = (
+        f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm (corner)"
     )
-    if field.undistorted_in_field:
+    by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
+    if lens is not None:
         bound = (
-            f"out to {field.x0_max_mm:.4g} mm object radius, limited by the {field.limited_by}"
-            if math.isfinite(field.x0_max_mm)
-            else "at any field"
+            f"measured through {lens.lens}, microlens images are whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
+            f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
         )
-        text = f"field undistorted: microlens images are full discs {bound}; {seen}"
-        return Verdict("field_undistorted", True, "good", text, "")
-    text = (
-        f"field distorted: cat's-eye images beyond {field.x0_max_mm:.4g} mm object radius "
-        f"({field.x_ml_max_mm:.4g} mm on the MLA), cut by the {field.limited_by}; {seen}"
+        if lens.undistorted_in_field:
+            return _answer("field_undistorted", f"field undistorted: {bound}; {sees}")
+        folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
+        where = f"; folded at {', '.join(f'{x:g}, {y:g} mm' for x, y in folded)}" if folded else ""
+        other = lens.turned_x_ml_max_mm
+        turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
+        ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
+        text = f"field distorted: {bound}{where}; {sees}"
+        return _answer("field_undistorted", text, f"{turned}{by_thin or ways}")
+    if by_thin:
+        text = (
+            f"field distorted: cat's-eye images beyond {thin.x0_max_mm:.4g} mm object radius "
+            f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by the {thin.limited_by}; {sees}"
+        )
+        return _answer("field_undistorted", text, by_thin)
+    bound = (
+        f"out to {thin.x0_max_mm:.4g} mm object radius, limited by the {thin.limited_by}"
+        if math.isfinite(thin.x0_max_mm)
+        else "at any field"
     )
-    return Verdict("field_undistorted", False, "fault", text, _field_remedy(camera, field))
+    return _answer("field_undistorted", f"field undistorted: microlens images are full discs {bound}; {sees}")
 
 
 def _field_remedy(camera: Camera, field: NonDistortion) -> str:
@@ -147,7 +108,7 @@ def _resolved(sampling: Sampling) -> Verdict:
     views, independent = sampling.views_geometric, sampling.views_independent
     if independent >= views:
         text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
-        return Verdict("views_resolved", True, "good", text, "")
+        return _answer("views_resolved", text)
     return Verdict(
         "views_resolved",
         False,
@@ -158,18 +119,44 @@ def _resolved(sampling: Sampling) -> Verdict:
     )
 
 
+def _thin(f: FNumber, lens: RealLens) -> Verdict:
+    """Whether microlens images lie where the thin lens puts them, and are as large."""
+    name, other = "thin_lens_holds", "calibrate image centres rather than compute them, or take a better corrected lens"
+    if not lens.fields:
+        return _answer(name, "thin lens: no field was asked for")
+    images = [
+        (math.hypot(*field.shift_px), field.widening_px, field.widening_percent, field.x_ml_mm)
+        for field in lens.fields
+        if field.shift_px is not None and field.widening_px is not None and field.widening_percent is not None
+    ]
+    if not images:
+        return _answer(name, "thin lens fails: no field asked for has a whole image", other)
+    # A rim of the image moves by half of what it widens.
+    moved, wider, percent, (x, y) = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
+    size = (
+        f"at {x:g}, {y:g} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
+        f"{percent:.3g} % (fill factor {f.fill_factor * (1 + percent / 100):.3g})"
+    )
+    if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
+        return _answer(name, f"thin lens holds: {size}")
+    return _answer(name, f"thin lens does not hold: {size}", other)
+
+
 def warnings_of(design: Design, fields: Sequence[Field]) -> tuple[str, ...]:
     """What is no error but must not go unsaid."""
-    found = []
-    for side, mla, sensor in zip(("wide", "high"), design.microlens_array.size, design.sensor_size, strict=True):
+    return tuple(_warnings(design, fields))
+
+
+def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
+    array = design.microlens_array
+    for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
-            found.append(
+            yield (
                 f"the sensor is {sensor:.5g} mm {side} (seen at the MLA) but the MLA only {mla:.5g} mm: "
                 "its margin stays dark, and fields are counted to the MLA's edge"
             )
-    array = design.microlens_array
     if array.layout == "hexagonal" and array.lens_shape == "square":
-        found.append(
+        yield (
             "square microlenses as wide as the pitch overlap in a hexagonal layout, whose rows are 0.866 pitch apart; "
             'lens_shape = "circular" fits'
         )
@@ -177,7 +164,49 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> tuple[str, ...]:
     for field in fields:
         x, y = field.x_ml_mm
         if abs(x) > half_x or abs(y) > half_y:
-            found.append(f"field {x:g}, {y:g} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)")
+            yield f"field {x:g}, {y:g} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)"
         if field.status == "dark":
-            found.append(f"field {x:g}, {y:g} mm gets no light: the rims' images do not overlap there")
-    return tuple(found)
+            yield f"field {x:g}, {y:g} mm gets no light: the rims' images do not overlap there"
+
+
+class Near(NamedTuple):
+    """A design's distance from one hard case."""
+
+    case: str
+    distance: float
+    """Relative; 0 is on it."""
+    near: bool
+    says: str
+    """What that means for this design; empty where it is not near."""
+
+
+def near_cases(design: Design) -> tuple[Near, ...]:
+    """Distance from every place where a textbook formula loses digits, closest first."""
+    f, d_f, d_3 = design.f, design.d_f, design.d_3
+    fill = float(fill_factor(Camera.of(design)))
+    # The pupil at the lens has no distance to scale by: a little in front of it the images touch at about the same D_F.
+    touching = float(matched(Camera.of(design, {"d_3": d_3 or 0.01 * f}), "D_F").value)
+    # Discs near containment or tangency, at the centre, edge and corner of the sensor.
+    centres, radii = field_discs(design, default_fields(design))
+    r, R = radii[:, :1], radii[:, 1:]
+    apart = np.hypot(*np.moveaxis(centres[:, 1:] - centres[:, :1], -1, 0))
+    inner, outer = float((abs(apart - abs(R - r)) / r).min()), float((abs(R + r - apart) / r).min())
+    at_lens = Near("d_3 → 0", 0.0, True, "the aperture is at the main lens; margins are exact there")
+    cases = [
+        _near("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),
+        _near("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
+        _near("d_f → f", (d_f - f) / f, "the object is almost in the front focus"),
+        _near("d_f → ∞", f / d_f, "focused almost at infinity"),
+        _near("images just touch", abs(design.D_F / touching - 1), f"fill factor {fill:.6g}"),
+        _near("d_3 → 0", d_3 / d_f, "the aperture is almost at the main lens") if d_3 > 0 else at_lens,
+        _near("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
+        _near("discs near tangency", outer, "a rim leaves almost nothing of the pupil's image somewhere in the field"),
+    ]
+    return tuple(sorted(cases, key=lambda one: one.distance))
+
+
+def _near(case: str, distance: float, says: str) -> Near:
+    near = distance < NEAR
+    lost = min(16.0, -math.log10(max(distance, 2.0**-52)))
+    text = f"{says}; a formula that cancels there loses {lost:.0f} of 16 digits, the forms used lose none"
+    return Near(case, distance, near, text if near else "")

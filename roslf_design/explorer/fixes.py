@@ -20,6 +20,8 @@ from ..theory.light import geometric_views, half_diagonal, microlens_defocus_blu
 from ..theory.vignetting import field_limit, room_at, undistorted_radii
 
 Floats = NDArray[np.float64]
+Change = float | str
+"""Value [mm] of one number that does what is wanted, or why there is none."""
 
 NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
@@ -58,16 +60,6 @@ class Facts(NamedTuple):
     """Pixels across a microlens image."""
 
 
-class Proposal(NamedTuple):
-    """A label, and the value [mm] of one symbol that does what it says, or why there is none."""
-
-    key: str
-    label: str
-    symbol: str
-    value: float | None
-    why_not: str = ""
-
-
 def proposals(design: Design) -> tuple[Fix, ...]:
     """Everything that one number could mend, always in the same order.
 
@@ -84,8 +76,14 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         those that cannot, or have nothing to do, say why.
     """
     camera, now = Camera.of(design.thin_twin), facts(design)
-    every = (*_matching(camera, now), _undistorting(camera), _widest(camera), _telecentric(camera))
-    return tuple(_with_consequences(design, now, proposal) for proposal in every)
+    telecentric = "it is image-space telecentric already" if is_telecentric(camera) else float(camera.f)
+    every = (
+        *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
+        ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
+        ("widest-field-d_3", "Largest undistorted field by d_3", "d_3", _widest(camera)),
+        ("telecentric", "Go telecentric (d_3 = f)", "d_3", telecentric),
+    )
+    return tuple(_with_consequences(design, now, *proposal) for proposal in every)
 
 
 def facts(design: Design) -> Facts:
@@ -101,53 +99,50 @@ def facts(design: Design) -> Facts:
     )
 
 
-def _matching(camera: Camera, now: Facts) -> Iterator[Proposal]:
-    why_not = {
-        "d_2": "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is",
-        "D_F": "no FAP diameter matches: the exit pupil lies between microlens array and sensor",
-        "d_3": "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2",
-    }
+def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
     at_lens = float(fill_factor(camera.replace({"d_3": 0.0})))
+    no_distance = "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
     if at_lens > 1:
-        why_not["d_3"] = (
+        no_distance = (
             f"no FAP distance matches: even at the lens, where images are smallest, D_F fills {short(at_lens, 3)} of a "
             "pitch; use a smaller FAP or a shorter d_2"
         )
-    right = abs(now.fill_factor - 1) < 1e-9
+    why_not = {
+        "d_2": "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is",
+        "D_F": "no FAP diameter matches: the exit pupil lies between microlens array and sensor",
+        "d_3": no_distance,
+    }
     for symbol in ("d_2", "D_F", "d_3"):
         answer = matched(camera, symbol)
-        reason = "the f-number is matched already" if right else "" if bool(answer.exists) else why_not[symbol]
-        value = None if reason else float(answer.value)
-        yield Proposal(f"match-{symbol}", f"Match f-number by {symbol}", symbol, value, reason)
+        if abs(now.fill_factor - 1) < 1e-9:
+            yield symbol, "the f-number is matched already"
+        else:
+            yield symbol, float(answer.value) if answer.exists else why_not[symbol]
 
 
-def _undistorting(camera: Camera) -> Proposal:
+def _undistorting(camera: Camera) -> Change:
     """The FAP moved no farther than the corner's pencil needs to clear every rim."""
-    offer = Proposal("undistort-d_3", "Free the whole sensor by d_3", "d_3", None)
     corner = half_diagonal(camera) * camera.inverse_m
 
     def rooms(d_3: Floats | float) -> Floats:
         return room_at(camera.replace({"d_3": d_3}), corner)
 
     if rooms(camera.d_3).min() >= 0:
-        return offer._replace(why_not="the whole sensor is undistorted already")
+        return "the whole sensor is undistorted already"
     # Room times the gap is concave in d_3, so the distances with room are one interval.
     best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera.d_f) * (1 - 1e-9))
-    at_best = rooms(best)
-    if at_best.min() < 0:
+    if rooms(best).min() < 0:
         limit = field_limit(camera.replace({"d_3": best}))
-        return offer._replace(why_not=f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor")
+        return f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor"
     inside, outside = best, float(camera.d_3)
     for _ in range(ROUNDS):
         places = np.linspace(inside, outside, PLACES)
         last = int(np.argmax(rooms(places).min(axis=0) < 0)) - 1
         inside, outside = float(places[last]), float(places[last + 1])
-    return offer._replace(value=inside)
+    return inside
 
 
-def _widest(camera: Camera) -> Proposal:
-    offer = Proposal("widest-field-d_3", "Largest undistorted field by d_3", "d_3", None)
-
+def _widest(camera: Camera) -> Change:
     def radius(d_3: Floats | float) -> Floats:
         least = undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0)
         return np.asarray(np.maximum(least, 0.0))
@@ -155,17 +150,10 @@ def _widest(camera: Camera) -> Proposal:
     now = float(camera.d_3)
     best = _highest(radius, camera, max(now, *_rims(camera)))
     if radius(best) == 0:
-        return offer._replace(why_not="no FAP distance leaves any field undistorted: the FAP is wider than a rim")
+        return "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
     if radius(best) <= radius(now) * (1 + 1e-9):
-        return offer._replace(why_not="no other FAP distance gives a larger undistorted field")
-    return offer._replace(value=best)
-
-
-def _telecentric(camera: Camera) -> Proposal:
-    offer = Proposal("telecentric", "Go telecentric (d_3 = f)", "d_3", float(camera.f))
-    if is_telecentric(camera):
-        return offer._replace(value=None, why_not="it is image-space telecentric already")
-    return offer
+        return "no other FAP distance gives a larger undistorted field"
+    return best
 
 
 def _rims(camera: Camera) -> list[float]:
@@ -188,11 +176,11 @@ def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> 
     return float(tried[int(np.argmax(value(tried)))])
 
 
-def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
+def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol: str, change: Change) -> Fix:
     """The proposal with what follows from it, told from the changed design itself."""
-    if offer.value is None:
-        return Fix(offer.key, offer.label, why_not=offer.why_not)
-    changes = {offer.symbol: offer.value}
+    if isinstance(change, str):
+        return Fix(key, label, why_not=change)
+    changes = {symbol: change}
     try:
         changed = design.replace(**changes)
         focal_length = _in_focus(design, changed)
@@ -200,8 +188,8 @@ def _with_consequences(design: Design, now: Facts, offer: Proposal) -> Fix:
             changes["f_ml"] = focal_length
             changed = design.replace(**changes)
     except DesignError as error:
-        return Fix(offer.key, offer.label, why_not=error.problems[0].message)
-    return Fix(offer.key, offer.label, changes, _outcome(changes, now, facts(changed)))
+        return Fix(key, label, why_not=error.problems[0].message)
+    return Fix(key, label, changes, _outcome(changes, now, facts(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:

@@ -23,7 +23,6 @@ Tell = Callable[[float | None, str], None]
 GRACE = 2.0
 """Seconds that a cancelled run has to tidy up before it is killed."""
 
-
 PAUSE = 0.3
 """Seconds that a design must stand still before what takes about as long is done for it."""
 
@@ -37,7 +36,6 @@ class Progress:
     text: str
     """What is being done."""
     seconds: float
-    """Since the start."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,6 @@ class Failure:
 
     message: str
     """Why: what the input lacks, or that it was cancelled."""
-    cancelled: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,12 +98,7 @@ class ProcessJob(Generic[Result]):
     def cancel(self) -> None:
         """End the run; may be called at any time, and returns at once."""
         if isinstance(self._state, Progress):
-            self._end(Failure("cancelled", cancelled=True))
-
-    @property
-    def pid(self) -> int | None:
-        """The process that runs it."""
-        return self._process.pid
+            self._end(Failure("cancelled"))
 
     def _end(self, state: Done[Result] | Failure) -> Done[Result] | Failure:
         self._state = state
@@ -125,7 +117,6 @@ def _reap(process: Any, receiver: Connection) -> None:
 
 
 def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> None:
-    """What the child does."""
     # An interrupt at the terminal goes to the whole group, but only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
@@ -166,18 +157,7 @@ class Later:
         self._timers: dict[str, tuple[asyncio.TimerHandle, object]] = {}
 
     def do(self, name: str, work: Callable[[], object], subject: object, pause: float = PAUSE) -> None:
-        """Work in a while; asked again for another subject, the wait begins anew, for the same one it goes on.
-
-        Parameters
-        ----------
-        name : str
-            Of the kind of work.
-        work : callable
-        subject : object
-            What the work is about.
-        pause : float
-            [s].
-        """
+        """Do some kind of work in a while [s]; asked again for another subject, the wait begins anew."""
 
         def run() -> None:
             del self._timers[name]

@@ -6,9 +6,9 @@ The only place that knows how studies are run.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,18 +28,11 @@ from ..tolerancing.run import merged, tally_chunk
 from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
 from ..words import in_words, to_html
-from .fields import BY_SYMBOL, show
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
-from .state import PLACES
-
-Kind = Literal["tolerance", "optimise"]
-KINDS: tuple[Kind, ...] = ("tolerance", "optimise")
+from .state import BY_SYMBOL, PLACES, show
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
-
-LEAST_TRIALS, MOST_TRIALS = 64, 1_000_000
-LARGEST_SEED = 2**32 - 1
 
 GRADES = ("commercial", "precision", "high")
 """Of the shipped table, from loose to tight."""
@@ -52,28 +45,48 @@ CURVE_TRIALS = 4096
 SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Of all tolerances at once."""
 
-GOALS: dict[str, tuple[str, str, str]] = {
-    "depth": ("finest depth", "sigma_z_mm", "min"),
-    "field": ("widest field", "field_half_width_mm", "max"),
-    "light": ("most light", "light_sr", "max"),
-    "views": ("most independent views", "views_independent", "max"),
-    "sample": ("finest object sample", "object_sample_mm", "min"),
-    "length": ("shortest instrument", "total_length_mm", "min"),
+
+class Wish(NamedTuple):
+    """What may be wanted of a design, or kept from getting worse."""
+
+    label: str
+    quantity: str
+    side: str
+    """"min" where less is better or the limit a least value, else "max"."""
+
+    @property
+    def words(self) -> str:
+        """The quantity in words."""
+        return in_words(self.quantity)
+
+    @property
+    def unit(self) -> str:
+        """The quantity's."""
+        return quantity_named(self.quantity).unit
+
+
+GOALS = {
+    "depth": Wish("finest depth", "sigma_z_mm", "min"),
+    "field": Wish("widest field", "field_half_width_mm", "max"),
+    "light": Wish("most light", "light_sr", "max"),
+    "views": Wish("most independent views", "views_independent", "max"),
+    "sample": Wish("finest object sample", "object_sample_mm", "min"),
+    "length": Wish("shortest instrument", "total_length_mm", "min"),
 }
-"""Goals by their keys: what they are called, the quantity, the direction."""
+"""Goals by their keys, with their directions."""
 VARIABLES = ("D", "f", "d_f", "D_F", "d_3", "d", "d_2")
 """What may vary; f_ml follows its focus."""
 USUAL = ("D_F", "d_3", "d_2")
 """What varies where nobody says otherwise."""
-HELD: dict[str, tuple[str, str, str]] = {
-    "depth": ("depth precision", "sigma_z_mm", "max"),
-    "field": ("field", "field_half_width_mm", "min"),
-    "views": ("independent views", "views_independent", "min"),
-    "pixels": ("pixels across an image", "views_geometric", "min"),
-    "length": ("total length", "total_length_mm", "max"),
-    "light": ("light", "light_sr", "min"),
+HELD = {
+    "depth": Wish("depth precision", "sigma_z_mm", "max"),
+    "field": Wish("field", "field_half_width_mm", "min"),
+    "views": Wish("independent views", "views_independent", "min"),
+    "pixels": Wish("pixels across an image", "views_geometric", "min"),
+    "length": Wish("total length", "total_length_mm", "max"),
+    "light": Wish("light", "light_sr", "min"),
 }
-"""What may be kept from getting worse: what it is called, the quantity, the side of its limit."""
+"""What may be kept from getting worse, with the side of its limit."""
 GIVE = 1e-3
 """Part of a held value that may be given up, so that the design itself is inside its limits."""
 REACH = 2.0
@@ -84,15 +97,20 @@ STARTS, SECONDS = 8, 40.0
 FRONT_POINTS = 9
 
 
+# What the forms ask for. Each control has its name, what it is before anyone chooses, and what may be chosen.
+
+KNOWN, RANGE = "known", "range"
+SEED = {RANGE: (0, 2**32 - 1)}
+
+
 @dataclass(frozen=True)
 class ToleranceRequest:
     """What is asked of a tolerance run."""
 
     design: Design
-    grade: str = "precision"
-    trials: int | None = None
-    """None: `TRIALS`, or `TRIALS_TRACED` behind a real lens."""
-    seed: int = 0
+    grade: str = field(default=GRADES[1], metadata={KNOWN: GRADES})
+    trials: int = field(default=TRIALS, metadata={RANGE: (64, 1_000_000)})
+    seed: int = field(default=0, metadata=SEED)
     calibrated: bool = True
     """Whether the decoder is calibrated on each build."""
 
@@ -101,7 +119,6 @@ class ToleranceRequest:
 class ToleranceResult(Yields):
     """What a tolerance run found."""
 
-    trials: int
     limits: tuple[tuple[str, YieldShare], ...]
     """Each limit alone."""
     offenders: tuple[Offender, ...]
@@ -116,30 +133,23 @@ class OptimiseRequest:
     """What is asked of an optimisation run."""
 
     design: Design
-    goal: str = "depth"
-    """A key of `GOALS`."""
-    variables: tuple[str, ...] = USUAL
+    goal: str = field(default="depth", metadata={KNOWN: GOALS})
+    variables: tuple[str, ...] = field(default=USUAL, metadata={KNOWN: VARIABLES})
     matched: bool = True
     """Whether microlens images have to fill their cells without overlap."""
     undistorted: bool = True
     """Whether no microlens image on the sensor may be cut."""
-    held: tuple[str, ...] = ()
-    """Keys of `HELD`."""
-    against: str = ""
-    """Another key of `GOALS`: what the goal costs of it is found out as well."""
-    seed: int = 0
+    held: tuple[str, ...] = field(default=(), metadata={KNOWN: HELD})
+    against: str = field(default="", metadata={KNOWN: ("", *GOALS)})
+    """Another goal: what the goal costs of it is found out as well."""
+    seed: int = field(default=0, metadata=SEED)
 
 
 @dataclass(frozen=True)
 class OptimiseResult:
     """What an optimisation run found."""
 
-    feasible: bool
-    goal: str
-    """What was wanted, in words."""
-    quantity: str
-    """What that is a number of."""
-    unit: str
+    goal: Wish
     before: float
     after: float
     """The goal's quantity, of the design asked about and of the one found."""
@@ -148,42 +158,13 @@ class OptimiseResult:
     """The design found; None where nothing holds all limits."""
     sentences: tuple[Statement, ...]
     ends: tuple[SearchEnd, ...]
-    against: str
-    """The other goal; "" where there is none."""
-    against_quantity: str
-    against_unit: str
+    against: Wish | None
+    """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run, and the design that it was started for."""
-
-    design: Design
-    job: ProcessJob[Any]
-
-    @property
-    def result(self) -> Any:
-        """What was found; None before the end."""
-        state = self.job.poll()
-        return state.result if isinstance(state, Done) else None
-
-
-# Forms.
-
-
-def kind_of(text: str) -> Kind:
-    """A kind of run by its name.
-
-    Raises
-    ------
-    ValueError
-        There is none of that name.
-    """
-    if text not in KINDS:
-        raise ValueError(f"there is no run called {text!r}")
-    return text
+Request = TypeVar("Request", ToleranceRequest, OptimiseRequest)
 
 
 def forms(design: Design) -> dict[str, Any]:
@@ -192,72 +173,42 @@ def forms(design: Design) -> dict[str, Any]:
     return {
         "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
         "trials": TRIALS_TRACED if traced else TRIALS,
-        "goals": [{"key": key, "label": label} for key, (label, _, _) in GOALS.items()],
+        "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [{"key": s, "label": to_html(s), "chosen": s in USUAL} for s in VARIABLES],
-        "held": [{"key": key, "label": label} for key, (label, _, _) in HELD.items()],
+        "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
         "lens": traced,
     }
 
 
-def begin(kind: Kind, design: Design, options: Options) -> Run:
-    """Start a run in a process of its own.
+def read_form(kind: type[Request], design: Design, options: Options) -> Request:
+    """What a form asks for: a tick is there or not, of several boxes those that are known, one text of what may be.
 
     Raises
     ------
     InputError
-        Options that cannot be.
+        What is not known, a number out of range, or nothing that may vary.
     """
-    if kind == "tolerance":
-        return Run(design, ProcessJob(run_tolerance, tolerance_request(design, options)))
-    return Run(design, ProcessJob(run_optimise, optimise_request(design, options)))
-
-
-def tolerance_request(design: Design, options: Options) -> ToleranceRequest:
-    """What the form of the tolerance view asks for.
-
-    Raises
-    ------
-    InputError
-        A grade that is not known, or numbers out of range.
-    """
-    grade = _one(options, "grade", GRADES[1])
-    if grade not in GRADES:
-        raise InputError((Problem("grade", f"'{grade}' is not known; there are {', '.join(GRADES)}"),))
-    trials = _whole(options, "trials", TRIALS, LEAST_TRIALS, MOST_TRIALS)
-    return ToleranceRequest(design, grade, trials, _seed(options), "calibrated" in options)
-
-
-def optimise_request(design: Design, options: Options) -> OptimiseRequest:
-    """What the form of the optimise view asks for.
-
-    Raises
-    ------
-    InputError
-        A goal that is not known, nothing that may vary, or a seed out of range.
-    """
-    goal, against = _one(options, "goal", "depth"), _one(options, "against", "")
-    unknown = [key for key in (goal, against) if key and key not in GOALS]
-    if unknown:
-        raise InputError((Problem("goal", f"'{unknown[0]}' is not known; there are {', '.join(GOALS)}"),))
-    variables = tuple(symbol for symbol in VARIABLES if symbol in options.get("variables", ()))
-    if not variables:
+    values: dict[str, Any] = {}
+    for control in fields(kind)[1:]:
+        name, chosen = control.name, options.get(control.name, ())
+        text = str(chosen[0] if chosen else control.default).strip()
+        if isinstance(control.default, bool):
+            values[name] = bool(chosen)
+        elif isinstance(control.default, tuple):
+            values[name] = tuple(key for key in control.metadata[KNOWN] if key in chosen)
+        elif isinstance(control.default, int):
+            values[name] = _whole(name, text, *control.metadata[RANGE])
+        elif text in control.metadata[KNOWN]:
+            values[name] = text
+        else:
+            known = ", ".join(filter(None, control.metadata[KNOWN]))
+            raise InputError((Problem(name, f"'{text}' is not known; there are {known}"),))
+    if values.get("variables") == ():
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
-    held = tuple(key for key in HELD if key in options.get("held", ()))
-    wanted = "matched" in options, "undistorted" in options
-    return OptimiseRequest(design, goal, variables, *wanted, held, against, _seed(options))
+    return kind(design, **values)
 
 
-def _one(options: Options, name: str, otherwise: str) -> str:
-    values = options.get(name) or (otherwise,)
-    return str(values[0])
-
-
-def _seed(options: Options) -> int:
-    return _whole(options, "seed", 0, 0, LARGEST_SEED)
-
-
-def _whole(options: Options, name: str, otherwise: int, low: int, high: int) -> int:
-    text = _one(options, name, str(otherwise)).strip()
+def _whole(name: str, text: str, low: int, high: int) -> int:
     try:
         value = int(text)
     except ValueError:
@@ -282,19 +233,18 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     wrong : str
         What is wrong with what the form asked for.
     """
-    blank = {"state": "none", "share": -1, "text": "", "message": wrong, "stale": False, "seconds": ""}
+    shown = {"state": "none", "share": -1, "text": "", "message": wrong, "stale": False, "seconds": ""}
     if run is None:
-        return blank
+        return shown
+    shown["stale"] = run.design != design
     state = run.job.poll()
-    shown = {**blank, "stale": run.design != design}
     if isinstance(state, Progress):
         share = -1 if state.share is None else state.share
-        return {**shown, "state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
+        return shown | {"state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):
-        return {**shown, "state": "failed", "message": wrong or state.message}
-    result = state.result
-    details = _tolerances(result) if isinstance(result, ToleranceResult) else _optimum(result)
-    return {**shown, "state": "done", "seconds": f"{state.seconds:.1f} s", **details}
+        return shown | {"state": "failed", "message": wrong or state.message}
+    _, _, show_result = KINDS[run.kind]
+    return shown | {"state": "done", "seconds": f"{state.seconds:.1f} s", **show_result(state.result)}
 
 
 def _tolerances(result: ToleranceResult) -> dict[str, Any]:
@@ -311,11 +261,12 @@ def _tolerances(result: ToleranceResult) -> dict[str, Any]:
 
 
 def _optimum(result: OptimiseResult) -> dict[str, Any]:
-    unit = f" {result.unit}" if result.unit else ""
+    headline = "Nothing within the bounds holds all that was asked"
+    if result.design is not None:
+        after = f"{short(result.after, 4)} {result.goal.unit}".strip()
+        headline = f"{to_html(result.goal.words)}: {short(result.before, 4)} → {after}"
     return {
-        "headline": f"{to_html(result.quantity)}: {short(result.before, 4)} → {short(result.after, 4)}{unit}"
-        if result.feasible
-        else "Nothing within the bounds holds all that was asked",
+        "headline": headline,
         "rows": [{"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes],
         "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in result.sentences],
         "can_apply": result.design is not None,
@@ -324,9 +275,9 @@ def _optimum(result: OptimiseResult) -> dict[str, Any]:
 
 
 def _moved(change: VariableMove) -> str:
-    field = BY_SYMBOL[change.symbol]
+    number = BY_SYMBOL[change.symbol]
     bound = " (at its bound)" if change.at_bound else ""
-    return f"{show(field, change.before)} → {show(field, change.after)}{bound}"
+    return f"{show(number, change.before)} → {show(number, change.after)}{bound}"
 
 
 def _percent(share: float) -> str:
@@ -344,8 +295,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     InputError
         The grade is not known, or does not suit the design.
     """
-    design = request.design
-    trials = request.trials or (TRIALS if design.lens is None else TRIALS_TRACED)
+    design, trials = request.design, request.trials
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
     if not request.calibrated:
@@ -376,7 +326,6 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     decoder = "calibrated on each build" if request.calibrated else "as designed"
     return ToleranceResult(
         grade=request.grade,
-        trials=trials,
         share=_share(variant.result),
         limits=tuple((_label(limit.label), _share(limit.result)) for limit in variant.limits),
         offenders=tuple(offenders),
@@ -456,29 +405,21 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     result = run_optimisation(
         optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
     )
-    answer = result.answer
-    goal = answer.asked.goals[0]
+    answer, wish = result.answer, GOALS[request.goal]
     values = answer.variables()
-    against = request.against if request.against != request.goal else ""
+    best = answer.problem.design_at(answer.unit, f"{design.name}, {wish.label}") if answer.feasible else None
     return OptimiseResult(
-        feasible=answer.feasible,
-        goal=GOALS[request.goal][0],
-        quantity=in_words(goal.quantity.name),
-        unit=goal.quantity.unit,
-        before=_number(design, goal.quantity.name),
-        after=answer.number(goal),
+        goal=wish,
+        before=_number(design, wish.quantity),
+        after=answer.number(answer.asked.goals[0]),
         changes=tuple(
             VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *bounds_of(design, symbol))
             for symbol in request.variables
         ),
-        design=answer.problem.design_at(answer.unit, f"{design.name}, {GOALS[request.goal][0]}")
-        if answer.feasible
-        else None,
+        design=best,
         sentences=tuple(statements(result)),
         ends=ends_of(answer),
-        against=GOALS[against][0] if against else "",
-        against_quantity=in_words(GOALS[against][1]) if against else "",
-        against_unit=quantity_named(GOALS[against][1]).unit if against else "",
+        against=GOALS[request.against] if request.against not in ("", request.goal) else None,
         front=_front(result),
     )
 
@@ -538,3 +479,39 @@ def _part_done(text: str) -> float | None:
 def _front(result: Result) -> tuple[tuple[float, float], ...]:
     points = () if result.front is None else result.front.points
     return tuple((first, second) for first, second, *_ in (point.goals.values() for point in points))
+
+
+Work = Callable[[Any, Tell], Any]
+KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
+    "tolerance": (ToleranceRequest, run_tolerance, _tolerances),
+    "optimise": (OptimiseRequest, run_optimise, _optimum),
+}
+"""Of each kind of run: what it asks for, what does it, and what the page shows of its result."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run, and the design that it was started for."""
+
+    kind: str
+    """Of `KINDS`."""
+    design: Design
+    job: ProcessJob[Any]
+
+    @classmethod
+    def begin(cls, kind: str, design: Design, options: Options) -> Run:
+        """Start a run in a process of its own.
+
+        Raises
+        ------
+        InputError
+            Options that cannot be.
+        """
+        request, work, _ = KINDS[kind]
+        return cls(kind, design, ProcessJob(work, read_form(request, design, options)))
+
+    @property
+    def result(self) -> Any:
+        """What was found; None before the end."""
+        state = self.job.poll()
+        return state.result if isinstance(state, Done) else None

@@ -14,7 +14,7 @@ import signal
 import socket
 from collections.abc import Awaitable, Callable
 from importlib.util import find_spec
-from ipaddress import ip_address
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -151,10 +151,8 @@ def application(new_session: Callable[[], Session], host: str = "127.0.0.1") -> 
     return app
 
 
-async def serve(
-    app: web.Application, host: str, port: int | None, ready: Callable[[str], None], stop: asyncio.Event | None = None
-) -> None:
-    """Serve until `stop` is set or the process is asked to end (Ctrl-C, SIGTERM).
+async def serve(app: web.Application, host: str, port: int | None, ready: Callable[[str], None]) -> None:
+    """Serve until the process is asked to end (Ctrl-C, SIGTERM).
 
     Parameters
     ----------
@@ -166,17 +164,13 @@ async def serve(
         0 lets the system choose; None takes the first free one from `FIRST_PORT` on.
     ready : callable
         Called with the page's address once it can be opened.
-    stop : Event, optional
-        Ends the server from within the process.
 
     Raises
     ------
     InputError
         The port is in use or none, or the host is not an address of this machine.
     """
-    if port is not None and not 0 <= port <= 65535:
-        raise _refused("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any")
-    stop = stop or asyncio.Event()
+    stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=2.0)
     await runner.setup()
@@ -196,25 +190,24 @@ async def serve(
 
 
 async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
+    if port is not None and not 0 <= port <= 65535:
+        raise _refused("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any")
     for choice in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
         try:
-            await web.TCPSite(runner, host, choice).start()
+            return await web.TCPSite(runner, host, choice).start()
         except OSError as error:
             # asyncio words its own message around the system's, and drops the number of some.
-            if error.errno == errno.EADDRINUSE:
-                continue
             if error.errno == errno.EACCES:
                 message = f"{choice} may not be listened on by this user; choose one above 1023"
                 raise _refused("--port", message) from None
-            why = error.strerror or error
-            message = f"{host} is not an address of this machine ({why}); leave it out for 127.0.0.1"
-            raise _refused("--host", message) from None
-        return
-    if port is not None:
-        raise _refused("--port", f"{port} is in use; name another, or leave it out to take the first free one")
+            if error.errno != errno.EADDRINUSE:
+                why = error.strerror or error
+                message = f"{host} is not an address of this machine ({why}); leave it out for 127.0.0.1"
+                raise _refused("--host", message) from None
     last = FIRST_PORT + PORTS - 1
-    message = f"{FIRST_PORT} to {last} are all in use; name a free one, or 0 to let the system choose"
-    raise _refused("--port", message)
+    many = f"{FIRST_PORT} to {last} are all in use; name a free one, or 0 to let the system choose"
+    one = f"{port} is in use; name another, or leave it out to take the first free one"
+    raise _refused("--port", many if port is None else one)
 
 
 def _refused(option: str, message: str) -> InputError:
@@ -285,7 +278,7 @@ async def _guard(
 ) -> web.StreamResponse:
     """Refuse requests by a foreign name (a page elsewhere may have bound it to this machine); set the policy."""
     name = urlsplit(f"//{request.host}").hostname or ""
-    if name not in ("localhost", request.app[HOST], socket.gethostname()) and not _is_address(name):
+    if name not in ("localhost", request.app[HOST], socket.gethostname()) and _address(name) is None:
         raise web.HTTPForbidden(text="open the explorer by this machine's address")
     response = await handler(request)
     if not response.prepared:
@@ -297,14 +290,13 @@ async def _guard(
     return response
 
 
-def _is_address(name: str) -> bool:
-    try:
-        ip_address(name)
-    except ValueError:
-        return False
-    return True
+def _address(name: str) -> IPv4Address | IPv6Address | None:
+    with contextlib.suppress(ValueError):
+        return ip_address(name)
+    return None
 
 
 def is_local(host: str) -> bool:
     """Whether an address is reached from this machine only."""
-    return host == "localhost" or (_is_address(host) and ip_address(host).is_loopback)
+    address = _address(host)
+    return host == "localhost" or (address is not None and address.is_loopback)

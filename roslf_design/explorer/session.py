@@ -7,24 +7,26 @@ import contextlib
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
 from ..design.write import write_atomically
 from ..errors import InputError
-from ..evaluation import Evaluation, evaluate
+from ..evaluation import evaluate
 from ..pictures.picture import Picture
 from ..pictures.solid import BrowserMesh, changed, scene
 from ..pictures.theme import ThemeName
-from .fields import BY_SYMBOL, reach, value_at
-from .fixes import Fix, proposals
+from .fixes import proposals
 from .jobs import Later, Progress
-from .runs import KINDS, Kind, Options, Run, begin, forms, kind_of, summary
-from .state import TABS, WHOLE, History, LinkError, Look, State, decode, on_array, place_on_mla, read_place
+from .runs import KINDS, Options, Run, forms, summary
+from .state import BY_SYMBOL, TABS, History, LinkError, Look, State, decode, on_array, place_on_mla, reach, value_at
 from .view import DRAWINGS, TRACING, PictureSource, Size, controls, fitting, glance, header, lights, looked_at, proposed
+
+Known = TypeVar("Known")
 
 TICK = 0.25
 """How often a run is asked how far it is [s]."""
@@ -56,9 +58,9 @@ class Session:
     """
 
     requests = (
-        *("opened", "restore", "slide", "write", "follow", "undo", "redo", "preset", "load_text", "load_path", "fix"),
-        *("dismiss", "show_tab", "choose", "point", "let_go", "nudge", "switch", "resize", "set_theme", "space_again"),
-        *("show_whole", "start_run", "cancel_run", "take_optimum"),
+        *("opened", "restore", "slide", "write", "follow", "undo", "redo", "load_text", "load_path", "fix", "dismiss"),
+        *("look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run", "cancel_run"),
+        "take_optimum",
     )
     """Methods that the page may call."""
 
@@ -69,13 +71,12 @@ class Session:
         self._sizes: dict[str, Size] = {name: drawing.size for name, drawing in DRAWINGS.items()}
         self._opened = False
         self._limits: tuple[float, float] | None = None
-        self._traced: tuple[Design, Evaluation] | None = None
-        self._runs: dict[Kind, Run | None] = dict.fromkeys(KINDS)
-        self._wrong: dict[Kind, str] = dict.fromkeys(KINDS, "")
+        self._runs: dict[str, Run] = {}
+        self._wrong: dict[str, str] = {}
         self._space = Space()
-        self._proposed: tuple[Design | None, tuple[Fix, ...]] = (None, ())
+        self._evaluated = lru_cache(maxsize=2)(evaluate)
+        self._known: dict[Callable[[Design], Any], tuple[Design, Any]] = {}
         self._later = Later(lambda: self.on_news())
-        self._subject = PictureSource(design.thin_twin, self._look)
         self._drawn: dict[str, tuple[Any, Picture | None, str]] = {}
         self._children: set[asyncio.subprocess.Process] = set()
         self.on_news: Callable[[], None] = lambda: None
@@ -93,19 +94,20 @@ class Session:
 
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
-        pictures = dict.fromkeys(DRAWINGS, "")
+        pictures, seen = dict.fromkeys(DRAWINGS, ""), {}
         if self._opened:
-            pictures = {name: self._draw(name) for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
+            source = self._source()
+            shown = {name: drawing for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
+            pictures = {name: self._draw(name, drawing.inputs(source)) for name, drawing in shown.items()}
+            seen = {"glance": glance(source.evaluation), "lights": self._lights(source), "fixes": self._fixes()}
         return {
             **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            "glance": glance(self._seen().evaluation) if self._opened else [],
-            "lights": self._lights() if self._opened else [],
-            "fixes": self._fixes() if self._opened else [],
+            **(seen or {"glance": [], "lights": [], "fixes": []}),
             "space": self._in_space(),
-            **{f"{kind}_run": summary(self._runs[kind], self.design, self._wrong[kind]) for kind in KINDS},
+            **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
             "forms": forms(self.design),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
@@ -116,8 +118,7 @@ class Session:
         """End all that runs for this tab."""
         self._later.cancel()
         for run in self._runs.values():
-            if run is not None:
-                run.job.cancel()
+            run.job.cancel()
         for process in self._children:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
@@ -141,7 +142,7 @@ class Session:
         if name == "report.html":
             return Download(f"{stem}-report.html", "text/html", await self._report(stem))
         drawing = DRAWINGS.get(name.removesuffix(".svg"))
-        inputs = drawing.inputs(self._seen()) if drawing is not None and name.endswith(".svg") else None
+        inputs = drawing.inputs(self._source()) if drawing is not None and name.endswith(".svg") else None
         if drawing is None or inputs is None:
             return None
         picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
@@ -158,21 +159,16 @@ class Session:
                 stdout=asyncio.subprocess.DEVNULL,
                 stderr=asyncio.subprocess.PIPE,
             )
-            with self._owning(process):
+            self._children.add(process)
+            try:
                 _, complaint = await process.communicate()
+            finally:
+                self._children.discard(process)
+                if process.returncode is None:
+                    process.kill()
             if process.returncode:
                 raise DownloadError(complaint.decode(errors="replace").strip() or "the report was stopped")
             return (Path(folder) / "report" / "index.html").read_bytes()
-
-    @contextlib.contextmanager
-    def _owning(self, process: asyncio.subprocess.Process) -> Iterator[None]:
-        self._children.add(process)
-        try:
-            yield
-        finally:
-            self._children.discard(process)
-            if process.returncode is None:
-                process.kill()
 
     # Requests: what the page may ask.
 
@@ -215,11 +211,6 @@ class Session:
         """One step forward again."""
         self._history = self._history.redo()
 
-    def preset(self, name: str) -> None:
-        """Load a design that ships."""
-        if name in preset_names():
-            self._load(lambda: load(name))
-
     def load_text(self, name: str, text: str) -> None:
         """Load a design file that the browser read."""
         if len(text) > MOST_TEXT:
@@ -228,12 +219,12 @@ class Session:
             self._load(lambda: loads(text, name))
 
     def load_path(self, path: str) -> None:
-        """Load a design file of the machine that the explorer runs on."""
+        """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
         self._load(lambda: load(path.strip()))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""
-        chosen = next((fix for fix in self._propose() if fix.key == key), None)
+        chosen = next((fix for fix in proposals(self.design) if fix.key == key), None)
         if chosen is None or chosen.why_not:
             return
         try:
@@ -245,27 +236,20 @@ class Session:
         """Take note of the message."""
         self._say("")
 
-    def show_tab(self, tab: str) -> None:
-        """Turn to another tab of the page."""
-        if tab in TABS:
-            self._look = replace(self._look, tab=tab)
-
-    def choose(self, place: Any) -> None:
-        """Look at another microlens."""
-        self._look = replace(self._look, place=read_place(place))
+    def look(self, at: str, value: Any) -> None:
+        """Look at something else: another value of a `Look`'s fields."""
+        with contextlib.suppress(ValueError, TypeError):
+            self._look = replace(self._look, **{at: value})
 
     def point(self, picture: str, x: float, y: float, gesture: str) -> None:
         """Click or drag in a picture, at a place in its own pixels."""
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
             return
-        across, up = drawn.mapping.to_value(float(x), float(y))
-        if picture == "mla-map":
-            self._look = replace(self._look, place=on_array(self.design, across, up))
-        elif picture == "matching-plane":
+        if picture == "matching-plane":
             # Axes that follow the design would run away under the pointer.
             self._limits = (drawn.mapping.x.high, drawn.mapping.y.high)
-            self._move_pupil(across, up, gesture)
+        self._place(picture, *drawn.mapping.to_value(float(x), float(y)), gesture)
 
     def let_go(self) -> None:
         """A drag in a picture has ended."""
@@ -276,25 +260,13 @@ class Session:
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
             return
-        design, step = self.design, self.design.d
+        design = self.design
+        x, y = design.d_3, design.D_F
+        across, high = drawn.mapping.x.high / 100, drawn.mapping.y.high / 100
         if picture == "mla-map":
             x, y = place_on_mla(design, self._look.place)
-            self._look = replace(self._look, place=on_array(design, x + step * right, y + step * up))
-        elif picture == "matching-plane":
-            across, high = (drawn.mapping.x.high / 100, drawn.mapping.y.high / 100)
-            self._move_pupil(design.d_3 + across * right, design.D_F + high * up, "")
-
-    def show_whole(self, whole: str) -> None:
-        """How much the meridional section shows: the object plane too, the instrument alone, or what suits."""
-        if whole in WHOLE:
-            self._look = replace(self._look, whole=whole)
-
-    def switch(self, what: str, on: bool) -> None:
-        """Diffraction or pixels, on or off."""
-        if what == "diffraction":
-            self._look = replace(self._look, diffraction=bool(on))
-        elif what == "pixels":
-            self._look = replace(self._look, pixels=bool(on))
+            across = high = design.d
+        self._place(picture, x + across * right, y + high * up)
 
     def resize(self, sizes: dict[str, Sequence[float]]) -> None:
         """Take note of how much room the pictures have [px]."""
@@ -311,98 +283,86 @@ class Session:
 
     def start_run(self, kind: str, options: Options) -> None:
         """Start a tolerance or optimisation run in the background; one that runs already is ended."""
-        chosen = kind_of(kind)
         self.cancel_run(kind)
         try:
-            self._runs[chosen], self._wrong[chosen] = begin(chosen, self.design, options), ""
+            self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, options), ""
         except InputError as error:
-            self._wrong[chosen] = str(error)
+            self._wrong[kind] = str(error)
         else:
             self._later.do("runs", self._look_after_runs, None, TICK)
 
     def cancel_run(self, kind: str) -> None:
         """End a run."""
-        run = self._runs[kind_of(kind)]
-        if run is not None:
-            run.job.cancel()
+        if kind in self._runs:
+            self._runs[kind].job.cancel()
 
     def take_optimum(self) -> None:
         """Go on with the design that was found."""
-        result = self._result("optimise")
-        if result is not None and result.design is not None:
-            self._go(self.state.take(result.design))
+        run = self._runs.get("optimise")
+        if run is not None and run.result is not None and run.result.design is not None:
+            self._go(self.state.take(run.result.design))
 
     # How they do it.
 
-    def _lights(self) -> list[dict[str, str]]:
+    def _source(self) -> PictureSource:
+        design = self.design.thin_twin
+        results = {kind: run.result for kind, run in self._runs.items() if run.result is not None}
+        return PictureSource(design, self._evaluated(design), self._look, self._limits, results)
+
+    def _lights(self, source: PictureSource) -> list[dict[str, str]]:
         """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
         if self.design.main_lens.prescription is None:
-            return lights(self._seen().evaluation)
-        if self._traced is not None and self._traced[0] == self.design:
-            return lights(self._traced[1])
-        self._later.do("trace", self._trace, self.design)
-        return [*lights(self._seen().evaluation), TRACING]
-
-    def _trace(self) -> None:
+            return lights(source.evaluation)
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
-        self._traced = (self.design, evaluate(self.design))
+        _, traced = self._after_a_pause(evaluate)
+        return [*lights(source.evaluation), TRACING] if traced is None else lights(traced)
 
     def _fixes(self) -> list[dict[str, str]]:
         """What would mend the design; with nothing promised while it is still being changed."""
-        design, fixes = self._proposed
-        if design != self.design:
-            self._later.do("fixes", self._propose, self.design)
-        return proposed(fixes, settled=design == self.design)
+        fixes, settled = self._after_a_pause(proposals)
+        return proposed(settled or fixes or (), settled is not None)
 
-    def _propose(self) -> tuple[Fix, ...]:
-        self._proposed = (self.design, proposals(self.design))
-        return self._proposed[1]
+    def _after_a_pause(self, find: Callable[[Design], Known]) -> tuple[Known | None, Known | None]:
+        """What takes about a picture's time: as it was found last, and of the design once that has stood still."""
+        design, (of, known) = self.design, self._known.get(find, (None, None))
+        if of == design:
+            return known, known
+        self._later.do(find.__name__, lambda: self._known.update({find: (design, find(design))}), design)
+        return known, None
 
     def _look_after_runs(self) -> None:
-        if any(run is not None and isinstance(run.job.poll(), Progress) for run in self._runs.values()):
+        if any(isinstance(run.job.poll(), Progress) for run in self._runs.values()):
             self._later.do("runs", self._look_after_runs, None, TICK)
-
-    def _result(self, kind: Kind) -> Any:
-        run = self._runs[kind]
-        return None if run is None else run.result
 
     def _in_space(self) -> dict[str, Any]:
         shown = self._opened and self._look.tab == "space"
         return self._space.parcel(self.design.thin_twin, self._theme) if shown else self._space.sent
 
-    def _seen(self) -> PictureSource:
-        """What pictures are made of now; its evaluation is kept while the design is the same."""
-        design = self.design.thin_twin
-        now = PictureSource(design, self._look, self._limits, self._result("tolerance"), self._result("optimise"))
-        if now != self._subject:
-            if self._subject.design == design and "evaluation" in vars(self._subject):
-                vars(now)["evaluation"] = self._subject.evaluation
-            self._subject = now
-        return self._subject
-
-    def _draw(self, name: str) -> str:
+    def _draw(self, name: str, inputs: tuple[Any, ...] | None) -> str:
         """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
-        drawing = DRAWINGS[name]
-        inputs = drawing.inputs(self._seen())
         if inputs is None:
             return ""
         wanted = (*inputs, self._sizes[name], self._theme)
         before, picture, text = self._drawn.get(name, (None, None, ""))
         if wanted != before:
             try:
-                picture = drawing.make(*wanted[:-1])
+                picture = DRAWINGS[name].make(*wanted[:-1])
                 text = picture.svg(self._theme)
             except (ValueError, ArithmeticError, MemoryError) as error:
                 # Some designs that can be written down cannot be drawn: a pitch wider than the array.
-                self._say(f"{drawing.label} cannot be drawn: {error}")
+                self._say(f"{DRAWINGS[name].label} cannot be drawn: {error}")
             self._drawn[name] = (wanted, picture, text)
         return text
 
-    def _move_pupil(self, distance: float, diameter: float, gesture: str) -> None:
-        farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
-        place = {"d_3": round(min(max(distance, 0.0), farthest), 4), "D_F": round(max(diameter, 1e-3), 4)}
-        with contextlib.suppress(DesignError):
-            self._go(self.state.change(place), gesture)
+    def _place(self, picture: str, x: float, y: float, gesture: str = "") -> None:
+        """Look at a microlens, or move the pupil, to where a picture has it."""
+        if picture == "mla-map":
+            self._look = replace(self._look, place=on_array(self.design, x, y))
+        elif picture == "matching-plane":
+            farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
+            pupil = {"d_3": round(min(max(x, 0.0), farthest), 4), "D_F": round(max(y, 1e-3), 4)}
+            with contextlib.suppress(DesignError):
+                self._go(self.state.change(pupil), gesture)
 
     def _go(self, state: State, gesture: str = "") -> None:
         self._history = self._history.record(state, gesture)

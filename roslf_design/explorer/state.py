@@ -1,42 +1,144 @@
-"""What a browser tab shows, as frozen values: the design, what of it is looked at, what was before, and its link."""
+"""What a browser tab shows, as frozen values: the design and its numbers, what of it is looked at, history, link."""
 
 from __future__ import annotations
 
 import base64
 import binascii
+import dataclasses
 import json
+import math
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, cast
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import AfterValidator, Field
+from pydantic.dataclasses import dataclass as checked_dataclass
 
 from ..design import Design, DesignError, dumps, loads
+from ..design.parameters import PATHS
 from ..errors import Problem
 from ..evaluation import default_fields
-from .fields import BY_SYMBOL, CONJUGATE, read, symbol_of
+from ..units import UNITS, parse_quantity
+
+# Numbers of a design.
+
+STEPS = 1000
+"""A slider's positions are the whole numbers from 0 to this."""
+
+SPAN = 4.0
+"""A slider reaches from the reference over this to the reference times this."""
 
 Follower = Literal["f", "d_1", "d_f"]
+CONJUGATE: tuple[Follower, ...] = ("f", "d_1", "d_f")
+"""Any two of these give the third."""
 
-DEPTH = 200
-"""How many steps back are kept."""
 
-Place = Literal["centre", "edge", "corner"] | tuple[float, float]
-"""A microlens: by name, or where it stands on the MLA [mm]."""
+class NumberField(NamedTuple):
+    """One number of a design as the page shows it."""
 
-PLACES = ("centre", "edge", "corner")
-"""Microlenses with a name: of what the sensor sees."""
+    symbol: str
+    """As in the paper, and as `Design.replace` takes it."""
+    name: str
+    group: str
+    """Part of the camera that it belongs to."""
+    unit: str
+    """The unit that it is shown in, and that a number without a unit has."""
+    scale: Literal["log", "linear"] = "log"
+    """How the slider runs."""
 
-TABS = {"camera": "Camera", "depth": "Depth", "tolerance": "Tolerance", "optimise": "Optimise", "space": "3D"}
-"""Views of the explorer with their labels, first the one it opens with."""
 
-WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
-"""What the meridional section shows: what suits, from the object plane on, or from the outermost stop on."""
+FIELDS = (
+    NumberField("D", "Clear aperture", "Main lens", "mm"),
+    NumberField("f", "Focal length", "Main lens", "mm"),
+    NumberField("d_f", "Focal plane", "Main lens", "mm"),
+    NumberField("d_1", "Lens to MLA", "Main lens", "mm"),
+    NumberField("D_F", "Pupil diameter", "Angular plane", "mm"),
+    NumberField("d_3", "Pupil to lens", "Angular plane", "mm", "linear"),
+    NumberField("d", "Pitch", "Microlenses", "um"),
+    NumberField("f_ml", "Focal length", "Microlenses", "mm"),
+    NumberField("d_2", "MLA to sensor", "Sensor and light", "mm"),
+    NumberField("q", "Pixel pitch", "Sensor and light", "um"),
+    NumberField("wavelength", "Wavelength", "Sensor and light", "nm", "linear"),
+)
+"""Every field, in the order of the page."""
 
-VERSION = "1"
-"""Of links: what they begin with."""
+BY_SYMBOL = {field.symbol: field for field in FIELDS}
 
-LIMIT = 200_000
-"""Largest unpacked link [bytes]: one from elsewhere must not fill the memory."""
+EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm"}
+"""What may be typed, by the field's unit."""
+
+VISIBLE = (380e-6, 1000e-6)
+"""Wavelengths that a slider reaches, whatever the design [mm]."""
+
+
+def show(field: NumberField, value: float) -> str:
+    """A length [mm] as text in the field's unit, to seven digits."""
+    return f"{value / float(UNITS['length'][field.unit]):.7g} {field.unit}"
+
+
+def read(field: NumberField, text: str) -> float:
+    """A length that was typed [mm]; a bare number has the unit that the field shows.
+
+    Raises
+    ------
+    ValueError
+        What is wrong and what to write instead.
+    """
+    typed = text.strip()
+    if typed.count(",") == 1 and "." not in typed:
+        typed = typed.replace(",", ".")
+    if not typed:
+        raise ValueError(f'empty; write e.g. "{EXAMPLES[field.unit]}"')
+    try:
+        float(typed)
+    except ValueError:
+        return parse_quantity(typed, "length")
+    return parse_quantity(f"{typed} {field.unit}", "length")
+
+
+def reach(field: NumberField, reference: Design, design: Design) -> tuple[float, float]:
+    """Smallest and largest value of the field's slider [mm].
+
+    About the design that was loaded, so that a slider keeps its place while it is moved; always as far as the present
+    design's value.
+    """
+    now, centre = float(getattr(design, field.symbol)), float(getattr(reference, field.symbol))
+    low, high = centre / SPAN, centre * SPAN
+    if field.symbol == "wavelength":
+        low, high = VISIBLE
+    elif field.symbol == "d_3":
+        low, high = 0.0, 0.995 * design.d_f
+    elif field.symbol in ("d_1", "d_f"):
+        low = max(low, 1.001 * design.f)
+    return min(low, now), max(high, now)
+
+
+def position(field: NumberField, value: float, ends: tuple[float, float]) -> int:
+    """Where the slider stands for a value [mm], from 0 to `STEPS`."""
+    low, high = ends
+    if not high > low:
+        return 0
+    if field.scale == "log" and low > 0 < value:
+        share = math.log(value / low) / math.log(high / low)
+    else:
+        share = (value - low) / (high - low)
+    return round(STEPS * min(max(share, 0.0), 1.0))
+
+
+def value_at(field: NumberField, place: float, ends: tuple[float, float]) -> float:
+    """Value [mm] of a slider's position, rounded to as many digits as a step has; the ends are met exactly."""
+    low, high = ends
+    share = min(max(place / STEPS, 0.0), 1.0)
+    if share in (0.0, 1.0):
+        return high if share else low
+    if field.scale == "log" and low > 0:
+        return float(f"{low * (high / low) ** share:.4g}")
+    span = high - low
+    return round(low + share * span, 3 - math.floor(math.log10(span))) if span > 0 else low
+
+
+# The design.
 
 
 @dataclass(frozen=True)
@@ -76,7 +178,7 @@ class State:
     @property
     def followers(self) -> tuple[Follower, ...]:
         """Which of f, d_1 and d_f can follow: behind a real lens its focal length is its own."""
-        return ("d_1", "d_f") if self.design.main_lens.prescription is not None else ("f", "d_1", "d_f")
+        return CONJUGATE if self.design.main_lens.prescription is None else ("d_1", "d_f")
 
     def changeable(self, symbol: str) -> bool:
         """Whether a number can be set by hand."""
@@ -127,10 +229,6 @@ class State:
         """Go on with another design; sliders keep their reach."""
         return replace(self, design=design, faults=(), message="")
 
-    def without_faults(self) -> State:
-        """The same with nothing wrong."""
-        return replace(self, faults=(), message="")
-
     def _changed(self, changes: Mapping[str, float]) -> Design:
         touched = [symbol for symbol in CONJUGATE if symbol in changes]
         fixed: dict[str, Any] = {}
@@ -170,9 +268,14 @@ def _readable(faults: Iterable[Fault]) -> dict[str, float]:
 
 def _about(problems: tuple[Problem, ...], symbol: str) -> str:
     """Problems beside a field: its own first, then those of others under their names."""
-    named = [(symbol_of(problem.key), problem.message) for problem in problems]
-    own = [message for name, message in named if name in (symbol, None)]
-    return "; ".join(own + [f"{name}: {message}" for name, message in named if name not in (symbol, None)])
+    symbols = {place: symbol for symbol, place in PATHS.items()}
+    named = [(symbols.get(problem.key, symbol), problem.message) for problem in problems]
+    own = [message for name, message in named if name == symbol]
+    return "; ".join(own + [f"{name}: {message}" for name, message in named if name != symbol])
+
+
+DEPTH = 200
+"""How many steps back are kept."""
 
 
 @dataclass(frozen=True)
@@ -188,15 +291,7 @@ class History:
     """What the last change belongs to: all of one slider's move are one step."""
 
     def record(self, state: State, gesture: str = "") -> History:
-        """Go on to a new state; a change of the same gesture as the last one replaces it.
-
-        Parameters
-        ----------
-        state : State
-            The new present. Where its design and follower are the old ones, no step is made.
-        gesture : str
-            Name of the move that this change is part of; "" for a change of its own.
-        """
+        """Go on to a new state: no step where design and follower are the old ones, or the gesture is the last's."""
         before = self.present
         if (state.design, state.follows) == (before.design, before.follows):
             return replace(self, present=state)
@@ -209,47 +304,62 @@ class History:
         if not self.past:
             return self
         *past, last = self.past
-        return History(last.without_faults(), tuple(past), (self.present.without_faults(), *self.future))
+        return History(last.take(last.design), tuple(past), (self.present.take(self.present.design), *self.future))
 
     def redo(self) -> History:
         """One step forward again; the same where there is none."""
         if not self.future:
             return self
-        return History(self.future[0], (*self.past, self.present.without_faults()), self.future[1:])
+        return History(self.future[0], (*self.past, self.present.take(self.present.design)), self.future[1:])
 
 
-@dataclass(frozen=True)
+# What is looked at.
+
+TABS = {"camera": "Camera", "depth": "Depth", "tolerance": "Tolerance", "optimise": "Optimise", "space": "3D"}
+"""Views of the explorer with their labels, first the one it opens with."""
+
+WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
+"""What the meridional section shows: what suits, from the object plane on, or from the outermost stop on."""
+
+PLACES = ("centre", "edge", "corner")
+"""Microlenses with a name: of what the sensor sees."""
+
+Coordinate = Annotated[float, Field(gt=-1e6, lt=1e6)]
+Place = Literal["centre", "edge", "corner"] | tuple[Coordinate, Coordinate]
+"""A microlens: by name, or where it stands on the MLA [mm]."""
+
+
+def _key_of(names: Mapping[str, object]) -> AfterValidator:
+    def known(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"there are {', '.join(names)}")
+        return name
+
+    return AfterValidator(known)
+
+
+@checked_dataclass(frozen=True)
 class Look:
-    """What of a design is looked at; not part of what undo takes back."""
+    """What of a design is looked at; not part of what undo takes back.
 
-    tab: str = "camera"
+    Raises
+    ------
+    ValueError
+        There is no such view.
+    """
+
+    tab: Annotated[str, _key_of(TABS)] = "camera"
     place: Place = "centre"
     """The microlens whose image is shown."""
     diffraction: bool = True
     pixels: bool = True
-    whole: str = "auto"
-    """How much the meridional section shows, a key of `WHOLE`."""
+    whole: Annotated[str, _key_of(WHOLE)] = "auto"
+    """How much the meridional section shows."""
 
 
 def place_on_mla(design: Design, place: Place) -> tuple[float, float]:
     """Where a microlens stands [mm]."""
     return dict(zip(PLACES, default_fields(design), strict=True))[place] if isinstance(place, str) else place
-
-
-def read_place(place: Any) -> Place:
-    """A microlens by its name or its two coordinates [mm].
-
-    Raises
-    ------
-    ValueError
-        Neither.
-    """
-    if place in PLACES:
-        return cast("Place", place)
-    x, y = (float(value) for value in place)
-    if not (abs(x) < 1e6 and abs(y) < 1e6):
-        raise ValueError("a place on the MLA is two finite numbers")
-    return x, y
 
 
 def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
@@ -258,13 +368,22 @@ def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
     return min(max(x, -half_x), half_x), min(max(y, -half_y), half_y)
 
 
+# The link that brings all of it back.
+
+VERSION = "1"
+"""Of links: what they begin with."""
+
+LIMIT = 200_000
+"""Largest unpacked link [bytes]: one from elsewhere must not fill the memory."""
+
+
 class LinkError(ValueError):
     """A link that cannot be read; says why."""
 
 
 def encode(state: State, look: Look) -> str:
     """Text of letters, digits, - and _ that `decode` turns into an equal design, follower and look."""
-    content = {"design": dumps(state.design), "follows": state.follows, "look": asdict(look)}
+    content = {"design": dumps(state.design), "follows": state.follows, "look": dataclasses.asdict(look)}
     if state.reference != state.design:
         content["reference"] = dumps(state.reference)
     packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
@@ -282,34 +401,16 @@ def decode(text: str) -> tuple[State, Look]:
     if not text.startswith(VERSION):
         raise LinkError("the link is not one of this version of the explorer; make it again there")
     try:
-        content = json.loads(_unpacked(text[len(VERSION) :]))
-        design, follows = loads(str(content["design"]), "link"), content["follows"]
-        if follows not in CONJUGATE:
-            raise ValueError(f"{follows!r} does not follow")
-        state = State.of(design, follows)
+        packed = base64.b64decode(text[1:] + "=" * (-len(text[1:]) % 4), altchars=b"-_", validate=True)
+        reader = zlib.decompressobj()
+        content = json.loads(reader.decompress(packed, LIMIT))
+        if reader.unconsumed_tail or not reader.eof or content["follows"] not in CONJUGATE:
+            raise LinkError
+        state = State.of(loads(str(content["design"]), "link"), content["follows"])
         if "reference" in content:
             state = replace(state, reference=loads(str(content["reference"]), "link"))
-        return state, _look(content["look"])
+        return state, Look(**content["look"])
     except DesignError as error:
         raise LinkError(f"the link's design cannot be used: {error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise LinkError("the link is cut off or changed; copy it again, whole") from None
-
-
-def _unpacked(text: str) -> bytes:
-    try:
-        packed = base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
-        reader = zlib.decompressobj()
-        content = reader.decompress(packed, LIMIT)
-    except (binascii.Error, zlib.error) as error:
-        raise ValueError(str(error)) from None
-    if reader.unconsumed_tail or not reader.eof:
-        raise ValueError("cut off, or too large")
-    return content
-
-
-def _look(data: Any) -> Look:
-    tab, whole = data["tab"], data["whole"]
-    if tab not in TABS or whole not in WHOLE:
-        raise ValueError(f"no view {tab!r} or {whole!r}")
-    return Look(tab, read_place(data["place"]), bool(data["diffraction"]), bool(data["pixels"]), whole)

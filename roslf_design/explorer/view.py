@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from ..design import Design
-from ..evaluation import Evaluation, evaluate
+from ..evaluation import Evaluation
 from ..pictures.curves import depth_precision, matching_plane
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
@@ -19,10 +19,21 @@ from ..pictures.rays import meridional
 from ..pictures.studies import change_bars, front, offender_bars, search_history, spread_bars, yield_bars, yield_curve
 from ..pictures.theme import short
 from ..words import to_html
-from .fields import CONJUGATE, FIELDS, STEPS, NumberField, position, reach, show
 from .fixes import Fix
-from .runs import Kind, OptimiseResult, ToleranceResult
-from .state import WHOLE, History, Look, State, encode, place_on_mla
+from .state import (
+    FIELDS,
+    STEPS,
+    WHOLE,
+    History,
+    Look,
+    NumberField,
+    State,
+    encode,
+    place_on_mla,
+    position,
+    reach,
+    show,
+)
 
 Size = tuple[int, int]
 
@@ -36,17 +47,13 @@ class PictureSource:
 
     design: Design
     """With an ideal lens: the pictures are of the thin twin."""
+    evaluation: Evaluation
+    """Of the design."""
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
-    tolerance: ToleranceResult | None = None
-    optimum: OptimiseResult | None = None
-    """What the last runs found."""
-
-    @cached_property
-    def evaluation(self) -> Evaluation:
-        """All that closed forms say of the design."""
-        return evaluate(self.design)
+    runs: Mapping[str, Any] = field(default_factory=dict)
+    """What the last run of each kind found."""
 
     @cached_property
     def place(self) -> tuple[float, float]:
@@ -70,12 +77,11 @@ class Drawing(NamedTuple):
     """Takes the inputs, then the size."""
 
 
-def _of(run: Kind, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
+def _of(run: str, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
     """What a picture takes of a run's result; None before there is any."""
 
     def inputs(source: PictureSource) -> tuple[Any] | None:
-        result = source.tolerance if run == "tolerance" else source.optimum
-        value = None if result is None else part(result)
+        value = part(source.runs[run]) if run in source.runs else None
         return None if value is None else (value,)
 
     return inputs
@@ -146,31 +152,31 @@ def header(history: History) -> dict[str, Any]:
 def controls(state: State) -> dict[str, Any]:
     """Every field with its slider, by part of the camera."""
     groups: dict[str, list[dict[str, Any]]] = {}
-    for field in FIELDS:
-        groups.setdefault(field.group, []).append(_control(field, state))
+    for number in FIELDS:
+        groups.setdefault(number.group, []).append(_control(number, state))
     return {"groups": [{"name": name, "fields": fields} for name, fields in groups.items()]}
 
 
-def _control(field: NumberField, state: State) -> dict[str, Any]:
-    symbol = field.symbol
+def _control(number: NumberField, state: State) -> dict[str, Any]:
+    symbol = number.symbol
     value = float(getattr(state.design, symbol))
-    fault = state.fault(symbol)
+    text, fault = show(number, value), state.fault(symbol)
     letter, _, index = ("λ" if symbol == "wavelength" else symbol).partition("_")
-    why = "" if state.changeable(symbol) else "given by the lens"
+    follows, changeable = state.follows == symbol, state.changeable(symbol)
     return {
         "symbol": symbol,
         "markup": f"<i>{letter}</i><sub>{index}</sub>" if index else f"<i>{letter}</i>",
-        "name": field.name,
-        "spoken": f"{field.name}, {'lambda' if symbol == 'wavelength' else symbol.replace('_', ' ')}",
-        "text": show(field, value) if fault is None else fault.text,
+        "name": number.name,
+        "spoken": f"{number.name}, {'lambda' if symbol == 'wavelength' else symbol.replace('_', ' ')}",
+        "text": text if fault is None else fault.text,
         "fault": "" if fault is None else fault.message,
-        "position": position(field, value, reach(field, state.reference, state.design)),
+        "position": position(number, value, reach(number, state.reference, state.design)),
         "steps": STEPS,
-        "shown": show(field, value),
-        "open": state.changeable(symbol),
-        "follows": state.follows == symbol,
-        "can_follow": symbol in CONJUGATE and symbol in state.followers,
-        "why": "follows from the other two" if state.follows == symbol else why,
+        "shown": text,
+        "open": changeable,
+        "follows": follows,
+        "can_follow": symbol in state.followers,
+        "why": "follows from the other two" if follows else "" if changeable else "given by the lens",
     }
 
 
@@ -252,15 +258,14 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
         "depth precision in focus": f"{short(depth.sigma_z_mm)} mm",
         "Airy radius of a microlens": f"{short(light.airy_radius_px, 3)} px",
     }
-    for name, share in evaluation.fields[-1].ray_budget.taken() if evaluation.fields else ():
-        if name in ("own cell", "neighbours"):
-            rows[f"light at the corner in its {'own cell' if name == 'own cell' else 'neighbours'}"] = f"{share:.1%}"
-        elif share > 0:
-            rows[f"light at the corner lost at the {name}"] = f"{share:.1%}"
+    for name, share in evaluation.fields[-1].ray_budget.taken():
+        landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
+        if landed or share > 0:
+            rows[f"light at the corner {landed or f'lost at the {name}'}"] = f"{share:.1%}"
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
 
 
-def proposed(fixes: Iterable[Fix], *, settled: bool = True) -> list[dict[str, str]]:
+def proposed(fixes: Iterable[Fix], settled: bool) -> list[dict[str, str]]:
     """What would mend the design, in words; nothing is promised of one that is still being changed."""
     return [
         {
@@ -275,11 +280,5 @@ def proposed(fixes: Iterable[Fix], *, settled: bool = True) -> list[dict[str, st
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:
     """What is looked at, and the link that brings all of it back."""
-    return {
-        "tab": look.tab,
-        "place": look.place if isinstance(look.place, str) else "chosen",
-        "diffraction": look.diffraction,
-        "pixels": look.pixels,
-        "whole": look.whole,
-        "link": encode(state, look),
-    }
+    place = look.place if isinstance(look.place, str) else "chosen"
+    return {**asdict(look), "place": place, "link": encode(state, look)}

@@ -11,7 +11,7 @@ from .picture import Panel, Picture, Scale, named_ticks, names_width, threshold
 from .theme import PLAIN, SMALL, short, wrapped
 
 if TYPE_CHECKING:
-    from ..evaluation.result import EffectLine
+    from ..effects.plan import PlannedEffect
 
 BAR, REASON = 24.0, 15.0
 """Heights of a bar's row, and of the line below it that says why, where there is room [px]."""
@@ -26,7 +26,7 @@ LINE = 16.0
 UNITS = {"pitch": "pitches", "intensity": "of full scale", "px": "px"}
 
 
-def effects_budget(effects: Sequence[EffectLine], size: Point = (560, 360)) -> Picture:
+def effects_budget(effects: Sequence[PlannedEffect], size: Point = (560, 360)) -> Picture:
     """Draw the effects of a plan as bars of estimate over budget, largest first; those of no size are left out.
 
     `size` [px] is the least: with many effects the picture grows higher rather than illegible.

@@ -432,15 +432,13 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
     ValueError
         No second goal was asked for.
     """
-    if not run.against:
+    if run.against is None:
         raise ValueError("no front: the run was asked for one goal alone")
-    labels = [
-        f"{quantity} [{unit}]" if unit else quantity
-        for quantity, unit in ((run.quantity, run.unit), (run.against_quantity, run.against_unit))
-    ]
+    goals = run.goal, run.against
+    labels = [f"{goal.words} [{goal.unit}]" if goal.unit else goal.words for goal in goals]
     points = np.array(run.front, float).reshape(-1, 2)
     words = "" if len(points) > 1 else "the goals do not compete" if len(points) else "no design holds every limit"
-    title = f"What {run.goal} costs of {run.against}: {len(points)} designs"
+    title = f"What {goals[0].label} costs of {goals[1].label}: {len(points)} designs"
     return goal_front(points, labels, title=title, size=size, words=words, also=(run.after,))
 
 

@@ -6,7 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..evaluation import evaluate
-from ..evaluation.show import FIELD_HEADINGS, effect_rows, field_row, table_groups
+from ..evaluation.show import (
+    effects_table,
+    fact_tables,
+    field_table,
+)
 from ..pictures.curves import depth_comparison
 from ..pictures.microlens import microlens_images
 from ..pictures.rays import ray_diagrams
@@ -104,7 +108,7 @@ def _parameters(designs: Sequence[Design]) -> Table:
 
 def _numbers(results: Sequence[Evaluation]) -> list[Table]:
     """The evaluations' tables; a real lens has more rows than an ideal one."""
-    groups = [{title: {row[0]: row[1] for row in rows} for title, rows in table_groups(result)} for result in results]
+    groups = [{t.title: {row[0]: row[1] for row in t.rows} for t in fact_tables(result)} for result in results]
     titles = dict.fromkeys(title for group in groups for title in group)
     return [_side_by_side(title, [group.get(title, {}) for group in groups]) for title in titles]
 
@@ -113,7 +117,7 @@ def _fields(results: Sequence[Evaluation]) -> list[Table]:
     return [
         _side_by_side(
             f"Microlens image at the {place}",
-            [dict(zip(FIELD_HEADINGS, field_row(result.fields[i]), strict=True)) for result in results],
+            [dict(zip(table.headings, table.rows[i], strict=True)) for table in map(field_table, results)],
         )
         for i, place in enumerate(PLACES)
     ]
@@ -121,7 +125,7 @@ def _fields(results: Sequence[Evaluation]) -> list[Table]:
 
 def _effects(results: Sequence[Evaluation]) -> Table:
     """Every effect's size, and whether the plan has it on."""
-    columns = [{row[0]: f"{row[1]}, {row[3]}" for row in effect_rows(result)} for result in results]
+    columns = [{row[0]: f"{row[1]}, {row[3]}" for row in effects_table(result).rows} for result in results]
     return _side_by_side("Effects for a white scene, and whether a simulation must have them on", columns)
 
 

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
 from ..design import dumps
 from ..evaluation import evaluate
-from ..evaluation.precision import evaluation_accuracy, near_cases
-from ..evaluation.show import (
-    BUDGET_TITLE,
-    EFFECT_HEADINGS,
-    FIELD_HEADINGS,
-    LENS_HEADINGS,
-    absent_effects,
-    budget_table,
-    effect_rows,
-    field_row,
-    lens_field_row,
-    table_groups,
-)
+from ..evaluation.evaluate import evaluation_accuracy
+from ..evaluation.show import WIDTHS, absent_effects, budget_table, effects_table, fact_tables, field_table, lens_table
+from ..evaluation.verdicts import near_cases
 from ..units import format_quantity
 from ..words import length, listed, number, sentence, spaced
 from . import sheets
@@ -45,8 +36,6 @@ if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
     from ..evaluation.result import Evaluation
 
-FACTS = (18, 15, 0)
-"""Widths of the columns of the evaluation's tables."""
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
 """How each level of verdict is shown."""
 WANTED = 1e-6
@@ -123,7 +112,7 @@ def design_report(
         Section("Summary", (*opening, answers, key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_stops(design))),
         parts_section(design),
-        Section("Evaluation", _tables(result)),
+        Section("Evaluation", (*fact_tables(result), field_table(result), budget_table(result))),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
@@ -169,7 +158,7 @@ def key_figures(design: Design, result: Evaluation) -> Table:
         ("length", length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
         ("widest part", length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
     )
-    return Table(rows, "ldl", title="Key figures", widths=FACTS)
+    return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
 
 
 def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
@@ -294,29 +283,17 @@ def _stops(design: Design) -> Iterator[Table]:
         yield Table(tuple(moved), "ll", ("part", "decentre x, y; tilt"), "Misalignments")
 
 
-def _tables(result: Evaluation) -> tuple[Table, ...]:
-    tables = [Table(tuple(rows), "ldl", title=title, widths=FACTS) for title, rows in table_groups(result)]
-    fields = tuple(field_row(field) for field in result.fields)
-    headings, shares = budget_table(result)
-    budget = Table(tuple(shares), "l" + "r" * (len(headings) - 1), headings, BUDGET_TITLE)
-    return (*tables, Table(fields, "llrrrr", FIELD_HEADINGS, "Microlens images over the field"), budget)
-
-
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
     """What the traced lens does, its thin twin beside it; nothing for an ideal one."""
     if result.real_lens is None:
         return ()
     progress("real main lens")
-    rows = tuple(lens_field_row(field) for field in result.real_lens.fields)
-    fields = Table(rows, "llrrrrrr", LENS_HEADINGS, "Microlens images through the real lens, against its thin twin")
-    return (Section("Real main lens", (*sheets.lens_sheets(design, result), fields)),)
+    return (Section("Real main lens", (*sheets.lens_sheets(design, result), lens_table(result.real_lens))),)
 
 
 def _effects(result: Evaluation) -> tuple[Block, ...]:
-    rows = tuple(effect_rows(result))
-    faint = tuple(index for index, row in enumerate(rows) if row[3] == "off")
     absent = absent_effects(result)
-    return Table(rows, "lddll", EFFECT_HEADINGS, faint=faint), *([Paragraph(absent)] if absent else [])
+    return replace(effects_table(result), title=""), *([Paragraph(absent)] if absent else [])
 
 
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:

@@ -36,7 +36,9 @@ def test_diagram_of_one_quantity_at_a_field(tmp_path, capsys):
     assert "closed form" in page
 
 
-def test_scene_of_a_users_own(tmp_path, capsys):
+def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(promises, "SCENE_RAYS", (64, 256, 1024))
+    monkeypatch.setattr(promises, "REFERENCE_RAYS", 4096)
     scene = tmp_path / "scene.toml"
     scene.write_text(
         'name = "grating"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'

@@ -108,7 +108,7 @@ def test_without_one_the_budgets_say_what_to_expect(tmp_path, capsys):
     assert 0 < told["expected_error"] < 1e-3
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "nan", "1e-20", "fine", "2"])
+@pytest.mark.parametrize("value", ["-1", "nan", "fine"])
 def test_no_accuracy_is_one_line_and_no_file(value, tmp_path, capsys):
     assert main(["render", "paper", "--accuracy", value, "-o", str(tmp_path / "x.tif")]) == 2
     told = capsys.readouterr().err

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from roslf_design.design import load, loads, preset_names
 from roslf_design.evaluation import evaluate
-from roslf_design.explorer.fields import FIELDS, STEPS
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
-from roslf_design.explorer.state import TABS
+from roslf_design.explorer.state import FIELDS, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, lights
 
 PAPER = load("paper")
@@ -43,12 +42,12 @@ requests = st.one_of(
     st.tuples(st.just("slide"), symbols, st.integers(0, STEPS), st.sampled_from(["a", "b"])),
     st.tuples(st.just("write"), symbols, st.sampled_from(TEXTS)),
     st.tuples(st.just("follow"), st.sampled_from(["f", "d_1", "d_f", "D"])),
-    st.tuples(st.just("preset"), st.sampled_from(preset_names())),
-    st.tuples(st.just("show_tab"), st.sampled_from([*TABS, "no such"])),
-    st.tuples(st.just("choose"), st.sampled_from(["centre", "edge", "corner", (1.0, -2.0), (1e5, 0.0)])),
+    st.tuples(st.just("load_path"), st.sampled_from([*preset_names(), "no such"])),
+    st.tuples(st.just("look"), st.just("tab"), st.sampled_from([*TABS, "no such"])),
+    st.tuples(st.just("look"), st.just("place"), st.sampled_from(["edge", "corner", "no such", (1.0, -2.0), (1e5, 0)])),
     st.tuples(st.just("point"), pictures, st.floats(-500, 2000), st.floats(-500, 2000), st.just("p")),
     st.tuples(st.just("nudge"), pictures, st.integers(-10, 10), st.integers(-10, 10)),
-    st.tuples(st.just("switch"), st.sampled_from(["diffraction", "pixels", "no such"]), st.booleans()),
+    st.tuples(st.just("look"), st.sampled_from(["diffraction", "pixels", "no such"]), st.booleans()),
     st.tuples(st.just("fix"), st.sampled_from(["match-d_2", "match-D_F", "telecentric", "no such"])),
     st.tuples(st.just("resize"), st.fixed_dictionaries({"microlens": st.tuples(pixels, pixels)})),
     st.sampled_from([("undo",), ("redo",), ("dismiss",), ("let_go",), ("space_again",), ("set_theme", "dark")]),
@@ -75,7 +74,7 @@ def test_no_order_of_requests_breaks_the_page(asked):
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_view_of_every_preset_is_drawn(name):
-    page = played(Session(load(name)), *(("show_tab", tab) for tab in TABS))
+    page = played(Session(load(name)), *(("look", "tab", tab) for tab in TABS))
     for picture in ("meridional", "microlens", "mla_map", "matching_plane", "depth", "effects"):
         assert page[f"picture_{picture}"].startswith("<svg")
     assert page["space"]["meshes"]
@@ -90,7 +89,7 @@ def test_only_what_is_seen_is_drawn_and_only_what_has_changed_drawn_again(monkey
     played(session)
     assert sorted(drawn) == ["matching-plane", "meridional", "microlens", "mla-map"]
     drawn.clear()
-    played(session, ("choose", "corner"))
+    played(session, ("look", "place", "corner"))
     assert sorted(drawn) == ["microlens", "mla-map"]
 
 
@@ -99,7 +98,7 @@ def test_the_3d_scene_is_sent_in_parts_and_whole_again_when_asked():
 
     async def play():
         session.opened("", "light", {})
-        session.show_tab("space")
+        session.look("tab", "space")
         whole = session.page()["space"]
         same = session.page()["space"]
         session.write("D_F", "3.5 mm")

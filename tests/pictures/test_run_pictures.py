@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from roslf_design.explorer.runs import OptimiseResult, ToleranceResult
+from roslf_design.explorer.runs import GOALS, OptimiseResult, ToleranceResult
 from roslf_design.pictures.studies import (
     LimitSpread,
     Offender,
@@ -33,7 +33,6 @@ SVG = "{http://www.w3.org/2000/svg}"
 HALF, MOST = YieldShare(0.5, 0.45, 0.55), YieldShare(0.9, 0.88, 0.92)
 TOLERANCE = ToleranceResult(
     grade="precision",
-    trials=1000,
     share=HALF,
     limits=(("fill factor, edge", HALF),),
     offenders=(
@@ -52,10 +51,7 @@ TOLERANCE = ToleranceResult(
     question="",
 )
 OPTIMUM = OptimiseResult(
-    feasible=True,
-    goal="finest depth",
-    quantity="depth spread σ_Z",
-    unit="mm",
+    goal=GOALS["depth"],
     before=1.25,
     after=0.6,
     changes=(VariableMove("D_F", 2.9, 5.8, 1.45, 5.8), VariableMove("d_3", 120.0, 100.0, 60.0, 240.0)),
@@ -67,9 +63,7 @@ OPTIMUM = OptimiseResult(
         SearchEnd(60, 5.0, "bad"),
         SearchEnd(900, 0.0, "check"),
     ),
-    against="widest field",
-    against_quantity="field half width",
-    against_unit="mm",
+    against=GOALS["field"],
     front=((0.6, 20.0), (0.8, 28.0), (1.4, 40.0)),
 )
 MOVES = np.array([3.0, -1.0, 0.2])
@@ -143,7 +137,7 @@ def test_a_variable_at_its_bound_is_marked():
 
 def test_no_front_without_a_second_goal():
     with pytest.raises(ValueError, match="one goal alone"):
-        front(replace(OPTIMUM, against=""))
+        front(replace(OPTIMUM, against=None))
     assert "the goals do not compete" in front(replace(OPTIMUM, front=((0.6, 20.0),))).svg()
     assert "no design holds every limit" in front(replace(OPTIMUM, front=())).svg()
 

@@ -186,7 +186,7 @@
   function preset(event) {
     const name = event.target.value;
     event.target.value = "";
-    if (name) ask("preset", name);
+    if (name) ask("load_path", name);
   }
 
   function closeMenus(but) {
