@@ -271,10 +271,10 @@ def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, o
     """
     a, fap = np.broadcast_to(np.asarray(target, float), there.shape), camera.fap
     found = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * a)
-    lens_at = camera.array.lifted(there, camera.mla)
+    lens_at = camera.array.lifted(there)
 
     def slopes(p: Array) -> Array:
-        run = camera.detector.lifted(p, camera.sensor) - lens_at
+        run = camera.detector.lifted(p) - lens_at
         return np.asarray(np.moveaxis(run[:2] / run[2], 0, -1))
 
     nudge = 1e-3 * float(np.hypot(*np.ptp(found.sensor - there, axis=0))) + 1e-6 * camera.d_2

@@ -22,9 +22,9 @@ from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.lenses.tracer import Rays
 from roslf_design.traced.camera import camera_of, tilted_parts
 from roslf_design.traced.images import measured_bound, real_field, real_images
+from tests.lenses.test_in_design import real
 
 from .test_images import mounted
-from .test_in_design import real
 
 FIELDS = [(0.0, 0.0), (6.0, 0.0), (11.15, 0.0), (8.0, -5.0)]
 
@@ -191,10 +191,10 @@ def test_tilted_parts_are_traced_where_they_stand():
     camera, axis = camera_of(design), np.array([6.0, 3.0])
     images = real_field(design, [axis]).images
     assert images.status[0] == 2
-    lens = spun((*axis, 0.0), tilts["microlens_array"], [0.3, 0.0, camera.mla])
+    lens = spun((*axis, 0.0), tilts["microlens_array"], [0.3, 0.0, camera.array.z])
     for angle, point in zip(2 * np.pi * np.arange(96) / 96, images.outline[0], strict=True):
         on_sensor = point + axis + [0.3, 0.0] - [0.2, -0.1]
-        pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.sensor])
+        pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.detector.z])
         ray = camera.lens.trace(Rays.between(pixel, lens), 550e-6, backward=True).rays
         rim = spun((1.45 * np.cos(angle), 1.45 * np.sin(angle), 0.0), tilts["aperture"], [0.1, 0.2, camera.fap.z])
         assert_allclose(np.cross(rim - ray.position, ray.direction), 0, atol=2e-10)

@@ -13,7 +13,7 @@ from roslf_design.lenses.tracer import describe
 from roslf_design.theory.vignetting import nondistortion_bound
 from roslf_design.traced.camera import sensor_of_pupil
 from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
-from tests.lenses.test_images import GREEN, bench, mounted
+from tests.traced.test_images import GREEN, bench, mounted
 
 EDGE = 11.15
 
@@ -47,7 +47,7 @@ def coddington(camera, point):
         s = m / (n / s + oblique)
         t = m * np.cos(refracted) ** 2 / (n * np.cos(incidence) ** 2 / t + oblique)
         angle = normal + refracted
-    to_array = (camera.mla - z) / np.cos(angle)
+    to_array = (camera.array.z - z) / np.cos(angle)
     return (t - to_array) * np.cos(angle), (s - to_array) * np.cos(angle)
 
 
@@ -96,7 +96,7 @@ def test_lateral_colour_of_small_fields_is_first_orders():
         slope = -x / (camera.fap.z - camera.focal_plane)
         front = -slope * camera.fap.z
         out, way = a * front + b * slope, p * front + q * slope
-        heights.append(out + way * (camera.mla - camera.lens.length))
+        heights.append(out + way * (camera.array.z - camera.lens.length))
     np.testing.assert_allclose(found.lateral_colour[:, 0], np.array(heights) - heights[1], rtol=0, atol=1e-7)
     assert found.lateral_colour[1, 0] == 0
     np.testing.assert_array_equal(found.lateral_colour[:, 1], 0)
@@ -106,7 +106,8 @@ def test_blur_of_a_displaced_array_is_the_cones_width():
     camera = bench("ac508-100-a", scale=0.1)  # a FAP so small that spherical aberration is a millionth of the slopes
     # a disc of 5 mm times the pencil's angle; either side of focus, so that spherical aberration adds and subtracts
     width = 5.0 * camera.fap.diameter * camera.d_f / (camera.d_1 * (camera.d_f - camera.d_3))
-    sides = [replace(camera, mla=camera.mla + step, sensor=camera.sensor + step) for step in (5.0, -5.0)]
+    parts = {"array": camera.array, "detector": camera.detector}
+    sides = [replace(camera, **{k: replace(p, z=p.z + step) for k, p in parts.items()}) for step in (5.0, -5.0)]
     found = [field_map(side, [0.0, 0.0]) for side in sides]
     assert (found[0].blur + found[1].blur) / 2 == pytest.approx(width / np.sqrt(8), rel=1e-5)
     np.testing.assert_allclose((found[0].spread + found[1].spread) / 2, width, rtol=1e-5)
