@@ -229,24 +229,18 @@ def table_of(lens: Prescription) -> dict[str, Any]:
 
 
 def _row(surface: Surface) -> dict[str, Any]:
-    row = _radius_text(surface.curvature)
-    if surface.thickness:
-        row["thickness"] = format_quantity(surface.thickness, "length")
-    if surface.glass != AIR:
-        row["glass"] = surface.glass.name
-    if surface.glass.offset:
-        row["index_offset"] = surface.glass.offset
-    row["diameter"] = format_quantity(2 * surface.semi_diameter, "length")
-    if surface.conic:
-        row["conic"] = surface.conic
     terms = {f"r{2 * i}": f"{a!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
-    if terms:
-        row["asphere"] = terms
-    if any(surface.shift):
-        row["shift"] = [format_quantity(value, "length") for value in surface.shift]
-    if any(surface.tilt):
-        row["tilt"] = [format_quantity(value, "angle") for value in surface.tilt]
-    return row
+    row = {
+        "thickness": format_quantity(surface.thickness, "length") if surface.thickness else None,
+        "glass": surface.glass.name if surface.glass != AIR else None,
+        "index_offset": surface.glass.offset,
+        "diameter": format_quantity(2 * surface.semi_diameter, "length"),
+        "conic": surface.conic,
+        "asphere": terms,
+        "shift": [format_quantity(value, "length") for value in surface.shift] if any(surface.shift) else None,
+        "tilt": [format_quantity(value, "angle") for value in surface.tilt] if any(surface.tilt) else None,
+    }
+    return _radius_text(surface.curvature) | {key: value for key, value in row.items() if value}
 
 
 def _radius_text(curvature: float) -> dict[str, Any]:
