@@ -51,9 +51,7 @@ def coddington(camera, point):
     return (t - to_array) * np.cos(angle), (s - to_array) * np.cos(angle)
 
 
-@pytest.mark.parametrize(
-    ("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False), ("ac508-100-a", True)]
-)
+@pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-100-a", True)])
 def test_foci_are_coddingtons(name, reverse):
     camera = bench(name, reverse=reverse)
     fields = np.array([[1.0, 0.0], [6.0, 0.0], [EDGE, 0.0]])
@@ -123,7 +121,7 @@ def test_singlets_cost_pitches_and_percents():
         assert 5 < np.ptp(found.lateral_colour[:, 0]) / pitch < 7
 
 
-@pytest.mark.parametrize(("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False)])
+@pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-150-a", False)])
 def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     camera = bench(name, reverse=reverse)
     bound = undistorted_field(camera)
@@ -136,6 +134,9 @@ def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     )
     thin = nondistortion_bound(thin_twin(camera))
     assert 0.7 * thin.mla_radius < radius < thin.mla_radius
+    shifted = replace(camera, rims=(replace(camera.fap, x=1.0),))  # the worse for it, along its own direction
+    assert undistorted_field(shifted).mla_radius < radius
+    assert undistorted_field(bench("ac254-100-a", pupil=30.0)) == (0.0, 0.0)  # even the axis is cut
 
 
 def test_measured_bound_tends_to_equation_six():
@@ -150,11 +151,6 @@ def test_measured_bound_tends_to_equation_six():
     # order; take it out by the same bound for a rim at the last vertex, the nearest to the array
     assert abs(ratios[2] - ratios[1]) < 0.3 * abs(ratios[1] - ratios[0])
     assert abs(ratios[2] - 1) < 0.07
-
-
-def test_bound_where_even_the_axis_is_cut():
-    camera = bench("ac254-100-a", pupil=30.0)
-    assert undistorted_field(camera) == (0.0, 0.0)
 
 
 def test_dark_fields_say_why_and_hold_no_nan():
