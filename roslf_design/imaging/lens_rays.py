@@ -256,7 +256,6 @@ class RealLensTracer:
 def _way(camera: LensCamera, wavelength: float) -> LensRays:
     def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
         there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.array.z, end=camera.fap.z)
-        assert there.room is not None
         (at_x, at_y), (way_x, way_y) = there.height, there.slope
         return ObjectRays(at_x, at_y, way_x, way_y, there.room)
 

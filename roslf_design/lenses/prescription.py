@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
-from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Rays, SurfaceStack, Traced
+from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
 
 Array = NDArray[np.float64]
 
@@ -172,7 +172,7 @@ class Prescription:
         """Exact rays through the lens at a wavelength [mm]; options as of `SurfaceStack.trace`."""
         return self.at(wavelength).trace(rays, **options)
 
-    def through(self, height: Pair, slope: Pair, wavelength: float, **options: Any) -> Traced:
+    def through(self, height: Pair, slope: Pair, wavelength: float, **options: Any) -> Passed:
         """Heights and slopes before the lens to those behind it; options as of `SurfaceStack.through`."""
         return self.at(wavelength).through(height, slope, **options)
 

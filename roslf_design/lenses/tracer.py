@@ -87,24 +87,24 @@ class Traced(NamedTuple):
     """Position and direction at the end, finite for every ray."""
     state: NDArray[np.int16]
     """0 for a ray that was kept, else what `describe` tells, (...)."""
-    room: Array
-    """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...), where asked for; -1 or less for a stopped ray."""
 
     @property
     def kept(self) -> NDArray[np.bool_]:
         """Which rays came through, (...)."""
         return np.asarray(self.state == KEPT)
 
-    @property
-    def height(self) -> Array:
-        """Where they cross the plane, (2, ...) [mm]."""
-        return self.rays.position[:2]
 
-    @property
-    def slope(self) -> Array:
-        """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
-        way, kept = self.rays.direction, self.kept
-        return np.where(kept, way[:2] / np.where(kept, way[2], 1.0), 0.0)
+class Passed(NamedTuple):
+    """Rays on the far side of a lens, told by where they cross a plane."""
+
+    height: Array
+    """(2, ...) [mm]; of a lost ray, where it ended."""
+    slope: Array
+    """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
+    state: NDArray[np.int16]
+    """What became of it (`describe`), (...)."""
+    room: Array
+    """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less for a stopped ray."""
 
 
 class SurfaceStack(NamedTuple):
@@ -115,15 +115,7 @@ class SurfaceStack(NamedTuple):
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
 
-    def trace(
-        self,
-        rays: Rays,
-        *,
-        backward: bool = False,
-        plane: ArrayLike | None = None,
-        clip: bool = True,
-        room: bool = False,
-    ) -> Traced:
+    def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
         """Trace rays.
 
         Parameters
@@ -136,27 +128,25 @@ class SurfaceStack(NamedTuple):
             Carry kept rays on to this z [mm], one or (T,); else they end on the last surface.
         clip : bool
             Whether clear diameters stop rays.
-        room : bool
-            Whether to say how much room they leave.
         """
         start, along = np.broadcast_arrays(np.asarray(rays.position, float), np.asarray(rays.direction, float))
-        shape, builds, count = start.shape[1:], len(self.table), int(self.media.shape[1]) - 1
+        place, way, state = np.empty(start.shape), np.empty(start.shape), np.empty(start.shape[1:], np.int16)
+        to = math.nan if plane is None else plane
+        self._run(trace_rays, state.shape, (backward, clip, plane is not None), to, start, along, place, way, state)
+        return Traced(Rays(place, way), state)
+
+    def _run(self, kernel: Any, shape: tuple[int, ...], flags: tuple[bool, ...], end: ArrayLike, *rays: Any) -> None:
+        """Run a kernel on arrays of rays of a shape, compiled where that pays."""
+        builds, count, total = len(self.table), int(self.media.shape[1]) - 1, math.prod(shape)
         if builds > 1 and shape[:1] != (builds,):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
-        total = math.prod(shape)
-        position, direction, state = np.empty(3 * total), np.empty(3 * total), np.empty(total, np.int16)
-        rooms = np.empty(total * room)
-        planes = np.array(np.broadcast_to(math.nan if plane is None else np.asarray(plane, float), (builds,)))
-        ins: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (start, along, self.table, self.media)]
-        arrays: list[Any] = [*ins, planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)]
-        arrays += [position, direction, state, rooms]
-        compiled = _pays(total * count)
+        planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
+        room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
+        arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
+        compiled = _pays(kernel, total * count)
         if not compiled:
             arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
-        run = trace_rays.compiled if compiled else trace_rays.interpreted
-        run(total // builds, builds, count, backward, clip, plane is not None, *arrays)
-        ended = Rays(position.reshape(3, *shape), direction.reshape(3, *shape))
-        return Traced(ended, state.reshape(shape), rooms.reshape(shape if room else -1))
+        (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
 
     def through(
         self,
@@ -167,7 +157,7 @@ class SurfaceStack(NamedTuple):
         end: ArrayLike,
         backward: bool = True,
         clip: bool = False,
-    ) -> Traced:
+    ) -> Passed:
         """Trace rays by height and slope, which the answer gives on the far side.
 
         Parameters
@@ -181,17 +171,18 @@ class SurfaceStack(NamedTuple):
         backward, clip : bool
             As for `trace`.
         """
-        sx, sy = (np.asarray(part, float) for part in slope)
-        size = (-1.0 if backward else 1.0) * np.sqrt(1 + sx * sx + sy * sy)
-        lines = [np.asarray(part, float) for part in (*height, start, sx / size, sy / size, 1 / size)]
-        rays = np.empty((6, *np.broadcast_shapes(*(part.shape for part in lines))))
+        lines = [np.asarray(part, float) for part in (*height, start, *slope)]
+        rays = np.empty((5, *np.broadcast_shapes(*(part.shape for part in lines))))
         for row, part in enumerate(lines):
             rays[row] = part
-        return self.trace(Rays(rays[:3], rays[3:]), backward=backward, plane=end, clip=clip, room=True)
+        shape = rays.shape[1:]
+        out, state, room = np.empty((4, *shape)), np.empty(shape, np.int16), np.empty(shape)
+        self._run(trace_slopes, shape, (backward, clip), end, rays, out, state, room)
+        return Passed(out[:2], out[2:], state, room)
 
 
-def _pays(meetings: int) -> bool:
-    if trace_rays.ready:
+def _pays(kernel: Any, meetings: int) -> bool:
+    if kernel.ready:
         return meetings >= CALL_ABOVE
     _spent[0] += meetings
     return _spent[0] >= (LOAD_ABOVE if "numba" in sys.modules else IMPORT_ABOVE)
@@ -482,11 +473,10 @@ def reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
 
 @kernel()
 def trace_rays(
-    each: int, builds: int, count: int, backward: bool, clip: bool, to_plane: bool, position: Any, direction: Any,
-    table: Any, media: Any, plane: Any, buffer: Any, squares: Any, out_position: Any, out_direction: Any, state: Any,
-    room: Any,
+    each: int, builds: int, count: int, backward: bool, clip: bool, to_plane: bool, table: Any, media: Any, plane: Any,
+    buffer: Any, squares: Any, position: Any, direction: Any, out_position: Any, out_direction: Any, state: Any,
 ) -> None:  # fmt: skip
-    """Trace `each` rays through each build of `count` surfaces; `room` is filled where it is not empty.
+    """Trace `each` rays through each build of `count` surfaces.
 
     All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
     """
@@ -500,14 +490,6 @@ def trace_rays(
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
             if to_plane:
                 reach_plane(buffer, m, plane[build], -1.0 if backward else 1.0, 8.0 * (count + 1))
-            if len(room) > 0:
-                rooms = room[start : start + m]
-                for i in range(m):
-                    rooms[i] = 1.0 if buffer[6 * BLOCK + i] == 0.0 else -1.0
-                for k in range(count):
-                    limit, mine = lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
-                    for i in range(m):
-                        rooms[i] = min(rooms[i], 1.0 - mine[i] / limit)
             for row in range(3):
                 begin = row * n + start
                 copy(buffer[row * BLOCK : row * BLOCK + m], out_position[begin : begin + m], m)
@@ -515,3 +497,45 @@ def trace_rays(
             states = state[start : start + m]
             for i in range(m):
                 states[i] = int(buffer[6 * BLOCK + i])
+
+
+@kernel()
+def trace_slopes(
+    each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
+    squares: Any, rays: Any, out: Any, state: Any, room: Any,
+) -> None:  # fmt: skip
+    """The same for rays of x, y, z, dx/dz and dy/dz, to x, y, dx/dz and dy/dz on a plane; flat as there."""
+    n, s = each * builds, -1.0 if backward else 1.0
+    for build in range(builds):
+        lens = table[build * count * COLUMNS : (build + 1) * count * COLUMNS]
+        index = media[build * (count + 1) : (build + 1) * (count + 1)]
+        for start in range(build * each, (build + 1) * each, BLOCK):
+            m = min(BLOCK, (build + 1) * each - start)
+            for row in range(5):
+                copy(rays[row * n + start : row * n + start + m], buffer[row * BLOCK : row * BLOCK + m], m)
+            for i in range(m):
+                x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+                sx, sy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
+                good = (x - x) + (y - y) + (z - z) + (sx - sx) + (sy - sy) == 0  # else something is not finite
+                sx, sy = sx if good else 0.0, sy if good else 0.0
+                shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+                buffer[i] = x if good else 0.0
+                buffer[BLOCK + i] = y if good else 0.0
+                buffer[2 * BLOCK + i] = z if good else 0.0
+                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
+                buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
+            pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
+            reach_plane(buffer, m, plane[build], s, 8.0 * (count + 1))
+            states, rooms = state[start : start + m], room[start : start + m]
+            for i in range(m):
+                kept = buffer[6 * BLOCK + i] == 0.0
+                states[i], rooms[i] = int(buffer[6 * BLOCK + i]), 1.0 if kept else -1.0
+                shrink = 1.0 / (buffer[5 * BLOCK + i] if kept else 1.0)
+                buffer[2 * BLOCK + i] = buffer[3 * BLOCK + i] * shrink if kept else 0.0
+                buffer[3 * BLOCK + i] = buffer[4 * BLOCK + i] * shrink if kept else 0.0
+            for k in range(count):
+                limit, mine = lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
+                for i in range(m):
+                    rooms[i] = min(rooms[i], 1.0 - mine[i] / limit)
+            for row in range(4):
+                copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)

@@ -251,7 +251,6 @@ def views(
     colour = camera.wavelength if wavelength is None else wavelength
     rays = camera.lens.through(end[:2], run[:2] / run[2], colour, start=end[2], end=camera.fap.z, clip=clip)
     place, slope, room, state = rays.height, rays.slope, rays.room, rays.state
-    assert room is not None
     lost = state != KEPT
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first

@@ -305,9 +305,9 @@ def _forward(
     there = camera.lens.through(
         end[:2], run[:2] / run[2], wavelength, start=end[2], end=camera.array.z, backward=False, clip=clip
     )
-    slope = there.slope
-    way = np.tensordot(camera.array.axes, np.stack([*slope, np.ones_like(slope[0])]), axes=1)
-    return camera.array.crossed(there.height, slope, camera.array.z), way[:2] / way[2], there.kept
+    way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
+    height = camera.array.crossed(there.height, there.slope, camera.array.z)
+    return height, way[:2] / way[2], there.state == KEPT
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
