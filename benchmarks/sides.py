@@ -115,7 +115,7 @@ def here_spots(inputs):
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.traced.aim import spot_radii
+    from roslf_design.traced.builds import spot_radii
 
     r, t, near, far = (float(inputs[name]) for name in ("radius", "thickness", "object", "image"))
     green, rings = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"])

@@ -266,7 +266,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> Re
         front_principal_mm=constants.front_principal,
         rear_principal_mm=constants.rear_principal,
         first_vertex_to_fap_mm=-camera.fap.z,
-        last_vertex_to_mla_mm=camera.mla - camera.lens.length,
+        last_vertex_to_mla_mm=camera.array.z - camera.lens.length,
         x0_max_mm=x0,
         x_ml_max_mm=x_ml,
         thin_x_ml_max_mm=thin.x_ml_max_mm,

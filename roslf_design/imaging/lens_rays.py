@@ -24,13 +24,10 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
 from ..errors import InputError, Problem
-from ..lenses.prescription import LensError
-from ..lenses.tracer import KEPT
 from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
 from ..theory.light import microlens_defocus_blur
 from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
-from ..traced.surrogate import fitted
 from .camera import Floats, Image, Region, pixel_centres, straightened
 from .trace import RaySampling, Surfaces, encode, radiance, refocused
 
@@ -44,8 +41,6 @@ STRIP = 128
 """Rows of pixels sampled at once."""
 PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
 """Samples along a pixel's side, through pinhole microlenses and through whole ones."""
-SURROGATE_ERROR = 1e-3
-"""Largest error of a surrogate on the FAP and on the focal plane, in pixels' footprints there."""
 
 
 class ObjectRays(NamedTuple):
@@ -146,7 +141,7 @@ class RealLensTracer:
             camera,
             places,
             _boxes(mounted, places, waves, blur if finite else 0.0),
-            tuple(_way(design, places, wave) for wave in waves),
+            tuple(_way(mounted, wave) for wave in waves),
             np.array(rims[:1] if forced else rims),
             encode(scene, design.d_f) if level is None else None,
             0.0 if level is None else level,
@@ -258,34 +253,18 @@ class RealLensTracer:
         return c * x - s * y, s * x + c * y
 
 
-def _way(design: Design, places: Floats, wavelength: float) -> LensRays:
-    """A fast polynomial twin of the lens where it is symmetric and smooth enough, else the lens itself."""
-    camera = camera_of(design)
-    pixel = design.q * min(design.d_f - design.d_3, design.d_f) / design.d_2  # coarser than any ray needs
-    on_fap = design.D_F * design.q / design.d
-    try:
-        radius = float(np.max(np.hypot(*places.T))) + design.d
-        twin = fitted(camera, radius, tolerance=SURROGATE_ERROR * min(pixel, on_fap), wavelength=wavelength)
-        if twin.pupil_error <= SURROGATE_ERROR * on_fap:
+def _way(camera: LensCamera, wavelength: float) -> LensRays:
+    def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
+        there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.array.z, end=camera.fap.z)
+        (at_x, at_y), (way_x, way_y) = there.height, there.slope
+        return ObjectRays(at_x, at_y, way_x, way_y, there.room)
 
-            def quickly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
-                return ObjectRays(*twin.rays(x, y, slope_x, slope_y))
-
-            return quickly
-    except LensError:
-        pass
-
-    def exactly(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
-        there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.mla, end=camera.fap.z)
-        room = np.where(there.state == KEPT, there.room, -1.0)
-        return ObjectRays(there.height[0], there.height[1], there.slope[0], there.slope[1], room)
-
-    return exactly
+    return rays
 
 
 def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
     """Where light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
-    half = 0.6 * camera.lens_diameter * camera.d_2 / camera.d_1
+    half = 0.6 * camera.lens.clear_diameter * camera.d_2 / camera.d_1
     side = np.linspace(-half, half, RANGE)
     step = side[1] - side[0]
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)

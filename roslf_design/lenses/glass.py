@@ -78,7 +78,8 @@ class Glass:
         if np.any(outside):
             bad = float(length[outside].flat[0])
             text = format_quantity(bad, "length") if np.isfinite(bad) else str(bad)
-            known = f"{format_quantity(self.shortest, 'length')} to {_upper(self.longest)}"
+            longest = format_quantity(self.longest, "length") if np.isfinite(self.longest) else "any length"
+            known = f"{format_quantity(self.shortest, 'length')} to {longest}"
             message = f"{text} is outside the range of {self.name} ({known}); choose a wavelength inside it"
             raise InputError((Problem("wavelength", message),))
         return self.offset + _index(self.formula, self.coefficients, length * 1e3)
@@ -86,10 +87,6 @@ class Glass:
     def with_offset(self, change: float) -> Glass:
         """The same glass with its index raised by `change`."""
         return replace(self, offset=self.offset + change)
-
-
-def _upper(longest: float) -> str:
-    return format_quantity(longest, "length") if np.isfinite(longest) else "any length"
 
 
 def _index(formula: str, coefficients: tuple[float, ...], micrometres: Array) -> Array:
@@ -115,15 +112,15 @@ AIR = Glass("air", "constant", (1.0,))
 def catalogue() -> Mapping[str, Glass]:
     """Every glass that ships, by its upper-case name and its other names."""
     data = tomllib.loads(files(__package__).joinpath("glasses.toml").read_text("utf-8"))
-    found = {"AIR": AIR}
+    glasses = {"AIR": AIR}
     for name, table in data["glasses"].items():
         entries = {key: value for key, value in table.items() if key not in ("also", "nd", "vd")}
         glass, problems = read_glass(name, {**entries, "source": data["sources"][table["source"]]})
         if glass is None:
             raise InputError(problems, "glasses.toml")
         for spelling in (name, *table.get("also", ())):
-            found[spelling.upper()] = glass
-    return found
+            glasses[spelling.upper()] = glass
+    return glasses
 
 
 def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
@@ -142,8 +139,7 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
         Unknown; names the nearest one known.
     """
     known = {**catalogue(), **(extra or {})}
-    glass = known.get(name.strip().upper() or "AIR")
-    if glass is not None:
+    if glass := known.get(name.strip().upper() or "AIR"):
         return glass
     near = difflib.get_close_matches(name.upper(), known, 1, 0.5)
     hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"

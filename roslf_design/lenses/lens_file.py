@@ -60,7 +60,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     """
     place, origin = Path(path), os.fspath(path)
     if not place.exists() and origin.lower() in shipped_names():
-        return loads_lens(_shipped(origin.lower()), origin)
+        return loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
         return read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
@@ -75,10 +75,6 @@ def shipped_names() -> tuple[str, ...]:
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
-def _shipped(name: str) -> str:
-    return files(__package__).joinpath("shipped", f"{name}.toml").read_text("utf-8")
-
-
 def loads_lens(text: str, origin: str = "") -> Prescription:
     """Read a lens from TOML text; `origin` is what errors call it."""
     return lens_of(parse_toml(text, origin, refusal=LensError), origin)
@@ -86,48 +82,48 @@ def loads_lens(text: str, origin: str = "") -> Prescription:
 
 def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
     """A lens from the nested values of a lens file; `origin` is what errors call it."""
-    found: list[Problem] = []
-    top = _Table(data, "", TOP, found)
+    problems: list[Problem] = []
+    top = _Table(data, "", TOP, problems)
     own: dict[str, Glass] = {}
-    for name, table in _Table(data.get("glasses", {}), "glasses", None, found).table.items():
-        glass, problems = read_glass(name, _Table(table, f"glasses.{name}", None, found).table)
-        found += [Problem(f"glasses.{name}.{problem.key}", problem.message) for problem in problems]
+    for name, table in _Table(data.get("glasses", {}), "glasses", None, problems).table.items():
+        glass, wrong = read_glass(name, _Table(table, f"glasses.{name}", None, problems).table)
+        problems += [Problem(f"glasses.{name}.{problem.key}", problem.message) for problem in wrong]
         if glass is not None:
             own[name.upper()] = glass
     rows = data.get("surfaces", [])
     if not isinstance(rows, list):
         top.fault("surfaces", "must be a list of tables; write [[surfaces]] once for each surface")
         rows = []
-    surfaces = [_surface(_Table(row, f"surfaces.{n}", SURFACE, found), own) for n, row in enumerate(rows, start=1)]
+    surfaces = [_surface(_Table(row, f"surfaces.{n}", SURFACE, problems), own) for n, row in enumerate(rows, start=1)]
     wavelength = top.length("wavelength") if "wavelength" in data else None
     texts = {key: data.get(key, "") for key in ("name", "source")}
-    found += [Problem(k, f"must be text, got {v!r}") for k, v in texts.items() if not isinstance(v, str)]
+    problems += [Problem(k, f"must be text, got {v!r}") for k, v in texts.items() if not isinstance(v, str)]
     whole = tuple(surface for surface in surfaces if surface is not None)
     if len(whole) == len(rows):
-        found += faults(whole)
-    if not found:
+        problems += faults(whole)
+    if not problems:
         try:
             return Prescription(whole, texts["name"], texts["source"], wavelength)
         except LensError as error:
-            found += error.problems
-    raise LensError(tuple(found), origin)
+            problems += error.problems
+    raise LensError(tuple(problems), origin)
 
 
 class _Table:
     """A table that is being read: values by key, and what is wrong with them added to the list of all faults."""
 
-    def __init__(self, table: Any, place: str, known: Sequence[str] | None, found: list[Problem]) -> None:
-        self.place, self.found, self.before = place, found, len(found)
+    def __init__(self, table: Any, place: str, known: Sequence[str] | None, problems: list[Problem]) -> None:
+        self.place, self.problems, self.before = place, problems, len(problems)
         self.table: Mapping[str, Any] = table if isinstance(table, Mapping) else {}
         if self.table is not table:
-            found.append(Problem(place, f"must be a table of keys, got {table!r}"))
+            problems.append(Problem(place, f"must be a table of keys, got {table!r}"))
         for key in self.table if known is not None else ():
             if key not in (known or ()):
                 self.fault(key, f"is not a known key; {nearest(key, known or ())}")
 
     def fault(self, key: str, message: str) -> float:
         """Tell a fault; nan, as the number that is not to be had."""
-        self.found.append(Problem(f"{self.place}.{key}".strip("."), message))
+        self.problems.append(Problem(f"{self.place}.{key}".strip("."), message))
         return math.nan
 
     def quantity(self, key: str, value: Any, dimension: str = "length") -> float:
@@ -175,7 +171,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
     if diameter <= 0:
         row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
     conic, offset = row.number("conic"), row.number("index_offset")
-    terms = _Table(values.get("asphere", {}), f"{row.place}.asphere", POWERS, row.found)
+    terms = _Table(values.get("asphere", {}), f"{row.place}.asphere", POWERS, row.problems)
     asphere = [terms.inverse_length(key, 1 - 2 * i) for i, key in enumerate(POWERS, start=1)]
     while asphere and asphere[-1] == 0:
         asphere.pop()
@@ -189,7 +185,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
             glass = find_glass(name, own).with_offset(offset)
         except InputError as error:
             row.fault("glass", error.problems[0].message)
-    if len(row.found) > row.before:
+    if len(row.problems) > row.before:
         return None
     return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta))
 
@@ -229,24 +225,18 @@ def table_of(lens: Prescription) -> dict[str, Any]:
 
 
 def _row(surface: Surface) -> dict[str, Any]:
-    row = _radius_text(surface.curvature)
-    if surface.thickness:
-        row["thickness"] = format_quantity(surface.thickness, "length")
-    if surface.glass != AIR:
-        row["glass"] = surface.glass.name
-    if surface.glass.offset:
-        row["index_offset"] = surface.glass.offset
-    row["diameter"] = format_quantity(2 * surface.semi_diameter, "length")
-    if surface.conic:
-        row["conic"] = surface.conic
     terms = {f"r{2 * i}": f"{a!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
-    if terms:
-        row["asphere"] = terms
-    if any(surface.shift):
-        row["shift"] = [format_quantity(value, "length") for value in surface.shift]
-    if any(surface.tilt):
-        row["tilt"] = [format_quantity(value, "angle") for value in surface.tilt]
-    return row
+    row = {
+        "thickness": format_quantity(surface.thickness, "length") if surface.thickness else None,
+        "glass": surface.glass.name if surface.glass != AIR else None,
+        "index_offset": surface.glass.offset,
+        "diameter": format_quantity(2 * surface.semi_diameter, "length"),
+        "conic": surface.conic,
+        "asphere": terms,
+        "shift": [format_quantity(value, "length") for value in surface.shift] if any(surface.shift) else None,
+        "tilt": [format_quantity(value, "angle") for value in surface.tilt] if any(surface.tilt) else None,
+    }
+    return _radius_text(surface.curvature) | {key: value for key, value in row.items() if value}
 
 
 def _radius_text(curvature: float) -> dict[str, Any]:
@@ -302,12 +292,8 @@ class _Row:
     automatic: bool = True
     aperture: float = 0.0
     stop: bool = False
-    solved: int = 0
+    solved: bool = False
     terms: dict[int, float] = field(default_factory=dict)
-
-
-class _LineError(Exception):
-    """A line that cannot be read."""
 
 
 def read_zmx(path: str | os.PathLike[str]) -> Prescription:
@@ -356,7 +342,7 @@ def _decode(content: bytes, origin: str) -> str:
 
 def parse_zmx(text: str, origin: str = "") -> Prescription:
     """Read the lens in the text of a .zmx file; `origin` is what errors call it."""
-    found: list[Problem] = []
+    problems: list[Problem] = []
     rows: list[_Row] = []
     head: dict[str, str] = {}
     waves: dict[int, float] = {}
@@ -366,18 +352,17 @@ def parse_zmx(text: str, origin: str = "") -> Prescription:
             continue
         try:
             _read_line(words, number, rows, head, waves)
-        except _LineError as fault:
-            found.append(Problem(f"line {number}", str(fault)))
-        except InputError as error:
-            found.append(Problem(f"line {number}", error.problems[0].message))
-    if "UNIT" not in head and not found:
-        found.append(Problem("", "has no UNIT line; is it a whole .zmx file?"))
-    if len(found) > LISTED:
-        more = f"and {len(found) - LISTED} more lines that are not understood; this reader knows {SUBSET}"
-        found = [*found[:LISTED], Problem("", more)]
-    surfaces, notes = ((), "") if found else _assemble(rows, float(head["UNIT"]), found)
-    if found:
-        raise LensError(tuple(found), origin)
+        except ValueError as error:
+            message = error.problems[0].message if isinstance(error, InputError) else str(error)
+            problems.append(Problem(f"line {number}", message))
+    if "UNIT" not in head and not problems:
+        problems.append(Problem("", "has no UNIT line; is it a whole .zmx file?"))
+    if len(problems) > LISTED:
+        more = f"and {len(problems) - LISTED} more lines that are not understood; this reader knows {SUBSET}"
+        problems = [*problems[:LISTED], Problem("", more)]
+    surfaces, notes = ((), "") if problems else _assemble(rows, float(head["UNIT"]), problems)
+    if problems:
+        raise LensError(tuple(problems), origin)
     primary = waves.get(int(head.get("PWAV", "0")))
     name = head.get("NAME") or Path(origin).stem
     return Prescription(surfaces, name, f"{Path(origin).name}{notes}", primary)
@@ -388,39 +373,39 @@ def _read_line(words: list[str], number: int, rows: list[_Row], head: dict[str, 
     if key == "SURF":
         place = _integer(rest, "SURF")
         if place != len(rows):
-            raise _LineError(f"SURF {place} where SURF {len(rows)} was due: surfaces are missing or out of order")
+            raise ValueError(f"SURF {place} where SURF {len(rows)} was due: surfaces are missing or out of order")
         rows.append(_Row(number))
     elif rows and _read_surface(key, rest, rows[-1]):
         return
     elif key == "UNIT":
         unit = rest[0] if rest else ""
         if unit not in UNITS:
-            raise _LineError(f"UNIT {unit or '(nothing)'} is not a lens unit; known: {', '.join(UNITS)}")
+            raise ValueError(f"UNIT {unit or '(nothing)'} is not a lens unit; known: {', '.join(UNITS)}")
         head["UNIT"] = repr(UNITS[unit])
     elif key == "MODE":
         if rest[:1] != ["SEQ"]:
-            raise _LineError(f"MODE {' '.join(rest)}: only sequential lenses (MODE SEQ) can be read")
+            raise ValueError(f"MODE {' '.join(rest)}: only sequential lenses (MODE SEQ) can be read")
     elif key == "NAME":
         head["NAME"] = " ".join(rest)
     elif key == "ENVD":
         if len(rest) > 2 and rest[2] not in ("0", "0.0") and _number(rest, "ENVD") != 20:
-            raise _LineError(
+            raise ValueError(
                 f"ENVD asks for indices at {rest[0]} C; only 20 C is known: set it or turn the adjustment off"
             )
     elif key == "MNUM":
         if rest and _integer(rest, "MNUM") > 1:
-            raise _LineError(f"MNUM {rest[0]}: the file holds {rest[0]} configurations; save one of them")
+            raise ValueError(f"MNUM {rest[0]}: the file holds {rest[0]} configurations; save one of them")
     elif key == "WAVM":
         length = _number(rest[1:], "WAVM")
         if not length > 0:
-            raise _LineError(f"WAVM {length:g}: a wavelength must be positive (in um)")
+            raise ValueError(f"WAVM {length:g}: a wavelength must be positive (in um)")
         waves[_integer(rest, "WAVM")] = length * 1e-3
     elif key == "PWAV":
         head["PWAV"] = str(_integer(rest, "PWAV"))
     elif key not in HARMLESS:
         if key in PICKUPS:
-            raise _LineError(f"{key} is a pickup: its value hangs on another; fix the value in the file")
-        raise _LineError(f"{key} is not understood; this reader knows {SUBSET}")
+            raise ValueError(f"{key} is a pickup: its value hangs on another; fix the value in the file")
+        raise ValueError(f"{key} is not understood; this reader knows {SUBSET}")
 
 
 def _read_surface(key: str, rest: list[str], row: _Row) -> bool:
@@ -428,16 +413,17 @@ def _read_surface(key: str, rest: list[str], row: _Row) -> bool:
     if key == "TYPE":
         row.kind = rest[0] if rest else ""
         if row.kind not in ("STANDARD", "EVENASPH"):
-            raise _LineError(f"TYPE {row.kind or '(nothing)'} cannot be read; only STANDARD and EVENASPH can")
+            raise ValueError(f"TYPE {row.kind or '(nothing)'} cannot be read; only STANDARD and EVENASPH can")
     elif key == "CURV":
         row.curvature = _number(rest, "CURV")
-        _no_solve(rest[1:2], "CURV")
+        if rest[1:2] and rest[1] not in ("0", "1"):  # 1: variable in an optimisation, a value all the same
+            raise ValueError(f"CURV has a solve or pickup (type {rest[1]}); fix the value in the file")
     elif key == "CONI":
         row.conic = _number(rest, "CONI")
     elif key == "DISZ":
         row.thickness = math.inf if rest[:1] == ["INFINITY"] else _number(rest, "DISZ")
     elif key == "MAZH":
-        row.solved = 1
+        row.solved = True
     elif key == "GLAS":
         _zmx_glass(rest, row)
     elif key == "DIAM":
@@ -445,7 +431,7 @@ def _read_surface(key: str, rest: list[str], row: _Row) -> bool:
         row.automatic = rest[1:2] in ([], ["0"])
     elif key in ("CLAP", "FLAP"):
         if _number(rest, key) != 0:
-            raise _LineError(f"{key} {' '.join(rest)}: a central obstruction cannot be read; only clear discs can")
+            raise ValueError(f"{key} {' '.join(rest)}: a central obstruction cannot be read; only clear discs can")
         radius = _number(rest[1:], key)
         if key == "CLAP" or row.semi_diameter == 0:
             row.aperture = radius
@@ -454,7 +440,7 @@ def _read_surface(key: str, rest: list[str], row: _Row) -> bool:
     elif key == "PARM":
         term, value = _integer(rest, "PARM"), _number(rest[1:], "PARM")
         if value != 0 and not 1 <= term <= 8:
-            raise _LineError(f"PARM {term}: an even asphere has terms 1 (r^2) to 8 (r^16)")
+            raise ValueError(f"PARM {term}: an even asphere has terms 1 (r^2) to 8 (r^16)")
         row.terms[term] = value
     else:
         return key in HARMLESS_IN_SURFACE
@@ -464,62 +450,57 @@ def _read_surface(key: str, rest: list[str], row: _Row) -> bool:
 def _zmx_glass(rest: list[str], row: _Row) -> None:
     name = rest[0] if rest else ""
     if name.upper() == "MIRROR":
-        raise _LineError("GLAS MIRROR: mirrors cannot be read; this reader knows refracting lenses")
+        raise ValueError("GLAS MIRROR: mirrors cannot be read; this reader knows refracting lenses")
     if name.startswith("___BLANK") or rest[1:2] == ["1"]:
-        raise _LineError(f"GLAS {name}: a model glass is a guess at a real one; name the glass itself")
+        raise ValueError(f"GLAS {name}: a model glass is a guess at a real one; name the glass itself")
     if rest[1:2] == ["2"]:
-        raise _LineError(f"GLAS {name} is a pickup: its value hangs on another surface; fix the value in the file")
+        raise ValueError(f"GLAS {name} is a pickup: its value hangs on another surface; fix the value in the file")
     if not name:
-        raise _LineError("GLAS names no glass; is the line cut off?")
+        raise ValueError("GLAS names no glass; is the line cut off?")
     row.glass = find_glass(name)
-
-
-def _no_solve(flag: list[str], key: str) -> None:
-    if flag and flag[0] not in ("0", "1"):  # 1: variable in an optimisation, a value all the same
-        raise _LineError(f"{key} has a solve or pickup (type {flag[0]}); fix the value in the file")
 
 
 def _number(words: list[str], key: str) -> float:
     if not words:
-        raise _LineError(f"{key} lacks its number; is the line cut off?")
+        raise ValueError(f"{key} lacks its number; is the line cut off?")
     try:
         value = float(words[0])
     except ValueError:
-        raise _LineError(f"{key} {words[0]}: not a number") from None
+        raise ValueError(f"{key} {words[0]}: not a number") from None
     if not math.isfinite(value):
-        raise _LineError(f"{key} {words[0]}: not a finite number")
+        raise ValueError(f"{key} {words[0]}: not a finite number")
     return value
 
 
 def _integer(words: list[str], key: str) -> int:
     value = _number(words, key)
     if value != int(value):
-        raise _LineError(f"{key} {words[0]}: not a whole number")
+        raise ValueError(f"{key} {words[0]}: not a whole number")
     return int(value)
 
 
-def _assemble(rows: list[_Row], scale: float, found: list[Problem]) -> tuple[tuple[Surface, ...], str]:
+def _assemble(rows: list[_Row], scale: float, problems: list[Problem]) -> tuple[tuple[Surface, ...], str]:
     if len(rows) < 3:
         message = f"has {len(rows)} surfaces; a lens lies between an object and an image surface: is the file cut off?"
-        found.append(Problem("", message))
+        problems.append(Problem("", message))
         return (), ""
     if rows[0].glass != AIR:
-        found.append(Problem(f"line {rows[0].line}", f"the object lies in {rows[0].glass.name}; it must lie in air"))
+        problems.append(Problem(f"line {rows[0].line}", f"the object lies in {rows[0].glass.name}; it must lie in air"))
     rows = rows[1:-1]
     kept = list(_without_dummies(rows))
     real = [id(row) for row, _ in kept]
     for row in rows:
         faulty = _row_faults(row, last=row is rows[-1], real=id(row) in real)
-        found += [Problem(f"line {row.line}", message) for message in faulty]
-    if found:
+        problems += [Problem(f"line {row.line}", message) for message in faulty]
+    if problems:
         return (), ""
     if not kept:
-        found.append(Problem("", "holds no refracting surface"))
+        problems.append(Problem("", "holds no refracting surface"))
         return (), ""
     surfaces = tuple(_zmx_surface(row, thickness, scale) for row, thickness in kept)
     for problem in faults(surfaces):
         which = int(problem.key.split(".")[1]) - 1
-        found.append(Problem(f"line {kept[which][0].line}", problem.message))
+        problems.append(Problem(f"line {kept[which][0].line}", problem.message))
     guessed = [str(n) for n, (row, _) in enumerate(kept, start=1) if row.automatic and row.aperture == 0]
     note = f"; clear diameters of surfaces {', '.join(guessed)} are the file's automatic ones" if guessed else ""
     return surfaces, note

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
-from .prescription import LensError, Prescription, Surface, abcd, rotation, surface_table
-from .tracer import COLUMNS, CONIC, SPHERE, SurfaceStack
+from .prescription import LensError, Prescription, abcd, rotation, sag, surface_table
+from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, SurfaceStack
 
 Array = NDArray[np.float64]
 
@@ -44,28 +45,27 @@ def lens_places(lens: Prescription) -> Mapping[str, str]:
         Place to "length", "curvature", "angle", or "number" (an index, an Abbe number, a conic constant). An element's
         wedge is the tilt of its last surface about that surface's vertex; its own tilt is about the middle of its axis.
     """
-    found: dict[str, str] = {}
+    places: dict[str, str] = {}
 
-    def pairs(name: str, misses: tuple[str, ...]) -> None:
+    def pairs(name: str, *misses: str) -> None:
         for miss in misses:
-            found.update({f"{name}.{miss}.{axis}": "length" if miss == "decentre" else "angle" for axis in (0, 1)})
+            places.update({f"{name}.{miss}.{axis}": "length" if miss == "decentre" else "angle" for axis in (0, 1)})
 
-    last = len(lens.surfaces)
     for number, surface in enumerate(lens.surfaces, start=1):
+        name = f"surfaces.{number}"
         if surface.curvature:
-            found[f"surfaces.{number}.radius"] = "length"
-            found[f"surfaces.{number}.conic"] = "number"
-        found[f"surfaces.{number}.curvature"] = "curvature"
-        if number < last:
-            found[f"surfaces.{number}.thickness"] = "length"
+            places |= {f"{name}.radius": "length", f"{name}.conic": "number"}
+        places[f"{name}.curvature"] = "curvature"
+        if number < len(lens.surfaces):
+            places[f"{name}.thickness"] = "length"
         if surface.glass != AIR:
-            found[f"surfaces.{number}.index"] = "number"
+            places[f"{name}.index"] = "number"
             if abbe_number(surface.glass) is not None:
-                found[f"surfaces.{number}.abbe"] = "number"
-        pairs(f"surfaces.{number}", ("decentre", "tilt"))
+                places[f"{name}.abbe"] = "number"
+        pairs(name, "decentre", "tilt")
     for number, members in enumerate(lens.elements, start=1):
-        pairs(f"elements.{number}", ("decentre", "tilt", "wedge") if len(members) > 1 else ("decentre", "tilt"))
-    return found
+        pairs(f"elements.{number}", "decentre", "tilt", *(("wedge",) if len(members) > 1 else ()))
+    return places
 
 
 @lru_cache(maxsize=256)
@@ -80,17 +80,17 @@ def abbe_number(glass: Glass) -> float | None:
 
 def lens_values(lens: Prescription, wavelength: float) -> dict[str, float]:
     """The lens's number at every place of `lens_places` [mm, 1/mm, rad or none]; misalignments count from as drawn."""
-    found = {}
+    numbers = {}
     for place in lens_places(lens):
         part, number, what = place.split(".")[:3]
         surface = lens.surfaces[int(number) - 1]
         if part == "elements" or what in ("decentre", "tilt"):
-            found[place] = 0.0
+            numbers[place] = 0.0
         elif what == "index":
-            found[place] = float(surface.glass.index(wavelength))
+            numbers[place] = float(surface.glass.index(wavelength))
         else:
-            found[place] = abbe_number(surface.glass) or 0.0 if what == "abbe" else float(getattr(surface, what))
-    return found
+            numbers[place] = abbe_number(surface.glass) or 0.0 if what == "abbe" else float(getattr(surface, what))
+    return numbers
 
 
 def as_made(lens: Prescription, values: Mapping[str, float], wavelength: float) -> Prescription:
@@ -116,24 +116,35 @@ def as_made(lens: Prescription, values: Mapping[str, float], wavelength: float) 
             message = f"is no place of {lens.name} that can be missed; there are {', '.join(places)}"
             raise LensError((Problem(place, message),))
     made = {place: np.array([float(value)]) for place, value in values.items()}
-    shape = _Shapes(lens, wavelength, made, 1, None)
-    if shape.turned_over[0]:
+    table, gaps, right = _shaped(lens, made, 1)
+    if not right[0]:
         raise LensError((Problem("surfaces", "a radius missed by so much turns its surface inside out"),), lens.name)
-    offsets, poses = _offsets(lens, wavelength, made, 1), _Poses(lens, shape.vertices, made)
-    surfaces = []
+    _pose(table, lens, made)
+    offsets, changed = _offsets(lens, wavelength, made, 1), []
     for row, old in enumerate(lens.surfaces):
-        curvature, conic, gap, offset = (float(part[row, 0]) for part in (shape.c, shape.k, shape.gap, offsets))
-        glass = old.glass.with_offset(offset) if offset else old.glass
-        changed = replace(old, curvature=curvature, conic=conic, thickness=gap, glass=glass)
-        surfaces.append(poses.posed(changed, row))
-    return replace(lens, surfaces=tuple(surfaces))
+        conic = float(values.get(f"surfaces.{row + 1}.conic", old.conic))
+        glass = old.glass.with_offset(float(offsets[row, 0])) if offsets[row, 0] else old.glass
+        bend, gap = float(table[0, row, 3]), float(gaps[row, 0])
+        changed.append(replace(old, curvature=bend, conic=conic, thickness=gap, glass=glass))
+    return _standing(replace(lens, surfaces=tuple(changed)), table)
 
 
 def turned(lens: Prescription, alpha: float, beta: float, pivot: float) -> Prescription:
     """The whole lens turned by alpha about x, then beta about y [rad], about the axis point at `pivot` along z [mm]."""
-    poses = _Poses(lens, np.array(lens.vertices)[:, None], {})
-    poses.turn(range(len(lens.surfaces)), np.array([[0.0, 0.0, pivot]]), rotation(alpha, beta)[None])
-    return replace(lens, surfaces=tuple(poses.posed(surface, row) for row, surface in enumerate(lens.surfaces)))
+    table = surface_table(lens).reshape(1, -1, COLUMNS).copy()
+    _turn(table, range(len(lens.surfaces)), np.array([[0.0, 0.0, pivot]]), rotation(alpha, beta)[None])
+    return _standing(lens, table)
+
+
+def _standing(lens: Prescription, table: Array) -> Prescription:
+    """A lens whose surfaces stand as in the first build of a table."""
+    posed = []
+    for surface, vertex, cells in zip(lens.surfaces, lens.vertices, table[0], strict=True):
+        x, y, z = (float(value) for value in cells[10:17:3])  # its axis
+        tilt = (math.atan2(-y, z), math.atan2(x, math.hypot(y, z))) if cells[7] else surface.tilt
+        shift = float(cells[0]), float(cells[1]), float(cells[2]) - vertex
+        posed.append(replace(surface, shift=shift, tilt=tilt))
+    return replace(lens, surfaces=tuple(posed))
 
 
 class LensBuilds(NamedTuple):
@@ -189,178 +200,127 @@ def lens_builds(
     tilt : pair
         Of the whole lens about the middle of its principal planes, about x, then about y [rad].
     """
-    shape = _Shapes(lens, wavelength, values, trials, diameter)
-    sound = shape.sound()
+    table, gaps, right = _shaped(lens, values, trials, diameter)
+    sound = right & _sound(lens, table, gaps, values)
     if not sound.all():  # a build that is no lens is traced as the nominal one, and told apart
-        values = {place: np.where(sound, value, shape.drawn[place]) for place, value in values.items()}
-        wide = None if diameter is None else np.where(sound, diameter, shape.narrowest)
-        shape = _Shapes(lens, wavelength, values, trials, wide)
+        drawn = lens_values(lens, wavelength)
+        values = {place: np.where(sound, value, drawn[place]) for place, value in values.items()}
+        wide = None if diameter is None else np.where(sound, diameter, lens.clear_diameter)
+        table, gaps, _ = _shaped(lens, values, trials, wide)
     media = np.ones((len(lens.surfaces) + 1, trials))
     for row, surface in enumerate(lens.surfaces):
         media[row + 1] = surface.glass.index(wavelength if light is None else light)
     media[1:] += _offsets(lens, wavelength, values, trials)
-    bends = [2 * surface.asphere[0] if surface.asphere else 0.0 for surface in lens.surfaces]
-    a, _, c, d = abcd([row + bend for row, bend in zip(shape.c, bends, strict=True)], list(shape.gap), list(media))
+    bends = [table[:, row, 3] + s.vertex_curvature - s.curvature for row, s in enumerate(lens.surfaces)]
+    a, _, c, d = abcd(bends, list(gaps), list(media))
     with np.errstate(divide="ignore"):
         focal = -1 / c
-    front, rear = (1 - d) * focal, shape.vertices[-1] + (a - 1) * focal
-    poses = _Poses(lens, shape.vertices, values)
+    length = np.sum(gaps[:-1], axis=0)
+    front, rear = (1 - d) * focal, length + (a - 1) * focal
+    first, last = (_sag(lens, table, row, table[:, row, 5]) for row in (0, len(lens.surfaces) - 1))
+    _pose(table, lens, values)
     if np.any(np.asarray(tilt[0])) or np.any(np.asarray(tilt[1])):
         middle = np.zeros((trials, 3))
         middle[:, 2] = (front + rear) / 2
-        poses.turn(range(len(lens.surfaces)), middle, rotation(*tilt))
-    return LensBuilds(_table(lens, shape, poses), media.T.copy(), sound, -c, front, rear, *shape.ends())
+        _turn(table, range(len(lens.surfaces)), middle, rotation(*tilt))
+    ends = np.minimum(0.0, first), length + np.maximum(0.0, last)
+    return LensBuilds(table.reshape(trials, -1), media.T.copy(), sound, -c, front, rear, *ends)
 
 
-class _Shapes:
-    """Curvatures, conics, gaps and sizes of the builds, (S, T) each."""
+def _shaped(
+    lens: Prescription, values: Mapping[str, Array], trials: int, diameter: Array | None = None
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Shapes and vertices of builds: kernels' rows (T, S, COLUMNS), gaps (S, T), whose radii keep their signs (T,)."""
+    table = np.tile(surface_table(lens), (trials, 1)).reshape(trials, -1, COLUMNS)
+    gaps, right = np.empty((len(lens.surfaces), trials)), np.ones(trials, bool)
+    if diameter is not None:
+        right &= diameter > 0
+    vertex = np.zeros(trials)
+    for row, surface in enumerate(lens.surfaces):
+        name, cells = f"surfaces.{row + 1}", table[:, row]
+        if f"{name}.radius" in values:
+            radius = values[f"{name}.radius"]
+            same = radius * surface.radius > 0
+            right &= same
+            cells[:, 3] = 1 / np.where(same, radius, surface.radius)
+        cells[:, 3] += values.get(f"{name}.curvature", surface.curvature) - surface.curvature
+        cells[:, 4] = 1 + values.get(f"{name}.conic", surface.conic)
+        if diameter is not None and 2 * surface.semi_diameter <= lens.clear_diameter * (1 + 1e-9):
+            cells[:, 5] = np.square(diameter / 2)
+        if cells[0, 6] != ASPHERE:
+            cells[:, 6] = np.where((cells[:, 4] == 1) | (cells[:, 3] == 0), SPHERE, CONIC)
+        cells[:, 25] *= SAG_ROOM
+        cells[:, 2] = surface.shift[2] + vertex
+        gaps[row] = values.get(f"{name}.thickness", surface.thickness)
+        vertex = vertex + gaps[row]
+    return table, gaps, right
 
-    def __init__(
-        self, lens: Prescription, wavelength: float, values: Mapping[str, Array], trials: int, diameter: Array | None
-    ) -> None:
-        self.lens, self.drawn = lens, lens_values(lens, wavelength)
-        surfaces = lens.surfaces
-        self.narrowest = 2 * min(surface.semi_diameter for surface in surfaces)
-        c, k, gap, semi = (np.empty((len(surfaces), trials)) for _ in range(4))
-        self.turned_over = np.zeros(trials, bool)
-        for row, surface in enumerate(surfaces):
-            name = f"surfaces.{row + 1}"
-            radius = values.get(f"{name}.radius")
-            c[row] = surface.curvature
-            if radius is not None:
-                bad = radius * surface.radius <= 0
-                self.turned_over |= bad
-                c[row] = 1 / np.where(bad, surface.radius, radius)
-            c[row] += values.get(f"{name}.curvature", surface.curvature) - surface.curvature
-            k[row] = values.get(f"{name}.conic", surface.conic)
-            gap[row] = values.get(f"{name}.thickness", surface.thickness)
-            semi[row] = surface.semi_diameter
-            if diameter is not None and 2 * surface.semi_diameter <= self.narrowest * (1 + 1e-9):
-                semi[row] = diameter / 2
-        self.c, self.k, self.gap, self.semi = c, k, gap, semi
-        self.bent = any(place.rsplit(".", 1)[1] in ("radius", "curvature", "conic", "thickness") for place in values)
 
-    @property
-    def vertices(self) -> Array:
-        """Place of each vertex along z [mm], (S, T)."""
-        return np.concatenate([np.zeros((1, self.gap.shape[1])), np.cumsum(self.gap[:-1], axis=0)])
+def _sag(lens: Prescription, table: Array, row: int, square: Array) -> Array:
+    return sag(square, table[:, row, 3], table[:, row, 4], lens.surfaces[row].asphere)
 
-    def sag(self, row: int, height: Array) -> Array:
-        """Sag of a surface at heights [mm], nan beyond where it turns back."""
-        square = height * height
-        c, k = self.c[row], self.k[row]
-        with np.errstate(invalid="ignore"):
-            total = c * square / (1 + np.sqrt(1 - (1 + k) * c * c * square))
-        for power, a in enumerate(self.lens.surfaces[row].asphere, start=1):
-            total = total + a * square**power
-        return np.asarray(total)
 
-    def sound(self) -> NDArray[np.bool_]:
-        """No surface inside out or wider than itself, no gap used up: what `Prescription` asks of one lens."""
-        good = ~self.turned_over & np.all(np.isfinite(self.c) & np.isfinite(self.k), axis=0)
-        good &= np.all((self.gap >= 0) & (self.semi > 0), axis=0)
-        good &= np.all((1 + self.k) * np.square(self.c * self.semi) < 1, axis=0)
-        if not self.bent:
-            return np.asarray(good)
-        surfaces = self.lens.surfaces
-        for row in range(len(surfaces) - 1):
-            air = surfaces[row].glass.name == "air" and (surfaces[row].is_plane or surfaces[row + 1].is_plane)
-            if air:
-                continue
-            height = HEIGHTS[:, None] * np.minimum(self.semi[row], self.semi[row + 1])
-            left = self.gap[row] + self.sag(row + 1, height) - self.sag(row, height)
-            good &= np.all(left >= -1e-9, axis=0)
+def _sound(lens: Prescription, table: Array, gaps: Array, values: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """No surface wider than itself, no gap used up: what `Prescription` asks of one lens."""
+    c, k1, square = np.moveaxis(table[:, :, 3:6], -1, 0)
+    good = np.all(np.isfinite(c) & np.isfinite(k1) & (k1 * c * c * square < 1), axis=1) & np.all(gaps >= 0, axis=0)
+    if not any(place.rsplit(".", 1)[1] in ("radius", "curvature", "conic", "thickness") for place in values):
         return np.asarray(good)
-
-    def ends(self) -> tuple[Array, Array]:
-        """Foremost and hindmost point [mm], (T,)."""
-        last = len(self.c) - 1
-        front = np.minimum(0.0, self.sag(0, self.semi[0]))
-        return front, self.vertices[last] + np.maximum(0.0, self.sag(last, self.semi[last]))
+    for row, (front, rear) in enumerate(pairwise(lens.surfaces)):
+        if front.glass == AIR and (front.is_plane or rear.is_plane):
+            continue  # a diaphragm
+        at = np.square(HEIGHTS)[:, None] * np.minimum(square[:, row], square[:, row + 1])
+        good &= np.all(gaps[row] + _sag(lens, table, row + 1, at) - _sag(lens, table, row, at) >= -1e-9, axis=0)
+    return np.asarray(good)
 
 
 def _offsets(lens: Prescription, wavelength: float, values: Mapping[str, Array], trials: int) -> Array:
     """What is missed of the indices after the surfaces, told at the design's wavelength, (S, T)."""
-    found = np.zeros((len(lens.surfaces), trials))
+    offsets = np.zeros((len(lens.surfaces), trials))
     for row, surface in enumerate(lens.surfaces):
         name, glass = f"surfaces.{row + 1}", surface.glass
         if f"{name}.abbe" in values:  # n_d kept: n - n_d goes like 1/V
             spread = float(glass.index(wavelength) - glass.index(D_LINE))
-            found[row] += spread * ((abbe_number(glass) or 0.0) / values[f"{name}.abbe"] - 1)
+            offsets[row] += spread * ((abbe_number(glass) or 0.0) / values[f"{name}.abbe"] - 1)
         if f"{name}.index" in values:
-            found[row] += values[f"{name}.index"] - float(glass.index(wavelength))
-    return found
+            offsets[row] += values[f"{name}.index"] - float(glass.index(wavelength))
+    return offsets
 
 
-class _Poses:
-    """Where the surfaces of T builds stand: by how much their vertices are off, (S, T, 3), and their axes."""
+def _pose(table: Array, lens: Prescription, values: Mapping[str, Array]) -> None:
+    """Decentre, tilt and wedge the surfaces of builds, then their elements."""
+    trials = len(table)
+    wedged = {members[-1]: f"elements.{n}.wedge" for n, members in enumerate(lens.elements, 1) if len(members) > 1}
 
-    def __init__(self, lens: Prescription, vertices: Array, values: Mapping[str, Array]) -> None:
-        self.z, trials = vertices, vertices.shape[1]
-        self.shift = np.array([np.broadcast_to(surface.shift, (trials, 3)) for surface in lens.surfaces])
-        self.axes: list[Array | None] = [None] * len(lens.surfaces)
-        ends = {members[-1]: f"elements.{n}.wedge" for n, members in enumerate(lens.elements, 1) if len(members) > 1}
-        for row, surface in enumerate(lens.surfaces):
-            name = f"surfaces.{row + 1}"
-            tilts = [
-                sum((values[place] for place in (f"{name}.tilt.{k}", f"{ends.get(row)}.{k}") if place in values), drawn)
-                for k, drawn in enumerate(surface.tilt)
-            ]
-            if any(isinstance(tilt, np.ndarray) for tilt in tilts) or surface.tilt != (0.0, 0.0):
-                alpha, beta = (np.broadcast_to(tilt, trials) for tilt in tilts)
-                self.axes[row] = rotation(alpha, 0.0) @ rotation(0.0, beta)
-            self._step(values, name, (row,))
-        for number, members in enumerate(lens.elements, start=1):
-            name = f"elements.{number}"
-            if f"{name}.tilt.0" in values or f"{name}.tilt.1" in values:
-                first, last = self._places(members[0]), self._places(members[-1])
-                tilts = [np.broadcast_to(values.get(f"{name}.tilt.{k}", 0.0), trials) for k in (0, 1)]
-                self.turn(members, (first + last) / 2, rotation(*tilts))
-            self._step(values, name, members)
-
-    def _places(self, row: int) -> Array:
-        at: Array = self.shift[row].copy()
-        at[:, 2] += self.z[row]
-        return at
-
-    def _step(self, values: Mapping[str, Array], name: str, members: Iterable[int]) -> None:
+    def step(name: str, members: Iterable[int]) -> None:
         for axis in (0, 1):
             if f"{name}.decentre.{axis}" in values:
                 for row in members:
-                    self.shift[row, :, axis] += values[f"{name}.decentre.{axis}"]
+                    table[:, row, axis] += values[f"{name}.decentre.{axis}"]
 
-    def turn(self, members: Iterable[int], pivot: Array, turns: Array) -> None:
-        """Turn surfaces as one, about points (T, 3) by matrices (T or 1, 3, 3)."""
-        for row in members:
-            off = self._places(row) - pivot
-            self.shift[row] = pivot + (turns @ off[:, :, None])[:, :, 0]
-            self.shift[row, :, 2] -= self.z[row]
-            old = self.axes[row]
-            self.axes[row] = np.broadcast_to(turns, (len(off), 3, 3)) if old is None else turns @ old
+    for row, surface in enumerate(lens.surfaces):
+        name = f"surfaces.{row + 1}"
+        places = [(f"{name}.tilt.{k}", f"{wedged.get(row)}.{k}") for k in (0, 1)]
+        if any(place in values for pair in places for place in pair):
+            alpha, beta = (
+                np.broadcast_to(sum((values[place] for place in pair if place in values), drawn), trials)
+                for pair, drawn in zip(places, surface.tilt, strict=True)
+            )
+            table[:, row, 7] = 1.0
+            table[:, row, 8:17] = (rotation(alpha, 0.0) @ rotation(0.0, beta)).reshape(-1, 9)
+        step(name, (row,))
+    for number, members in enumerate(lens.elements, start=1):
+        name = f"elements.{number}"
+        if f"{name}.tilt.0" in values or f"{name}.tilt.1" in values:
+            tilts = [np.broadcast_to(values.get(f"{name}.tilt.{k}", 0.0), trials) for k in (0, 1)]
+            _turn(table, members, (table[:, members[0], :3] + table[:, members[-1], :3]) / 2, rotation(*tilts))
+        step(name, members)
 
-    def posed(self, surface: Surface, row: int) -> Surface:
-        """A surface as it stands in the first build."""
-        dx, dy, dz = (float(value) for value in self.shift[row, 0])
-        axes, tilt = self.axes[row], surface.tilt
-        if axes is not None:
-            x, y, z = axes[0, :, 2]
-            tilt = math.atan2(-y, z), math.atan2(x, math.hypot(y, z))
-        return replace(surface, shift=(dx, dy, dz), tilt=tilt)
 
-
-def _table(lens: Prescription, shape: _Shapes, poses: _Poses) -> Array:
-    trials, count = shape.c.shape[1], len(lens.surfaces)
-    table = np.tile(surface_table(lens), (trials, 1)).reshape(trials, count, COLUMNS)
-    for row in range(count):
+def _turn(table: Array, members: Iterable[int], pivot: Array, turns: Array) -> None:
+    """Turn surfaces as one, about points (T, 3) by matrices (T or 1, 3, 3)."""
+    for row in members:
         cells = table[:, row]
-        cells[:, 0:3] = poses.shift[row]
-        cells[:, 2] += shape.vertices[row]
-        cells[:, 3], cells[:, 4], cells[:, 5] = shape.c[row], 1 + shape.k[row], np.square(shape.semi[row])
-        if cells[0, 6] in (SPHERE, CONIC):
-            cells[:, 6] = np.where((shape.k[row] == 0) | (shape.c[row] == 0), SPHERE, CONIC)
-        cells[:, 25] *= SAG_ROOM
-        axes = poses.axes[row]
-        if axes is not None:
-            cells[:, 7] = 1.0
-            cells[:, 8:17] = axes.reshape(-1, 9)
-    return table.reshape(trials, count * COLUMNS)
+        cells[:, :3] = pivot + (turns @ (cells[:, :3] - pivot)[:, :, None])[:, :, 0]
+        cells[:, 7] = 1.0
+        cells[:, 8:17] = (turns @ cells[:, 8:17].reshape(-1, 3, 3)).reshape(-1, 9)

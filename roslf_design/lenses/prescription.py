@@ -7,7 +7,7 @@ after. A surface holds its curvature rather than its radius, so that a plane is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -83,13 +83,7 @@ class Surface:
 
     def sag(self, radius: ArrayLike) -> Array:
         """Height of the surface over its vertex plane at distance `radius` from its axis [mm]; nan beyond its rim."""
-        square = np.square(np.asarray(radius, float))
-        with np.errstate(invalid="ignore"):
-            root = np.sqrt(1 - (1 + self.conic) * self.curvature**2 * square)
-        total = self.curvature * square / (1 + root)
-        for power, a in enumerate(self.asphere, start=1):
-            total = total + a * square**power
-        return np.asarray(total)
+        return sag(np.square(np.asarray(radius, float)), self.curvature, 1 + self.conic, self.asphere)
 
     def reversed(self, glass: Glass, thickness: float) -> Surface:
         """The surface mirrored in z, as light from the other side meets it, before `glass` and `thickness`."""
@@ -193,49 +187,62 @@ class Prescription:
         return replace(self, surfaces=turned[::-1], name=name.strip())
 
 
+def sag(square: Array, curvature: ArrayLike, k1: ArrayLike, asphere: Sequence[float]) -> Array:
+    """Height over its vertex plane of a surface, or of builds of it, at squared distances from its axis; k1 = 1 + k."""
+    c, k1 = np.asarray(curvature, float), np.asarray(k1, float)
+    with np.errstate(invalid="ignore"):
+        total = c * square / (1 + np.sqrt(1 - k1 * c * c * square))
+    for power, a in enumerate(asphere, start=1):
+        total = total + a * square**power
+    return np.asarray(total)
+
+
 def faults(surfaces: tuple[Surface, ...]) -> list[Problem]:
     """Everything that makes a stack of surfaces impossible as a lens in air, with the place `surfaces.N` (from 1)."""
     if not surfaces:
         return [Problem("surfaces", "a lens needs at least one surface; add [[surfaces]]")]
-    found: list[Problem] = []
-    for number, surface in enumerate(surfaces, start=1):
-        found += [Problem(f"surfaces.{number}.{key}", message) for key, message in _surface_faults(surface)]
+    problems = [
+        Problem(f"surfaces.{number}.{key}", message)
+        for number, surface in enumerate(surfaces, start=1)
+        for key, message in _surface_faults(surface)
+    ]
     if surfaces[-1].glass != AIR:
         message = f"the last surface ends in {surfaces[-1].glass.name}; the lens must end in air: add its rear surface"
-        found.append(Problem(f"surfaces.{len(surfaces)}.glass", message))
+        problems.append(Problem(f"surfaces.{len(surfaces)}.glass", message))
     if surfaces[-1].thickness != 0:
         message = "nothing follows the last surface; leave its thickness out (the design places the microlens array)"
-        found.append(Problem(f"surfaces.{len(surfaces)}.thickness", message))
-    if not found:
+        problems.append(Problem(f"surfaces.{len(surfaces)}.thickness", message))
+    if not problems:
         for number, (front, rear) in enumerate(pairwise(surfaces), start=1):
-            found += _gap_faults(number, front, rear)
-    return found
+            problems += _gap_faults(number, front, rear)
+    return problems
 
 
-def _surface_faults(surface: Surface) -> list[tuple[str, str]]:
-    found = []
+def _surface_faults(surface: Surface) -> Iterator[tuple[str, str]]:
     numbers = {
-        "radius": surface.curvature,
-        "conic": surface.conic,
-        "thickness": surface.thickness,
-        "asphere": math.fsum(surface.asphere) if all(map(math.isfinite, surface.asphere)) else math.nan,
-        "shift": math.fsum(surface.shift),
-        "tilt": math.fsum(surface.tilt),
+        "radius": (surface.curvature,),
+        "conic": (surface.conic,),
+        "thickness": (surface.thickness,),
+        "asphere": surface.asphere,
+        "shift": surface.shift,
+        "tilt": surface.tilt,
     }
-    found += [(key, "is not a finite number") for key, value in numbers.items() if not math.isfinite(value)]
+    yield from ((key, "is not a finite number") for key, row in numbers.items() if not all(map(math.isfinite, row)))
     semi = surface.semi_diameter
     if not 0 < semi < math.inf:
-        return [*found, ("diameter", f"{2 * semi:g} mm must be a positive, finite clear diameter")]
+        yield "diameter", f"{2 * semi:g} mm must be a positive, finite clear diameter"
+        return
     if surface.thickness < 0:
-        found.append(("thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"))
+        yield "thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"
     if len(surface.asphere) > ASPHERE_TERMS:
-        found.append(("asphere", f"has {len(surface.asphere)} terms; at most {ASPHERE_TERMS} (r^2 to r^16)"))
+        yield "asphere", f"has {len(surface.asphere)} terms; at most {ASPHERE_TERMS} (r^2 to r^16)"
     bend = (1 + surface.conic) * surface.curvature**2
     if bend * semi**2 >= 1:
         widest = 2 / math.sqrt(bend)
-        message = f"{2 * semi:g} mm is not less than the {widest:g} mm at which the surface turns back; reduce it"
-        found.append(("diameter", message))
-    return found
+        yield (
+            "diameter",
+            f"{2 * semi:g} mm is not less than the {widest:g} mm at which the surface turns back; reduce it",
+        )
 
 
 def _gap_faults(number: int, front: Surface, rear: Surface) -> list[Problem]:

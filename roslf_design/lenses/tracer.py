@@ -45,8 +45,6 @@ COLUMNS = 26
 """Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound."""
 UNIT_ERROR = 1e-9
 SAMPLES = 64
-OUT_OF_SIGHT = 2.0
-"""Squared height told for a surface that a ray does not meet."""
 
 CALL_ABOVE, LOAD_ABOVE, IMPORT_ABOVE = 5, 20_000, 50_000
 """Ray-surface meetings from which the compiled kernel pays: of one call where it is loaded, else of all calls so far,
@@ -89,19 +87,11 @@ class Traced(NamedTuple):
     """Position and direction at the end, finite for every ray."""
     state: NDArray[np.int16]
     """0 for a ray that was kept, else what `describe` tells, (...)."""
-    heights: Array | None
-    """Squared heights over those of the clear apertures, (surfaces, ...), where asked for; 2 where not met."""
 
     @property
     def kept(self) -> NDArray[np.bool_]:
         """Which rays came through, (...)."""
         return np.asarray(self.state == KEPT)
-
-    @property
-    def room(self) -> Array:
-        """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less where one was not met."""
-        assert self.heights is not None
-        return np.asarray(1 - np.max(self.heights, axis=0))
 
 
 class Passed(NamedTuple):
@@ -113,13 +103,8 @@ class Passed(NamedTuple):
     """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
     state: NDArray[np.int16]
     """What became of it (`describe`), (...)."""
-    heights: Array
-    """As `Traced` has them."""
-
-    @property
-    def room(self) -> Array:
-        """As `Traced` has it."""
-        return np.asarray(1 - np.max(self.heights, axis=0))
+    room: Array
+    """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less for a stopped ray."""
 
 
 class SurfaceStack(NamedTuple):
@@ -130,15 +115,7 @@ class SurfaceStack(NamedTuple):
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
 
-    def trace(
-        self,
-        rays: Rays,
-        *,
-        backward: bool = False,
-        plane: ArrayLike | None = None,
-        clip: bool = True,
-        heights: bool = False,
-    ) -> Traced:
+    def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
         """Trace rays.
 
         Parameters
@@ -151,27 +128,25 @@ class SurfaceStack(NamedTuple):
             Carry kept rays on to this z [mm], one or (T,); else they end on the last surface.
         clip : bool
             Whether clear diameters stop rays.
-        heights : bool
-            Whether to give heights on the surfaces.
         """
         start, along = np.broadcast_arrays(np.asarray(rays.position, float), np.asarray(rays.direction, float))
-        shape, builds, count = start.shape[1:], len(self.table), int(self.media.shape[1]) - 1
+        place, way, state = np.empty(start.shape), np.empty(start.shape), np.empty(start.shape[1:], np.int16)
+        to = math.nan if plane is None else plane
+        self._run(trace_rays, state.shape, (backward, clip, plane is not None), to, start, along, place, way, state)
+        return Traced(Rays(place, way), state)
+
+    def _run(self, kernel: Any, shape: tuple[int, ...], flags: tuple[bool, ...], end: ArrayLike, *rays: Any) -> None:
+        """Run a kernel on arrays of rays of a shape, compiled where that pays."""
+        builds, count, total = len(self.table), int(self.media.shape[1]) - 1, math.prod(shape)
         if builds > 1 and shape[:1] != (builds,):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
-        total = math.prod(shape)
-        position, direction, state = np.empty(3 * total), np.empty(3 * total), np.empty(total, np.int16)
-        squares = np.empty(count * total * heights)
-        planes = np.array(np.broadcast_to(math.nan if plane is None else np.asarray(plane, float), (builds,)))
-        ins: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (start, along, self.table, self.media)]
-        arrays: list[Any] = [*ins, planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)]
-        arrays += [position, direction, state, squares]
-        compiled = _pays(total * count)
+        planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
+        room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
+        arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
+        compiled = _pays(kernel, total * count)
         if not compiled:
             arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
-        run = trace_rays.compiled if compiled else trace_rays.interpreted
-        run(total // builds, builds, count, backward, clip, plane is not None, *arrays)
-        ended = Rays(position.reshape(3, *shape), direction.reshape(3, *shape))
-        return Traced(ended, state.reshape(shape), squares.reshape(count, *shape) if heights else None)
+        (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
 
     def through(
         self,
@@ -183,7 +158,7 @@ class SurfaceStack(NamedTuple):
         backward: bool = True,
         clip: bool = False,
     ) -> Passed:
-        """Height and slope in, height and slope out.
+        """Trace rays by height and slope, which the answer gives on the far side.
 
         Parameters
         ----------
@@ -193,23 +168,21 @@ class SurfaceStack(NamedTuple):
         start, end : array_like
             Planes along z, before and after the lens on the light's way [mm]: `start` broadcast against the rays, `end`
             one or (T,).
-        backward : bool
-            From the sensor's side to the scene's.
-        clip : bool
-            Whether clear diameters stop rays; otherwise only `Passed.room` tells.
+        backward, clip : bool
+            As for `trace`.
         """
-        x, y, z, sx, sy = np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, start, *slope)))
-        size = (-1.0 if backward else 1.0) * np.sqrt(1 + sx * sx + sy * sy)
-        rays = Rays(np.stack([x, y, z]), np.stack([sx / size, sy / size, 1 / size]))
-        found = self.trace(rays, backward=backward, plane=end, clip=clip, heights=True)
-        assert found.heights is not None
-        kept, way = found.kept, found.rays.direction
-        out = np.where(kept, way[:2] / np.where(kept, way[2], 1.0), 0.0)
-        return Passed(found.rays.position[:2], out, found.state, found.heights)
+        lines = [np.asarray(part, float) for part in (*height, start, *slope)]
+        rays = np.empty((5, *np.broadcast_shapes(*(part.shape for part in lines))))
+        for row, part in enumerate(lines):
+            rays[row] = part
+        shape = rays.shape[1:]
+        out, state, room = np.empty((4, *shape)), np.empty(shape, np.int16), np.empty(shape)
+        self._run(trace_slopes, shape, (backward, clip), end, rays, out, state, room)
+        return Passed(out[:2], out[2:], state, room)
 
 
-def _pays(meetings: int) -> bool:
-    if trace_rays.ready:
+def _pays(kernel: Any, meetings: int) -> bool:
+    if kernel.ready:
         return meetings >= CALL_ABOVE
     _spent[0] += meetings
     return _spent[0] >= (LOAD_ABOVE if "numba" in sys.modules else IMPORT_ABOVE)
@@ -244,6 +217,15 @@ def load(position: Any, direction: Any, buffer: Any, start: int, m: int, n: int)
 
 
 @kernel()
+def near_vertex(buffer: Any, i: int, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+    """Of a ray, the point nearest a vertex, from there: nothing far away cancels from here on."""
+    x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
+    dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+    near = -(x * dx + y * dy + z * dz)
+    return x + near * dx, y + near * dy, z + near * dz
+
+
+@kernel()
 def nearer_root(a: float, b: float, e: float, s: float) -> tuple[float, float, bool]:
     """Step to where a ray crosses a quadric in its own direction, root of the discriminant, and whether it does."""
     disc = b * b - a * e
@@ -257,21 +239,27 @@ def nearer_root(a: float, b: float, e: float, s: float) -> tuple[float, float, b
 
 
 @kernel()
-def settle(
-    hit: bool, r2: float, limit: float, nx: float, ny: float, nz: float, cosine: float, mu: float, s: float,
-    dx: float, dy: float, dz: float, state: float, code: float,
-) -> tuple[bool, float, float, float, float]:  # fmt: skip
-    """End a visit to a surface of unit normal n: whether the ray moves there, its new direction and its new state."""
+def refract(
+    buffer: Any, squares: Any, i: int, vx: float, vy: float, vz: float, hx: float, hy: float, hz: float,
+    nx: float, ny: float, nz: float, cosine: float, hit: bool, limit: float, mu: float, s: float, code: float,
+) -> None:  # fmt: skip
+    """End a ray's visit to a surface at h from its vertex, of unit normal n: move it there, bend it, or say why not."""
+    dx, dy, dz, state = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i], buffer[6 * BLOCK + i]
+    r2 = hx * hx + hy * hy
     square = 1.0 - mu * mu * (1.0 - cosine * cosine)
     inside, through = r2 <= limit, square >= 0
     moves = hit and state == 0
     goes = moves and inside and through
     bend = s * (sqrt(square if through else 0.0) - mu * cosine)
     fate = code + MISSED if not hit else (code + CLIPPED if not inside else (0.0 if through else code + REFLECTED))
-    ex = mu * dx + bend * nx if goes else dx
-    ey = mu * dy + bend * ny if goes else dy
-    ez = mu * dz + bend * nz if goes else dz
-    return moves, ex, ey, ez, fate if state == 0 else state
+    buffer[i] = hx + vx if moves else buffer[i]
+    buffer[BLOCK + i] = hy + vy if moves else buffer[BLOCK + i]
+    buffer[2 * BLOCK + i] = hz + vz if moves else buffer[2 * BLOCK + i]
+    buffer[3 * BLOCK + i] = mu * dx + bend * nx if goes else dx
+    buffer[4 * BLOCK + i] = mu * dy + bend * ny if goes else dy
+    buffer[5 * BLOCK + i] = mu * dz + bend * nz if goes else dz
+    buffer[6 * BLOCK + i] = fate if state == 0 else state
+    squares[i] = r2 if hit else -1.0
 
 
 @kernel()
@@ -281,26 +269,25 @@ def meet_sphere(
     """Refract a block at a sphere or plane; the cosine of incidence is the root of the discriminant."""
     vx, vy, vz, c = table[first], table[first + 1], table[first + 2], table[first + 3]
     for i in range(m):
-        x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
+        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        near = -(x * dx + y * dy + z * dz)  # from here on, the point nearest the vertex: nothing far away cancels
-        px, py, pz = x + near * dx, y + near * dy, z + near * dz
         b = dz - c * (px * dx + py * dy + pz * dz)
         e = c * (px * px + py * py + pz * pz) - 2.0 * pz
         step, root, met = nearer_root(c, b, e, s)
         hx, hy, hz = px + step * dx, py + step * dy, pz + step * dz
-        nx, ny, nz = -c * hx, -c * hy, 1.0 - c * hz
-        r2 = hx * hx + hy * hy
+        nz = 1.0 - c * hz
         hit = met and nz >= 0
-        moves, ex, ey, ez, fate = settle(
-            hit, r2, limit, nx, ny, nz, root, mu, s, dx, dy, dz, buffer[6 * BLOCK + i], code
-        )  # fmt: skip
-        buffer[i] = hx + vx if moves else x + vx
-        buffer[BLOCK + i] = hy + vy if moves else y + vy
-        buffer[2 * BLOCK + i] = hz + vz if moves else z + vz
-        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = ex, ey, ez
-        buffer[6 * BLOCK + i] = fate
-        squares[i] = r2 if hit else -1.0
+        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, -c * hx, -c * hy, nz, root, hit, limit, mu, s, code)
+
+
+@kernel()
+def conic_terms(
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, c: float, k1: float
+) -> tuple[float, float, float]:
+    """A, B and C of where a ray meets a conic of revolution."""
+    a = c * (dx * dx + dy * dy + k1 * (dz * dz))
+    b = dz - c * (px * dx + py * dy + k1 * (pz * dz))
+    return a, b, c * (px * px + py * py + k1 * (pz * pz)) - 2.0 * pz
 
 
 @kernel()
@@ -310,44 +297,42 @@ def meet_conic(
     """Refract a block at a conic of revolution."""
     vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
     for i in range(m):
-        x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
+        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        near = -(x * dx + y * dy + z * dz)
-        px, py, pz = x + near * dx, y + near * dy, z + near * dz
-        a = c * (dx * dx + dy * dy + k1 * (dz * dz))
-        b = dz - c * (px * dx + py * dy + k1 * (pz * dz))
-        e = c * (px * px + py * py + k1 * (pz * pz)) - 2.0 * pz
+        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
         step, root, met = nearer_root(a, b, e, s)
         hx, hy, hz = px + step * dx, py + step * dy, pz + step * dz
-        nz = 1.0 - k1 * c * hz
-        r2 = hx * hx + hy * hy
-        size2 = c * c * r2 + nz * nz
+        nx, ny, nz = -c * hx, -c * hy, 1.0 - k1 * c * hz
+        size2 = nx * nx + ny * ny + nz * nz
         shrink = 1.0 / sqrt(size2 if size2 > 0 else 1.0)
         hit = met and nz >= 0
-        moves, ex, ey, ez, fate = settle(
-            hit, r2, limit, -c * hx * shrink, -c * hy * shrink, nz * shrink, root * shrink, mu, s,
-            dx, dy, dz, buffer[6 * BLOCK + i], code,
-        )  # fmt: skip
-        buffer[i] = hx + vx if moves else x + vx
-        buffer[BLOCK + i] = hy + vy if moves else y + vy
-        buffer[2 * BLOCK + i] = hz + vz if moves else z + vz
-        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = ex, ey, ez
-        buffer[6 * BLOCK + i] = fate
-        squares[i] = r2 if hit else -1.0
+        nx, ny, nz, cosine = nx * shrink, ny * shrink, nz * shrink, root * shrink
+        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, nz, cosine, hit, limit, mu, s, code)
 
 
 @kernel()
-def sag_and_slope(u: float, c: float, k1: float, table: Any, terms: int) -> tuple[float, float, bool]:
-    """Sag, its derivative by u = r^2, and whether the surface exists there; `terms` is where a_1 stands in `table`."""
-    inner = 1.0 - k1 * c * c * u
+def sag_and_slope(u: float, table: Any, first: int) -> tuple[float, float, bool]:
+    """Sag of an asphere, its derivative by u = r^2, and whether the surface exists there."""
+    c = table[first + 3]
+    inner = 1.0 - table[first + 4] * c * c * u
     if not inner > 0:
         return 0.0, 0.0, False
     root = sqrt(inner)
     q, dq = 0.0, 0.0
     for j in range(7, -1, -1):
         dq = dq * u + q
-        q = q * u + table[terms + j]
+        q = q * u + table[first + 17 + j]
     return c * u / (1.0 + root) + u * q, c / (2.0 * root) + q + u * dq, True
+
+
+@kernel()
+def gap_behind(
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, t: float, table: Any, first: int
+) -> tuple[float, float, bool]:
+    """How far behind an asphere a ray's point is along z, its derivative by t, and whether the surface exists there."""
+    x, y = px + t * dx, py + t * dy
+    sag, slope, valid = sag_and_slope(x * x + y * y, table, first)
+    return pz + t * dz - sag, dz - 2.0 * slope * (x * dx + y * dy), valid
 
 
 @kernel()
@@ -355,14 +340,12 @@ def newton_root(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, s: float, t: float, table: Any, first: int
 ) -> tuple[float, bool]:
     """Where a ray crosses an asphere in its own direction, from a first guess `t`; gives up rather than wander."""
-    c, k1, tolerance = table[first + 3], table[first + 4], 1e-13 * sqrt(table[first + 5])
+    tolerance = 1e-13 * sqrt(table[first + 5])
     for _ in range(30):
-        x, y = px + t * dx, py + t * dy
-        sag, slope, valid = sag_and_slope(x * x + y * y, c, k1, table, first + 17)
-        rate = dz - 2.0 * slope * (x * dx + y * dy)
+        gap, rate, valid = gap_behind(px, py, pz, dx, dy, dz, t, table, first)
         if not (valid and rate * s > 0):
             return t, False
-        step = (pz + t * dz - sag) / rate
+        step = gap / rate
         t -= step
         if abs(step) <= tolerance:
             return t, True
@@ -374,43 +357,31 @@ def scanned_root(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, s: float, table: Any, first: int
 ) -> tuple[float, bool]:
     """First crossing in the ray's own direction inside the clear aperture, by sampling and bisection; always ends."""
-    c, k1, bound = table[first + 3], table[first + 4], table[first + 25]
-    low, high = -1e300, 1e300
-    across = dx * dx + dy * dy
+    bound, low, high = table[first + 25], -1e300, 1e300
+    across, along = dx * dx + dy * dy, px * dx + py * dy
     reach = table[first + 5] - (px * px + py * py)
-    if across > 1e-24:
-        along = px * dx + py * dy
-        square = along * along + across * reach
-        if not square > 0:
-            return 0.0, False
+    square = along * along + across * reach
+    if across > 1e-24 and square > 0:
         half = sqrt(square)
         low, high = (-along - half) / across, (-along + half) / across
-    elif reach < 0:
+    elif across > 1e-24 or reach < 0:
         return 0.0, False
     if abs(dz) > 1e-12:
         one, other = (-bound - pz) / dz, (bound - pz) / dz
         low, high = max(low, min(one, other)), min(high, max(one, other))
-    elif abs(pz) > bound:
-        return 0.0, False
     if not low < high:
         return 0.0, False
     before, previous = False, low
     for j in range(SAMPLES + 1):
         t = low + (high - low) * j / SAMPLES
-        x, y = px + t * dx, py + t * dy
-        sag, _, valid = sag_and_slope(x * x + y * y, c, k1, table, first + 17)
-        gap = s * (pz + t * dz - sag)
-        if valid and before and gap > 0:
+        gap, _, valid = gap_behind(px, py, pz, dx, dy, dz, t, table, first)
+        if valid and before and s * gap > 0:
             for _ in range(64):
                 middle = 0.5 * (previous + t)
-                x, y = px + middle * dx, py + middle * dy
-                sag, _, valid = sag_and_slope(x * x + y * y, c, k1, table, first + 17)
-                if s * (pz + middle * dz - sag) > 0:
-                    t = middle
-                else:
-                    previous = middle
+                gap, _, _ = gap_behind(px, py, pz, dx, dy, dz, middle, table, first)
+                t, previous = (middle, previous) if s * gap > 0 else (t, middle)
             return 0.5 * (previous + t), True
-        before, previous = valid and gap <= 0, t
+        before, previous = valid and s * gap <= 0, t
     return 0.0, False
 
 
@@ -421,35 +392,22 @@ def meet_asphere(
     """Refract a block at an even asphere."""
     vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
     for i in range(m):
-        x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
+        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        near = -(x * dx + y * dy + z * dz)
-        px, py, pz = x + near * dx, y + near * dy, z + near * dz
-        a = c * (dx * dx + dy * dy + k1 * (dz * dz))
-        b = dz - c * (px * dx + py * dy + k1 * (pz * dz))
-        e = c * (px * px + py * py + k1 * (pz * pz)) - 2.0 * pz
-        disc = b * b - a * e
-        bottom = b + s * sqrt(disc if disc > 0 else 0.0)
+        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
+        bottom = b + s * sqrt(max(0.0, b * b - a * e))
         guess = e / bottom if bottom * s > 0 else 0.0  # where the conic under the asphere is met
-        t, found = newton_root(px, py, pz, dx, dy, dz, s, guess, table, first)
-        if not found:
-            t, found = scanned_root(px, py, pz, dx, dy, dz, s, table, first)
+        t, met = newton_root(px, py, pz, dx, dy, dz, s, guess, table, first)
+        if not met:
+            t, met = scanned_root(px, py, pz, dx, dy, dz, s, table, first)
         hx, hy, hz = px + t * dx, py + t * dy, pz + t * dz
-        r2 = hx * hx + hy * hy
-        _, slope, valid = sag_and_slope(r2, c, k1, table, first + 17)
+        _, slope, valid = sag_and_slope(hx * hx + hy * hy, table, first)
         nx, ny = -2.0 * slope * hx, -2.0 * slope * hy
         shrink = 1.0 / sqrt(nx * nx + ny * ny + 1.0)
-        cosine = s * (dx * nx + dy * ny + dz) * shrink
-        hit = found and valid and cosine >= 0
-        moves, ex, ey, ez, fate = settle(
-            hit, r2, limit, nx * shrink, ny * shrink, shrink, cosine, mu, s, dx, dy, dz, buffer[6 * BLOCK + i], code
-        )  # fmt: skip
-        buffer[i] = hx + vx if moves else x + vx
-        buffer[BLOCK + i] = hy + vy if moves else y + vy
-        buffer[2 * BLOCK + i] = hz + vz if moves else z + vz
-        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = ex, ey, ez
-        buffer[6 * BLOCK + i] = fate
-        squares[i] = r2 if hit else -1.0
+        nx, ny = nx * shrink, ny * shrink
+        cosine = s * (dx * nx + dy * ny + dz * shrink)
+        hit = met and valid and cosine >= 0
+        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
 
 
 @kernel()
@@ -515,11 +473,10 @@ def reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
 
 @kernel()
 def trace_rays(
-    each: int, builds: int, count: int, backward: bool, clip: bool, to_plane: bool, position: Any, direction: Any,
-    table: Any, media: Any, plane: Any, buffer: Any, squares: Any, out_position: Any, out_direction: Any, state: Any,
-    heights: Any,
+    each: int, builds: int, count: int, backward: bool, clip: bool, to_plane: bool, table: Any, media: Any, plane: Any,
+    buffer: Any, squares: Any, position: Any, direction: Any, out_position: Any, out_direction: Any, state: Any,
 ) -> None:  # fmt: skip
-    """Trace `each` rays through each build of `count` surfaces; `heights` is filled where it is not empty.
+    """Trace `each` rays through each build of `count` surfaces.
 
     All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
     """
@@ -533,12 +490,6 @@ def trace_rays(
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
             if to_plane:
                 reach_plane(buffer, m, plane[build], -1.0 if backward else 1.0, 8.0 * (count + 1))
-            if len(heights) > 0:
-                for k in range(count):
-                    semi2, mine = lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
-                    out = heights[k * n + start : k * n + start + m]
-                    for i in range(m):
-                        out[i] = mine[i] / semi2 if mine[i] >= 0 else OUT_OF_SIGHT
             for row in range(3):
                 begin = row * n + start
                 copy(buffer[row * BLOCK : row * BLOCK + m], out_position[begin : begin + m], m)
@@ -546,3 +497,45 @@ def trace_rays(
             states = state[start : start + m]
             for i in range(m):
                 states[i] = int(buffer[6 * BLOCK + i])
+
+
+@kernel()
+def trace_slopes(
+    each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
+    squares: Any, rays: Any, out: Any, state: Any, room: Any,
+) -> None:  # fmt: skip
+    """The same for rays of x, y, z, dx/dz and dy/dz, to x, y, dx/dz and dy/dz on a plane; flat as there."""
+    n, s = each * builds, -1.0 if backward else 1.0
+    for build in range(builds):
+        lens = table[build * count * COLUMNS : (build + 1) * count * COLUMNS]
+        index = media[build * (count + 1) : (build + 1) * (count + 1)]
+        for start in range(build * each, (build + 1) * each, BLOCK):
+            m = min(BLOCK, (build + 1) * each - start)
+            for row in range(5):
+                copy(rays[row * n + start : row * n + start + m], buffer[row * BLOCK : row * BLOCK + m], m)
+            for i in range(m):
+                x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+                sx, sy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
+                good = (x - x) + (y - y) + (z - z) + (sx - sx) + (sy - sy) == 0  # else something is not finite
+                sx, sy = sx if good else 0.0, sy if good else 0.0
+                shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+                buffer[i] = x if good else 0.0
+                buffer[BLOCK + i] = y if good else 0.0
+                buffer[2 * BLOCK + i] = z if good else 0.0
+                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
+                buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
+            pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
+            reach_plane(buffer, m, plane[build], s, 8.0 * (count + 1))
+            states, rooms = state[start : start + m], room[start : start + m]
+            for i in range(m):
+                kept = buffer[6 * BLOCK + i] == 0.0
+                states[i], rooms[i] = int(buffer[6 * BLOCK + i]), 1.0 if kept else -1.0
+                shrink = 1.0 / (buffer[5 * BLOCK + i] if kept else 1.0)
+                buffer[2 * BLOCK + i] = buffer[3 * BLOCK + i] * shrink if kept else 0.0
+                buffer[3 * BLOCK + i] = buffer[4 * BLOCK + i] * shrink if kept else 0.0
+            for k in range(count):
+                limit, mine = lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
+                for i in range(m):
+                    rooms[i] = min(rooms[i], 1.0 - mine[i] / limit)
+            for row in range(4):
+                copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)

@@ -347,7 +347,7 @@ def _folded(design: Design, place: Point, centre: Floats) -> Floats:
     """Outline of what is lit, on a grid: a folded image has no single one."""
     camera = camera_of(design)
     (c,) = microlenses(design, [place])
-    side = np.linspace(-1, 1, 161) * 0.7 * camera.lens_diameter * camera.d_2 / camera.d_1
+    side = np.linspace(-1, 1, 161) * 0.7 * camera.lens.clear_diameter * camera.d_2 / camera.d_1
     grid = np.stack(np.meshgrid(side, side), axis=-1) + c * (1 + camera.d_2 / camera.d_1)
     at = views(camera, c, grid, clip=False)
     x, y = (side + c[k] * camera.d_2 / camera.d_1 - centre[k] for k in (0, 1))

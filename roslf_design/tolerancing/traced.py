@@ -23,10 +23,22 @@ from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
-from ..traced.aim import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
+from ..traced.builds import (
+    Aimed,
+    Aims,
+    Outlines,
+    Planes,
+    aimed,
+    aims,
+    crossings,
+    cut_shapes,
+    landings,
+    outlines,
+    pupil_points,
+    spot_radii,
+)
 from ..traced.camera import camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
-from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, stops_of
 
@@ -167,7 +179,7 @@ class Reference(NamedTuple):
     chief: Aims
     """To the FAP's centre, F."""
     rim: Aims
-    """To its rim, F times `aim.RIM`."""
+    """To its rim, F times `builds.RIM`."""
     inner: Aims
     """To points inside it, its centre first."""
     neighbours: Aims

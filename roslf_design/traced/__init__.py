@@ -2,8 +2,7 @@
 
 - `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
 - `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
-- `aim`, `outlines`: image points, spots and image shapes of many builds
-- `surrogate`: a fast polynomial twin with a stated error
+- `builds`: image points, spots and image shapes of many builds
 
 >>> from roslf_design.design import load
 >>> from roslf_design.traced.images import real_field

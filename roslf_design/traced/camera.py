@@ -28,43 +28,42 @@ Array = NDArray[np.float64]
 NEWTON_STEPS = 25
 
 
-class TracedPlane(NamedTuple):
-    """How a plane of the camera stands: upright where its tilt is zero.
+@dataclass(frozen=True)
+class TracedPlane:
+    """A plane of the camera, or a circular stop on it; its points count as if it stood upright."""
 
-    Points on it count as if it stood upright.
-    """
-
+    z: float
+    """Place along z of what it is turned about [mm]."""
     x: float = 0.0
     y: float = 0.0
-    """What it is turned about [mm]."""
+    """What it is turned about; a stop's decentre [mm]."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """About x, then about y [rad]."""
+    diameter: float = math.inf
+    """Of a stop [mm]."""
+
+    @property
+    def centre(self) -> Array:
+        """(2,) [mm]."""
+        return np.array([self.x, self.y])
 
     @property
     def axes(self) -> Array:
         """Its own x, y and normal in the lens's frame, one a row, (3, 3)."""
         return rotation(*self.tilt).T
 
-    def lifted(self, point: ArrayLike, z: float) -> Array:
-        """Points (..., 2) of the plane in space, (3, ...) [mm]; `z` is the pivot's."""
+    def lifted(self, point: ArrayLike) -> Array:
+        """Points (..., 2) of the plane in space, (3, ...) [mm]."""
         p = np.asarray(point, float)
         if self.tilt == (0.0, 0.0):
-            return np.stack([p[..., 0], p[..., 1], np.full(p.shape[:-1], z)])
-        across, along, _ = self.axes
-        off = p - [self.x, self.y]
-        there = np.array([self.x, self.y, z]) + off[..., :1] * across + off[..., 1:] * along
+            return np.stack([p[..., 0], p[..., 1], np.full(p.shape[:-1], self.z)])
+        off, axes = p - self.centre, self.axes
+        there = np.array([self.x, self.y, self.z]) + off[..., :1] * axes[0] + off[..., 1:] * axes[1]
         return np.moveaxis(there, -1, 0)
 
-    def crossed(self, place: Array, slope: Array, ahead: float) -> Array:
-        """Where rays cross the plane, (2, ...) [mm].
-
-        Parameters
-        ----------
-        place, slope : ndarray, shape (2, ...)
-            The rays' heights on some upright plane [mm], and dx/dz, dy/dz.
-        ahead : float
-            From that plane to the pivot, along z [mm].
-        """
+    def crossed(self, place: Array, slope: Array, z: float) -> Array:
+        """Points (2, ...) of the plane where rays cross it [mm], from where they cross the upright one at `z`."""
+        ahead = self.z - z
         if self.tilt == (0.0, 0.0):
             return place + slope * ahead if ahead else place
         across, along, normal = self.axes
@@ -73,34 +72,6 @@ class TracedPlane(NamedTuple):
         step = -(normal[0] * x + normal[1] * y - normal[2] * ahead) / lean
         hit = np.stack([x + step * slope[0], y + step * slope[1], step - ahead])
         return np.stack([np.tensordot(across, hit, axes=1) + self.x, np.tensordot(along, hit, axes=1) + self.y])
-
-
-UPRIGHT = TracedPlane()
-
-
-@dataclass(frozen=True)
-class TracedRim:
-    """A circular stop in object space: the flexible angular plane (FAP) or a further rim of the bore."""
-
-    diameter: float
-    """[mm]."""
-    z: float
-    """Place along z [mm], in front of the lens."""
-    x: float = 0.0
-    y: float = 0.0
-    """Decentre [mm]."""
-    tilt: tuple[float, float] = (0.0, 0.0)
-    """About x, then about y, about its centre [rad]."""
-
-    @property
-    def centre(self) -> Array:
-        """(2,) [mm]."""
-        return np.array([self.x, self.y])
-
-    @property
-    def plane(self) -> TracedPlane:
-        """How it stands."""
-        return TracedPlane(self.x, self.y, self.tilt)
 
 
 @dataclass(frozen=True)
@@ -113,13 +84,12 @@ class LensCamera:
         The main lens.
     wavelength : float
         Of first-order data and of everything not said otherwise [mm].
-    rims : tuple of Rim
+    rims : tuple of TracedPlane
         The FAP first, then further stops.
-    focal_plane, mla, sensor : float
-        Places along z of the plane in focus, the microlens array and the sensor [mm]; where these are tilted, of what
-        they turn about.
-    array, detector : Plane
-        How the microlens array and the sensor stand.
+    focal_plane : float
+        Place along z of the plane in focus [mm].
+    array, detector : TracedPlane
+        The microlens array and the sensor.
 
     Raises
     ------
@@ -129,15 +99,15 @@ class LensCamera:
 
     lens: Prescription
     wavelength: float
-    rims: tuple[TracedRim, ...]
+    rims: tuple[TracedPlane, ...]
     focal_plane: float
-    mla: float
-    sensor: float
-    array: TracedPlane = UPRIGHT
-    detector: TracedPlane = UPRIGHT
+    array: TracedPlane
+    detector: TracedPlane
 
     def __post_init__(self) -> None:
         problems = []
+        last = self.lens.surfaces[-1]
+        rear = self.lens.length + max(0.0, float(last.sag(last.semi_diameter)))
         if any(self.focal_plane >= rim.z for rim in self.rims):
             problems.append(Problem("focal_plane", "must lie in front of the flexible angular plane and every stop"))
         for rim in self.rims:
@@ -146,10 +116,10 @@ class LensCamera:
             if rim.z > self.front:
                 message = f"lies {rim.z - self.front:.4g} mm inside the lens; move it out, or count it from the vertex"
                 problems.append(Problem("aperture.distance", message))
-        if not self.mla > self.rear:
-            message = f"lies {self.rear - self.mla:.4g} mm inside the lens; focus nearer or take a thinner lens"
+        if not self.array.z > rear:
+            message = f"lies {rear - self.array.z:.4g} mm inside the lens; focus nearer or take a thinner lens"
             problems.append(Problem("microlens_array.distance", message))
-        if not self.sensor > self.mla:
+        if not self.detector.z > self.array.z:
             problems.append(Problem("sensor.distance", "the sensor must lie behind the microlens array"))
         if problems:
             raise LensError(tuple(problems), self.lens.name)
@@ -161,21 +131,9 @@ class LensCamera:
         return min(0.0, float(first.sag(first.semi_diameter)))
 
     @property
-    def rear(self) -> float:
-        """Hindmost point of the lens on the axis or at its rear rim [mm]."""
-        last = self.lens.surfaces[-1]
-        return self.lens.length + max(0.0, float(last.sag(last.semi_diameter)))
-
-    @property
-    def fap(self) -> TracedRim:
+    def fap(self) -> TracedPlane:
         """The flexible angular plane: the entrance pupil."""
         return self.rims[0]
-
-    @property
-    def is_upright(self) -> bool:
-        """Whether nothing around the lens is tilted."""
-        tilts = [*(rim.tilt for rim in self.rims), self.array.tilt, self.detector.tilt]
-        return all(tilt == (0.0, 0.0) for tilt in tilts)
 
     @property
     def first_order(self) -> FirstOrder:
@@ -185,12 +143,12 @@ class LensCamera:
     @property
     def d_1(self) -> float:
         """Image-side principal plane to microlens array [mm]."""
-        return self.mla - self.first_order.rear_principal
+        return self.array.z - self.first_order.rear_principal
 
     @property
     def d_2(self) -> float:
         """Microlens array to sensor [mm]."""
-        return self.sensor - self.mla
+        return self.detector.z - self.array.z
 
     @property
     def d_f(self) -> float:
@@ -201,11 +159,6 @@ class LensCamera:
     def d_3(self) -> float:
         """FAP to object-side principal plane [mm]."""
         return self.first_order.front_principal - self.fap.z
-
-    @property
-    def lens_diameter(self) -> float:
-        """D of the thin twin [mm]."""
-        return self.lens.clear_diameter
 
 
 @lru_cache(maxsize=64)
@@ -229,14 +182,14 @@ def camera_of(design: Design) -> LensCamera:
     if design.main_lens.tilt != (0.0, 0.0):
         lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
 
-    def stands(part: Stop | MicrolensArray | Sensor) -> TracedPlane:
+    def stands(part: Stop | MicrolensArray | Sensor, z: float, diameter: float = math.inf) -> TracedPlane:
         x, y = np.subtract(part.decentre, design.main_lens.decentre)
-        return TracedPlane(float(x), float(y), part.tilt)
+        return TracedPlane(z, float(x), float(y), part.tilt, diameter)
 
     mla = rear + design.d_1
-    rims = tuple(TracedRim(stop.diameter, front - stop.distance, *stands(stop)) for stop in design.all_stops)
-    planes = [stands(part) if part.tilt != (0.0, 0.0) else UPRIGHT for part in (design.microlens_array, design.sensor)]
-    return LensCamera(lens, design.wavelength, rims, front - design.d_f, mla, mla + design.d_2, *planes)
+    rims = tuple(stands(stop, front - stop.distance, stop.diameter) for stop in design.all_stops)
+    array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + design.d_2)
+    return LensCamera(lens, design.wavelength, rims, front - design.d_f, array, detector)
 
 
 def tilted_parts(design: Design) -> tuple[str, ...]:
@@ -294,15 +247,14 @@ def views(
         Whether clear diameters, the FAP and the stops stop rays; otherwise only `room` and `fap_room` tell.
     """
     c, p = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(sensor, float))
-    start, end = camera.detector.lifted(p, camera.sensor), camera.array.lifted(c, camera.mla)
-    run = end - start
+    run = (end := camera.array.lifted(c)) - camera.detector.lifted(p)
     colour = camera.wavelength if wavelength is None else wavelength
-    found = camera.lens.through(end[:2], run[:2] / run[2], colour, start=end[2], end=camera.fap.z, clip=clip)
-    place, slope, room, state = found.height, found.slope, found.room, found.state.copy()
-    lost = found.state != KEPT
+    rays = camera.lens.through(end[:2], run[:2] / run[2], colour, start=end[2], end=camera.fap.z, clip=clip)
+    place, slope, room, state = rays.height, rays.slope, rays.room, rays.state
+    lost = state != KEPT
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
-        crossing = rim.plane.crossed(place, slope, rim.z - camera.fap.z)
+        crossing = rim.crossed(place, slope, camera.fap.z)
         at = crossing - rim.centre.reshape(2, *(1,) * lost.ndim)
         left = np.where(lost, -1.0, 1 - np.sum(np.square(at), axis=0) / (rim.diameter / 2) ** 2)
         if number == 0:
@@ -319,7 +271,7 @@ def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> A
     """First-order image-side slope of the ray from a point on the FAP's plane to a microlens, both (..., 2) [mm]."""
     (a, b), (c, d) = camera.first_order.matrix
     slope, height = d - c * camera.fap.z, b - a * camera.fap.z
-    reach = slope * (camera.mla - camera.lens.length) + height
+    reach = slope * (camera.array.z - camera.lens.length) + height
     if reach == 0 or not math.isfinite(reach):
         message = "the flexible angular plane is imaged onto the microlens array; move one of them"
         raise LensError((Problem("aperture.distance", message),))
@@ -338,12 +290,7 @@ class SensorPoints(NamedTuple):
 
 
 def sensor_of_pupil(
-    camera: LensCamera,
-    microlens: ArrayLike,
-    pupil: ArrayLike,
-    wavelength: float | None = None,
-    *,
-    start: ArrayLike | None = None,
+    camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike, *, start: ArrayLike | None = None
 ) -> SensorPoints:
     """Sensor points behind microlenses that see given points of the FAP's plane; inverse of `views`.
 
@@ -353,8 +300,6 @@ def sensor_of_pupil(
         The camera.
     microlens, pupil : array_like
         Microlens axes c and points a on the FAP's plane [mm], (..., 2), broadcast.
-    wavelength : float, optional
-        [mm]; the camera's own by default.
     start : array_like, optional
         First guess; first order by default.
 
@@ -371,7 +316,7 @@ def sensor_of_pupil(
     steps = np.array([[0.0, 0.0], [nudge, 0.0], [0.0, nudge]])
     best, miss = p.copy(), np.full(c.shape[:-1], np.inf)
     for _ in range(NEWTON_STEPS):
-        at = views(camera, c[..., None, :], p[..., None, :] + steps, wavelength, clip=False)
+        at = views(camera, c[..., None, :], p[..., None, :] + steps, clip=False)
         met = np.all(at.state == KEPT, axis=-1)
         error = at.pupil[..., 0, :] - a
         size = np.where(met, np.hypot(error[..., 0], error[..., 1]), np.inf)
@@ -387,5 +332,4 @@ def sensor_of_pupil(
         # Where a ray misses the lens, or things get worse, come back half way to the best so far, at first to the axis.
         back = np.where(np.isfinite(miss)[..., None], best, origin)
         p = np.where((met & better)[..., None], p - full, (p + back) / 2)
-    final = views(camera, c, best, wavelength, clip=False)
-    return SensorPoints(best, final, np.asarray(miss <= 1e3 * tolerance))
+    return SensorPoints(best, views(camera, c, best, clip=False), np.asarray(miss <= 1e3 * tolerance))

@@ -23,9 +23,9 @@ from .._points import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError
-from ..lenses.tracer import KEPT, MISSED, Passed, describe
+from ..lenses.tracer import KEPT, MISSED, describe
 from ..theory.vignetting import FieldBound, nondistortion_bound
-from .camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
+from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 
 Array = NDArray[np.float64]
 
@@ -90,9 +90,7 @@ class TracedImages(NamedTuple):
         return np.asarray(np.sqrt(np.divide(low, high, out=np.zeros_like(low), where=high > 0)))
 
 
-def real_images(
-    camera: LensCamera, microlens: ArrayLike, wavelength: float | None = None, *, points: int = 96
-) -> TracedImages:
+def real_images(camera: LensCamera, microlens: ArrayLike, *, points: int = 96) -> TracedImages:
     """Outlines, areas and moments of microlens images through the real lens.
 
     Parameters
@@ -101,49 +99,43 @@ def real_images(
         The camera.
     microlens : array_like
         Microlens axes on the array [mm], (..., 2).
-    wavelength : float, optional
-        [mm]; the camera's own by default.
     points : int
         K, points on each boundary.
 
-    Returns
-    -------
-    MicrolensImages
-        Whole images converge exponentially in K (at 96, to rounding); a cut image has corners, and its area is right
-        to about 20/K^2 of itself. A folded image's area is right to about 1e-3.
+    Notes
+    -----
+    Whole images converge exponentially in K (at 96, to rounding); a cut image has corners, and its area is right
+    to about 20/K^2 of itself. A folded image's area is right to about 1e-3.
     """
     c = np.asarray(microlens, float)
     flat = c.reshape(-1, 2)
-    chunks = [flat[start : start + CHUNK] for start in range(0, max(1, len(flat)), CHUNK)]
-    parts = [_images(camera, chunk, wavelength, points) for chunk in chunks]
+    parts = [_images(camera, flat[start : start + CHUNK], points) for start in range(0, max(1, len(flat)), CHUNK)]
     whole = (np.concatenate(column).reshape(c.shape[:-1] + column[0].shape[1:]) for column in zip(*parts, strict=True))
     return TracedImages(*whole)
 
 
-def _images(camera: LensCamera, c: Array, wavelength: float | None, points: int) -> TracedImages:
+def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     fap = camera.fap
-    middle = sensor_of_pupil(camera, c, fap.centre, wavelength)
-    rim = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points), wavelength)
+    middle = sensor_of_pupil(camera, c, fap.centre)
+    rim = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points))
     outline, chief = rim.sensor - c[:, None, :], middle.sensor - c
     whole, centroid, moments = polygon_moments(outline)
-    seen = middle.ok & np.all(rim.ok, axis=-1)
-    whole = np.where(seen, whole, math.nan)
-    cut = ~(seen & np.all(rim.views.room >= 0, axis=-1))
-    folded = _folded(camera, c, wavelength)
+    in_sight = middle.ok & np.all(rim.ok, axis=-1)
+    whole = np.where(in_sight, whole, math.nan)
+    cut = ~(in_sight & np.all(rim.views.room >= 0, axis=-1))
+    folded = _folded(camera, c)
     status = np.where(cut, CLIPPED, FULL).astype(np.int8)
     boundary, area, kept = outline.copy(), whole.copy(), np.ones(len(c))
     odd = cut | folded
     if np.any(odd):
-        lit, edge = _cut_boundary(camera, c[odd], middle.sensor[odd], rim.sensor[odd], wavelength)
-        seen_pupil = views(camera, c[odd][:, None], edge, wavelength, clip=False).pupil
-        share = polygon_moments(seen_pupil)[0] / (np.pi / 4 * fap.diameter**2)
-        kept[odd] = np.where(lit, np.minimum(share, 1.0), 0.0)
-        edge = np.where(lit[:, None, None], edge - c[odd][:, None], chief[odd][:, None])
-        boundary[odd] = edge
-        area[odd], centroid[odd], moments[odd] = polygon_moments(edge)
+        lit, edge = _cut_boundary(camera, c[odd], middle.sensor[odd], rim.sensor[odd])
+        share = polygon_moments(views(camera, c[odd][:, None], edge, clip=False).pupil)[0]
+        kept[odd] = np.where(lit, np.minimum(share / (np.pi / 4 * fap.diameter**2), 1.0), 0.0)
+        boundary[odd] = np.where(lit[:, None, None], edge - c[odd][:, None], chief[odd][:, None])
+        area[odd], centroid[odd], moments[odd] = polygon_moments(boundary[odd])
         status[odd] = np.where(lit, CLIPPED, DARK)
     for index in np.flatnonzero(folded):
-        area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index], wavelength)
+        area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index])
         status[index] = FOLDED
     return TracedImages(chief, outline, boundary, whole, area, centroid, moments, kept, status)
 
@@ -152,23 +144,23 @@ def _grid(camera: LensCamera, c: Array, count: int) -> tuple[Array, float]:
     """Sensor points behind microlenses (n, 2) that cover all that the lens's aperture can light, and their step."""
     side = np.linspace(-1, 1, count)
     scale = camera.d_2 / camera.d_1
-    half = 0.6 * camera.lens_diameter * scale
+    half = 0.6 * camera.lens.clear_diameter * scale
     grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1) * half
     return (c * (1 + scale))[:, None, None, :] + grid, 2 * half / (count - 1)
 
 
-def _folded(camera: LensCamera, c: Array, wavelength: float | None) -> NDArray[np.bool_]:
+def _folded(camera: LensCamera, c: Array) -> NDArray[np.bool_]:
     p, _ = _grid(camera, c, FOLD_GRID)
-    at = views(camera, c[:, None, None, :], p, wavelength, clip=False)
+    at = views(camera, c[:, None, None, :], p, clip=False)
     (xx, xy), (yx, yy) = (np.gradient(at.pupil[..., part], axis=(1, 2)) for part in range(2))
     lit = np.minimum(at.fap_room, at.room) >= 0
     return np.asarray(np.any(lit & (xx * yy - xy * yx < 0), axis=(1, 2)))
 
 
-def _quadrature(camera: LensCamera, c: Array, wavelength: float | None) -> tuple[Array, Array, Array, float]:
-    """Area, centroid and central moments of everything lit behind one microlens, whatever its shape; FAP seen."""
+def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, float]:
+    """Area, centroid and central moments of everything lit behind one microlens, whatever its shape; FAP's share."""
     p, step = _grid(camera, c[None], QUADRATURE_GRID)
-    at = views(camera, c, p[0], wavelength, clip=False)
+    at = views(camera, c, p[0], clip=False)
     room = np.minimum(at.fap_room, at.room)
     across, along = np.gradient(room)
     lit = np.pad(room >= 0, 1)
@@ -179,25 +171,18 @@ def _quadrature(camera: LensCamera, c: Array, wavelength: float | None) -> tuple
     mean = np.sum(weight[..., None] * d, axis=(0, 1)) / total
     x, y = np.moveaxis(d - mean, -1, 0)
     moments = np.array([np.sum(weight * x * x), np.sum(weight * x * y), np.sum(weight * y * y)]) / total
-    return total * step * step, mean, moments, _seen_share(camera, c, p[0][room >= 0], at.pupil[room >= 0], wavelength)
+    # The part of the FAP that is seen at all: from points all over it back to the sensor, from the nearest lit one.
+    wanted = camera.fap.centre + camera.fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
+    nearest = np.argmin(np.sum(np.square(wanted[:, None] - at.pupil[room >= 0]), axis=-1), axis=1)
+    back = sensor_of_pupil(camera, c, wanted, start=p[0][room >= 0][nearest])
+    return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.room >= 0)))
 
 
-def _seen_share(camera: LensCamera, c: Array, sensor: Array, pupil: Array, wavelength: float | None) -> float:
-    """Share of the FAP that a microlens sees at all, from lit sensor points and the FAP points they see."""
-    fap = camera.fap
-    wanted = fap.centre + fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
-    nearest = np.argmin(np.sum(np.square(wanted[:, None] - pupil), axis=-1), axis=1)
-    found = sensor_of_pupil(camera, c, wanted, wavelength, start=sensor[nearest])
-    return float(np.mean(found.ok & (found.views.room >= 0)))
-
-
-def _cut_boundary(
-    camera: LensCamera, c: Array, middle: Array, rim: Array, wavelength: float | None
-) -> tuple[NDArray[np.bool_], Array]:
+def _cut_boundary(camera: LensCamera, c: Array, middle: Array, rim: Array) -> tuple[NDArray[np.bool_], Array]:
     """Boundary of the lit part, n fields at once, along spokes from its roomiest point; and whether there is any."""
 
     def room(p: Array) -> Array:
-        at = views(camera, c[:, None], p, wavelength, clip=False)
+        at = views(camera, c[:, None], p, clip=False)
         return np.minimum(at.fap_room, at.room)
 
     n, points = rim.shape[:2]
@@ -208,11 +193,9 @@ def _cut_boundary(
     hub = trial[np.arange(n), np.argmax(room(trial), axis=1)]
     size = np.max(np.linalg.norm(spread, axis=-1), axis=1)
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), axis=-1).reshape(-1, 2)
-    reach = size / 8
-    for _ in range(12):
-        around = hub[:, None] + reach[:, None, None] * grid
+    for halving in range(3, 15):
+        around = hub[:, None] + size[:, None, None] / 2**halving * grid
         hub = around[np.arange(n), np.argmax(room(around), axis=1)]
-        reach = reach / 2
     lit = room(hub[:, None])[:, 0] > 0
     spoke = circle(points)
     low, high = np.zeros((n, points)), np.broadcast_to(2.5 * size[:, None], (n, points))
@@ -255,8 +238,6 @@ def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
 class FieldMap(NamedTuple):
     """Aberrations by microlens; leading axes of the microlenses, then of wavelengths where there are several."""
 
-    microlens: Array
-    """c [mm], (..., 2)."""
     object_point: Array
     """X on the focal plane that the chief ray comes from [mm], (..., 2)."""
     distortion: Array
@@ -268,8 +249,6 @@ class FieldMap(NamedTuple):
     """Root-mean-square radius of the light from X on the array, about its centroid [mm], (...)."""
     spread: Array
     """Largest extents of that light along and across the meridional plane [mm], (..., 2)."""
-    colours: Array
-    """Wavelengths [mm], (W,)."""
     lateral_colour: Array
     """Where the chief ray from X meets the array in each colour, from where it does in the camera's own [mm], (..., W,
     2); 0 where it does not come through."""
@@ -305,37 +284,38 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     tangential, sagittal = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
     blur, spread = _spot(camera, point, along, across)
     lateral = np.zeros((*c.shape[:-1], waves.size, 2))
-    own = _forward(camera, point, fap.centre, camera.wavelength)
+    own, _, ours = _forward(camera, point, fap.centre, camera.wavelength)
     for index, wave in enumerate(waves):
-        other = _forward(camera, point, fap.centre, float(wave))
-        both = (own.state == KEPT) & (other.state == KEPT)
-        lateral[..., index, :] = np.where(both[..., None], np.moveaxis(other.height - own.height, 0, -1), 0.0)
+        other, _, theirs = _forward(camera, point, fap.centre, float(wave))
+        lateral[..., index, :] = np.where((ours & theirs)[..., None], np.moveaxis(other - own, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
-    return FieldMap(
-        c, point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, waves, lateral, state
-    )
+    return FieldMap(point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, lateral, state)
 
 
-def _forward(camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False) -> Passed:
-    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array, in its own frame."""
+def _forward(
+    camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array.
+
+    Heights and slopes (2, ...) in the array's own frame, and which rays come through.
+    """
     x, a = np.broadcast_arrays(point, pupil)
-    end = camera.fap.plane.lifted(a, camera.fap.z)
-    run = end - np.stack([x[..., 0], x[..., 1], np.full(x.shape[:-1], camera.focal_plane)])
+    end = camera.fap.lifted(a)
+    run = end - TracedPlane(camera.focal_plane).lifted(x)
     there = camera.lens.through(
-        end[:2], run[:2] / run[2], wavelength, start=end[2], end=camera.mla, backward=False, clip=clip
+        end[:2], run[:2] / run[2], wavelength, start=end[2], end=camera.array.z, backward=False, clip=clip
     )
-    if camera.array.tilt == (0.0, 0.0):
-        return there
-    way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones_like(there.slope[0])]), axes=1)
-    return there._replace(height=camera.array.crossed(there.height, there.slope, 0.0), slope=way[:2] / way[2])
+    way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
+    height = camera.array.crossed(there.height, there.slope, camera.array.z)
+    return height, way[:2] / way[2], there.state == KEPT
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
     """Where a thin pencil spread along `axis` on the FAP comes together along it, behind the array [mm]."""
     offset = PENCIL * camera.fap.diameter / 2 * np.array([[-1.0], [1.0]])
-    rays = _forward(camera, point[..., None, :], camera.fap.centre + offset * axis[..., None, :], camera.wavelength)
-    towards = np.moveaxis(axis, -1, 0)[..., None]
-    height, slope = np.sum(rays.height * towards, axis=0), np.sum(rays.slope * towards, axis=0)
+    pupil, towards = camera.fap.centre + offset * axis[..., None, :], np.moveaxis(axis, -1, 0)[..., None]
+    rays = _forward(camera, point[..., None, :], pupil, camera.wavelength)
+    height, slope = (np.sum(part * towards, axis=0) for part in rays[:2])
     closing, gap = slope[..., 1] - slope[..., 0], height[..., 1] - height[..., 0]
     return np.asarray(np.divide(-gap, closing, where=closing != 0, out=np.zeros_like(gap)))
 
@@ -344,8 +324,8 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
     """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
     disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1) * camera.fap.diameter / 2
     pupil = camera.fap.centre + disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :]
-    rays = _forward(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
-    place, kept = np.moveaxis(rays.height, 0, -1), rays.state == KEPT
+    height, _, kept = _forward(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
+    place = np.moveaxis(height, 0, -1)
     even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
     count = np.maximum(np.sum(even, axis=-1), 1)
     mean = np.sum(place * even[..., None], axis=-2) / count[..., None]
@@ -357,33 +337,26 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
 
 def thin_twin(camera: LensCamera) -> Camera:
     """The straight camera with an ideal lens of the same focal length and clear aperture, as far as Eq. 6 takes it."""
-    numbers = {
-        "main_lens.focal_length": camera.first_order.focal_length,
-        "main_lens.focal_plane": camera.d_f,
-        "main_lens.diameter": camera.lens_diameter,
-        "aperture.distance": camera.d_3,
-        "aperture.diameter": camera.fap.diameter,
-    }
-    return Camera(numbers)
+    return Camera(
+        {
+            "main_lens.focal_length": camera.first_order.focal_length,
+            "main_lens.focal_plane": camera.d_f,
+            "main_lens.diameter": camera.lens.clear_diameter,
+            "aperture.distance": camera.d_3,
+            "aperture.diameter": camera.fap.diameter,
+        }
+    )
 
 
-def undistorted_field(camera: LensCamera, wavelength: float | None = None, angle: float = 0.0) -> FieldBound:
-    """Non-distortion bound measured on the real lens: how far off axis a microlens still sees the whole FAP.
-
-    Parameters
-    ----------
-    camera : LensCamera
-        The camera.
-    wavelength : float, optional
-        [mm]; the camera's own by default.
-    angle : float
-        Direction on the array [rad].
+def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
+    """Non-distortion bound measured on the real lens along a direction on the array [rad].
 
     Returns
     -------
     FieldBound
-        Radii on the focal plane and on the array [mm]; 0 where even the axis is clipped. Twin of Eq. 6, which knows
-        only the thin lens. The search ends at twice the lens's diameter.
+        How far off axis a microlens still sees the whole FAP, on the focal plane and on the array [mm]; 0 where even
+        the axis is clipped. Twin of Eq. 6, which knows only the thin lens. The search ends at twice the lens's
+        diameter.
     """
     way = np.array([np.cos(angle), np.sin(angle)])
     centre = camera.fap.centre
@@ -391,24 +364,26 @@ def undistorted_field(camera: LensCamera, wavelength: float | None = None, angle
 
     def room(radius: float) -> float:
         """Least room of the FAP's rim, between the points looked at as well; -1 where some of it is out of sight."""
-        found = sensor_of_pupil(camera, radius * way, rim, wavelength)
-        if not np.all(found.ok & (found.views.room > -1)):
+        back = sensor_of_pupil(camera, radius * way, rim)
+        rooms = back.views.room
+        if not np.all(back.ok & (rooms > -1)):
             return -1.0
-        low = int(np.argmin(found.views.room))
-        left, least, right = (float(found.views.room[(low + step) % RIM_POINTS]) for step in (-1, 0, 1))
+        low = int(np.argmin(rooms))
+        left, least, right = (float(rooms[(low + step) % RIM_POINTS]) for step in (-1, 0, 1))
         bend = left - 2 * least + right
         return least - (right - left) ** 2 / (8 * bend) if bend > 0 else least
 
     thin = nondistortion_bound(thin_twin(camera))
-    low, high = 0.0, min(float(thin.mla_radius), camera.lens_diameter)
+    widest = camera.lens.clear_diameter
+    low, high = 0.0, min(float(thin.mla_radius), widest)
     inside, outside = room(low), room(high)
     if inside < 0:
         return FieldBound(np.asarray(0.0), np.asarray(0.0))
-    while outside >= 0 and high < 2 * camera.lens_diameter:
+    while outside >= 0 and high < 2 * widest:
         low, inside, high = high, outside, 1.25 * high
         outside = room(high)
     radius = high if outside >= 0 else _root(room, low, high, inside, outside)
-    edge = sensor_of_pupil(camera, radius * way, centre, wavelength)
+    edge = sensor_of_pupil(camera, radius * way, centre)
     point = edge.views.at(camera.fap.z - camera.focal_plane)
     return FieldBound(np.asarray(np.hypot(*point)), np.asarray(radius))
 
@@ -435,8 +410,6 @@ def _root(room: Callable[[float], float], low: float, high: float, inside: float
 class RealField(NamedTuple):
     """What a real lens does to microlenses (N); lengths in mm, nan where there is no light to tell it by."""
 
-    microlens: Array
-    """In the lens's frame, (N, 2)."""
     images: TracedImages
     thin_centre: Array
     """Image of the FAP's centre by the thin twin, relative to the microlens axis, (N, 2)."""
@@ -475,7 +448,6 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     lost = maps.status != KEPT
     guessed = lost | ((images.status == CLIPPED) & np.isnan(images.whole_area))
     return RealField(
-        c,
         images,
         thin_centre,
         thin_diameter,
@@ -494,8 +466,8 @@ def measured_bound(design: Design) -> tuple[float, float]:
     Twin of Eq. 6's bound; where parts are off axis, the least of eight directions.
     """
     camera = camera_of(design)
-    centred = camera.lens.is_centred and camera.is_upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
+    upright = all(part.tilt == (0.0, 0.0) for part in (*camera.rims, camera.array, camera.detector))
+    centred = camera.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
     turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
-    found = [undistorted_field(camera, angle=turn) for turn in turns]
-    least = min(found, key=lambda bound: float(bound.mla_radius))
+    least = min((undistorted_field(camera, turn) for turn in turns), key=lambda bound: float(bound.mla_radius))
     return float(least.object_radius), float(least.mla_radius)

@@ -45,9 +45,7 @@ ADVICE = (
     "Diffraction behind a cut pupil, a cat's eye: integrals along the rims' arcs, half a millisecond for fourteen "
     "digits of one microlens. The FFT over exact coverage is for whole sensors; each halving of its error takes some "
     "four times as long.",
-    "Real lenses: the exact trace for single microlenses and whenever in doubt. For millions of rays the polynomial "
-    "surrogate of the fourth order, off by less than a ten-thousandth of what a microlens sees; higher orders gain "
-    "little, as its degree in the pupil is fixed. A thin lens may be off by whole microlenses.",
+    "Real lenses: the exact trace, always: tens of nanoseconds a ray. A thin lens may be off by whole microlenses.",
     "Textures: Gauss panels while the texture is smooth. Edges and pictures need samples: scrambled Sobol points, of "
     "which the same error takes far fewer than of independent ones.",
     "Depth: the range of depths in closed form. The first-order sigma is as good while it is small against the depth.",
@@ -63,11 +61,6 @@ RATES = (
     ("Gauss panels", "exponential in n nodes", "two to three nodes for a digit"),
     ("arc integrals", "exponential in n nodes", "nothing on a rim is singular, however near another it runs"),
     ("exact trace", "exact", "to 1e-13 of what a microlens sees"),
-    (
-        "polynomial surrogate",
-        "a hundredth for each of the first two orders",
-        "then its fixed degree in the pupil rules",
-    ),
     ("adaptive quadrature", "to what is asked", "does not know where curves change, and pays for finding out"),
     ("FFT", "about n^-2 to n^-3", "what lies above the grid's frequencies folds back"),
     ("harmonic series", "exact once complete", "(2 P/w + 1)^2 terms"),
@@ -266,7 +259,6 @@ LOOKS = {
     "FFT": ("orange", "+"),
     "direct Huygens": ("purple", "o"),
     "exact trace": ("ink", "D"),
-    "polynomial surrogate": ("blue", "o"),
     "thin lens": ("grey", "*"),
     "rays alone": ("grey", "*"),
     "first order": ("grey", "*"),

@@ -155,7 +155,7 @@ def _ray_ends(job: Job) -> Floats:
     with mp.workdps(LENS_DIGITS):
         glasses = [mp.mpf(float(surface.glass.index(wavelength))) for surface in lens.surfaces]
         for (x, y), (sx, sy) in zip(place[:, ::EVERY].T.tolist(), slope[:, ::EVERY].T.tolist(), strict=True):
-            p = [mp.mpf(x), mp.mpf(y), mp.mpf(camera.mla)]
+            p = [mp.mpf(x), mp.mpf(y), mp.mpf(camera.array.z)]
             d = _unit([-mp.mpf(sx), -mp.mpf(sy), mp.mpf(-1)])
             for n in range(len(lens.surfaces) - 1, -1, -1):
                 surface = lens.surfaces[n]

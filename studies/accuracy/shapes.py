@@ -18,14 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roslf_design.camera import Camera
-from roslf_design.design import Design
-from roslf_design.lenses.prescription import LensError
 from roslf_design.lenses.tracer import Rays
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.disparity import depth_sigma
 from roslf_design.traced.camera import camera_of
-from roslf_design.traced.surrogate import Surrogate, fitted
 
 from .jobs import LENS, RAYS, Job, microlens_rays
 
@@ -37,8 +34,6 @@ Kind = Literal[
 
 BLOCK = 2_000_000
 """Samples held at a time."""
-FIELD = 0.35
-"""Field that the surrogate of a real lens is fitted for, as a part of the array's width."""
 INSIDE = 0.6826894921370859
 """Share of a normal distribution within one standard deviation."""
 
@@ -345,29 +340,10 @@ def _pixel_methods() -> Iterator[Method]:
 def _traced(job: Job, level: int, seed: int) -> Floats:
     camera = camera_of(job.design)
     place, slope = microlens_rays(job.design, job.axis)
-    start = np.stack([*place, np.full(RAYS, camera.mla)])
+    start = np.stack([*place, np.full(RAYS, camera.array.z)])
     rays = Rays(start, np.stack([-slope[0], -slope[1], -np.ones(RAYS)]) / np.sqrt(1 + (slope**2).sum(0)))
     ends = camera.lens.trace(rays, camera.wavelength, backward=True, plane=camera.focal_plane, clip=False)
     return np.asarray(ends.rays.position[:2].T.ravel())
-
-
-@lru_cache(maxsize=128)
-def surrogate_of(design: Design, order: int) -> Surrogate | None:
-    """Fitted once for the middle of the array; None where the lens does not let the whole FAP be seen from there."""
-    try:
-        return fitted(camera_of(design), FIELD * design.microlens_array.size[0], order=order)
-    except LensError:
-        return None
-
-
-def _surrogate(job: Job, order: int, seed: int) -> Floats:
-    """Fitting, 0.05 to 1 s once for a lens, is not counted: pictures trace millions of rays through one fit."""
-    camera, fit = camera_of(job.design), surrogate_of(job.design, order)
-    assert fit is not None
-    place, slope = microlens_rays(job.design, job.axis)
-    rays = fit.rays(place[0, :1], place[1, :1], slope[0], slope[1])
-    depth = camera.fap.z - camera.focal_plane
-    return np.stack([rays.x - depth * rays.slope_x, rays.y - depth * rays.slope_y], -1).ravel()
 
 
 def thin_rays(job: Job, level: int = 0, seed: int = 0) -> Floats:
@@ -385,11 +361,6 @@ def _surfaces(job: Job, level: int) -> float:
 
 def _lens_methods() -> Iterator[Method]:
     yield Method("exact trace", LENS, "exact", (0,), _traced, _surfaces, "Snell's law at every surface")
-    orders, does = (1, 2, 3, 4, 5, 6, 8), "fitted once, order n in the field, 5 in the pupil"
-    yield Method(
-        "polynomial surrogate", LENS, "fit", orders, _surrogate, lambda job, n: n + 3.0, does,
-        lambda job: surrogate_of(job.design, 1) is not None,
-    )  # fmt: skip
     yield Method("thin lens", LENS, "first order", (0,), thin_rays, one, "focal length and principal planes")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from roslf_design.errors import InputError
-from roslf_design.lenses.glass import AIR, Glass, catalogue, find_glass, read_glass
+from roslf_design.lenses.glass import AIR, find_glass, read_glass
 
 DATA = tomllib.loads(files("roslf_design.lenses").joinpath("glasses.toml").read_text())
 D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
@@ -28,14 +28,9 @@ def test_coefficients_give_the_printed_index_and_abbe_number(name):
     half = 0.5 * 10.0 ** -max(4, min(5, digits(entry["nd"]) if entry["source"] == "malitson-1965" else 5))
     assert abs(d - entry["nd"]) <= half
     assert abs((d - 1) / (f - c) - entry["vd"]) <= (0.05 if entry["source"] == "malitson-1965" else 0.005)
-
-
-@pytest.mark.parametrize("name", DATA["glasses"])
-def test_every_glass_says_where_it_comes_from(name):
-    glass = find_glass(name)
-    assert glass.source == DATA["sources"][DATA["glasses"][name]["source"]]
-    assert 0 < glass.shortest < 486e-6
-    assert glass.longest > 656e-6
+    assert glass.source == DATA["sources"][entry["source"]]
+    assert 0 < glass.shortest < F_LINE < C_LINE < glass.longest
+    assert glass.index([glass.shortest, glass.longest]).shape == (2,)
 
 
 def test_formulas_at_sixty_digits():
@@ -50,11 +45,6 @@ def test_formulas_at_sixty_digits():
                 total = a[0] + a[1] * square + sum(v / square**power for power, v in enumerate(a[2:], start=1))
             expected = float(mp.sqrt(total))
         assert float(glass.index(0.55e-3)) == pytest.approx(expected, rel=4e-16)
-
-
-def test_old_and_new_bk7_agree_over_the_visible():
-    waves = np.linspace(0.4, 0.7, 31) * 1e-3
-    np.testing.assert_allclose(find_glass("BK7").index(waves), find_glass("N-BK7").index(waves), rtol=0, atol=4e-6)
 
 
 def test_air_is_one_at_any_wavelength():
@@ -73,10 +63,6 @@ def test_unknown_glass_names_the_nearest_and_guesses_nothing():
 def test_wavelength_outside_the_measured_range_is_refused(wave):
     with pytest.raises(InputError, match=r"outside the range of N-BK7 \(300 nm to 2.5 um\)"):
         find_glass("N-BK7").index([0.55e-3, wave])
-
-
-def test_range_ends_belong_to_it():
-    assert find_glass("N-BK7").index([0.3e-3, 2.5e-3]).shape == (2,)
 
 
 @pytest.mark.parametrize(
@@ -106,9 +92,3 @@ def test_offset_adds_to_the_index_at_every_wavelength():
     waves = np.array([0.45, 0.55, 0.65]) * 1e-3
     np.testing.assert_allclose(glass.with_offset(5e-4).index(waves) - glass.index(waves), 5e-4, atol=4e-16)
     assert glass.with_offset(5e-4).with_offset(-5e-4) == glass
-
-
-def test_catalogue_holds_frozen_values():
-    glass = next(iter(catalogue().values()))
-    assert isinstance(glass, Glass)
-    assert hash(glass) == hash(Glass(**vars(glass)))

@@ -16,7 +16,7 @@ from roslf_design.lenses.lens_file import dumps_lens, load_lens, shipped_names
 from roslf_design.lenses.prescription import Prescription, Surface, first_order
 
 from .test_prescription import missed
-from .test_zmx import BROKEN, GOOD
+from .test_zmx import GOOD
 
 PAPER = preset_path("paper").read_text()
 IDEAL = 'diameter = "50.8 mm"\nfocal_length = "100 mm"\nfocal_plane = "350 mm"\n'
@@ -34,17 +34,20 @@ def real(lens="LB1630-A", **keys):
     return loads(text(f'prescription = "{lens}"\nfocal_plane = "350 mm"\n{extra}'))
 
 
-@pytest.mark.parametrize("name", [name.upper() for name in shipped_names()])
+@pytest.mark.parametrize("name", ["LA1050-A", "AC508-150-A"])
 def test_focal_length_and_diameter_are_the_lens_s(name):
     design = loads(text(f'prescription = "{name}"\nfocal_plane = "600 mm"\n'))
     lens = load_lens(name)
     f = first_order(lens, 550e-6).focal_length
-    assert design.f == f
-    assert Camera.of(design).f == f
+    assert design.f == Camera.of(design).f == f
     assert 1 / design.d_1 + 1 / 600 == pytest.approx(1 / f, rel=1e-14)
-    assert pytest.approx(design.D) == 2 * min(surface.semi_diameter for surface in lens.surfaces)
+    assert pytest.approx(lens.clear_diameter) == design.D
     assert design.lens == lens
-    assert real(name).replace({"main_lens.reversed": True}).lens == lens.reversed() if name != "AC508-150-A" else True
+    assert design.replace({"main_lens.reversed": True}).lens == lens.reversed()
+    places = np.array([1.01, 1.02]) * design.d_1
+    moved = Camera.of(design, {"d_1": places})  # many builds keep the lens's focal length
+    assert moved.f == f
+    np.testing.assert_allclose(moved.d_f, [design.replace(d_1=place).d_f for place in places], rtol=1e-14)
 
 
 def test_a_smaller_diameter_cuts_every_surface_down():
@@ -52,13 +55,6 @@ def test_a_smaller_diameter_cuts_every_surface_down():
     assert design.D == 30
     assert {surface.semi_diameter for surface in design.lens.surfaces} == {15.0}
     assert design.main_lens.prescription == load_lens("LB1630-A")
-
-
-def test_the_ideal_lens_stays_the_default():
-    design = load("paper")
-    assert design.lens is None
-    assert design.thin_twin is design
-    assert "prescription" not in dumps(design)
 
 
 def shared(design: Design) -> None:
@@ -74,12 +70,12 @@ def shared(design: Design) -> None:
     assert eval(repr(design), names) == design
 
 
-@pytest.mark.parametrize("name", [name.upper() for name in shipped_names()])
-def test_round_trips_of_shipped_lenses_write_the_name(name):
-    design = loads(text(f'prescription = "{name}"\nreversed = true\nfocal_plane = "600 mm"\n'))
-    shared(design)
-    assert f'prescription = "{name}"' in dumps(design)
-    assert design != design.replace({"main_lens.reversed": False})
+def test_round_trips_of_shipped_lenses_write_the_name():
+    for name in map(str.upper, shipped_names()):
+        design = loads(text(f'prescription = "{name}"\nreversed = true\nfocal_plane = "600 mm"\n'))
+        shared(design)
+        assert f'prescription = "{name}"' in dumps(design)
+        assert design != design.replace({"main_lens.reversed": False})
 
 
 def test_round_trips_of_lenses_as_made():
@@ -213,28 +209,6 @@ def test_every_fault_of_lens_and_design_is_told_at_once(tmp_path):
     assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[0]
     assert "surfaces.1.diameter" in lines[1]
     assert "aperture.diameter" in lines[2]
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_broken_zmx_files_end_evaluate_with_one_line_for_each_fault(case, tmp_path, capsys):
-    (tmp_path / "lens.zmx").write_text(BROKEN[case][0], "utf-8")
-    (tmp_path / "d.toml").write_text(text('prescription = "lens.zmx"\nfocal_plane = "350 mm"\n'))
-    assert main(["evaluate", str(tmp_path / "d.toml")]) == 2
-    out = capsys.readouterr()
-    assert out.out == ""
-    assert out.err
-    for line in out.err.splitlines():
-        assert line.startswith(f"roslf: {tmp_path / 'd.toml'}: main_lens.prescription: {tmp_path / 'lens.zmx'}: ")
-
-
-def test_many_builds_keep_the_lens_s_focal_length():
-    design = real()
-    places = np.array([139.0, 141.0])
-    moved = Camera.of(design, {"d_1": places})
-    assert moved.f == design.f
-    for index, place in enumerate(places):
-        assert moved.d_f[index] == pytest.approx(design.replace(d_1=place).d_f, rel=1e-15)
-    assert Camera.of(design, {"d_f": [300.0, 400.0]}).d_1[1] == pytest.approx(design.replace(d_f=400).d_1)
 
 
 def test_optimize_refuses_real_lenses_in_one_line(tmp_path, capsys):

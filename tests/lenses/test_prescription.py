@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.lenses.glass import AIR, Glass, find_glass
@@ -40,13 +40,12 @@ def test_six_lenses_ship_with_the_makers_numbers():
         assert {2 * s.semi_diameter for s in lens.surfaces} == {diameter}
 
 
-@pytest.mark.parametrize("name", shipped_names())
-def test_values_compare_hash_pickle_and_come_back_from_a_file(name):
-    lens = load_lens(name)
-    for other in (pickle.loads(pickle.dumps(lens)), loads_lens(dumps_lens(lens)), lens.reversed().reversed()):
-        assert other == lens
-        assert hash(other) == hash(lens)
-    assert lens.reversed() != lens
+def test_values_compare_hash_pickle_and_come_back_from_a_file():
+    for lens in map(load_lens, shipped_names()):
+        for other in (pickle.loads(pickle.dumps(lens)), loads_lens(dumps_lens(lens)), lens.reversed().reversed()):
+            assert other == lens
+            assert hash(other) == hash(lens)
+        assert lens.reversed() != lens
 
 
 finite = st.floats(-1, 1, allow_subnormal=False)
@@ -54,6 +53,7 @@ own_glass = Glass("polymer", "schott", (2.2, -0.01, 0.011), 4e-4, 1e-3, "made up
 constant_glass = Glass("stuff", "constant", (1.7,))
 
 
+@settings(max_examples=40)
 @given(
     st.floats(-0.3, 0.3),
     st.sampled_from([0.0, -1.0, 0.3]),
@@ -106,12 +106,7 @@ def test_impossible_lenses_are_refused_with_every_fault():
 def test_a_diaphragm_may_stand_within_the_sag_of_its_neighbour():
     lens = Prescription((Surface(0.0, 5.0), Surface(-0.05, 6.0, 4.0, BK7), Surface(0.0, 8.0)))
     assert lens.elements == ((0,), (1, 2))
-
-
-def test_elements_are_what_moves_as_one():
-    assert load_lens("AC508-100-A").elements == ((0, 1, 2),)
-    air = Surface(0.01, 5.0, 2.0, BK7), Surface(0.0, 5.0, 3.0), Surface(0.02, 5.0, 2.0, BK7), Surface(0.0, 5.0)
-    assert Prescription(air).elements == ((0, 1), (2, 3))
+    assert load_lens("AC508-100-A").elements == ((0, 1, 2),)  # what is cemented moves as one
 
 
 def missed(lens, **off):
@@ -144,6 +139,7 @@ def test_radius_and_index_errors_change_what_they_name():
 rotations = st.floats(-0.1, 0.1)
 
 
+@settings(max_examples=40)
 @given(rotations, rotations, st.floats(-1, 1), st.floats(-1, 1))
 def test_a_moved_element_acts_as_rays_moved_the_other_way(alpha, beta, x, y):
     lens = load_lens("AC254-050-A")
@@ -170,15 +166,6 @@ def test_a_sphere_tilted_about_its_centre_is_the_same_sphere():
     rays = Rays(*incoming(5.0, 50))
     one, other = (each.trace(rays, 5e-4, clip=False) for each in (lens, turned))
     np.testing.assert_allclose(one.rays.position, other.rays.position, rtol=0, atol=1e-13)
-
-
-def test_wedge_turns_light_as_a_prism_does():
-    plate = Prescription((Surface(0.0, 10.0, 5.0, BK7), Surface(0.0, 10.0)))
-    wedged = missed(plate, surfaces_2_tilt_1=1e-3)
-    out = wedged.trace(Rays(np.array([[0.0], [0.0], [-5.0]]), np.array([[0.0], [0.0], [1.0]])), 5e-4)
-    n = float(BK7.index(5e-4))
-    expected = np.arcsin(n * np.sin(1e-3)) - 1e-3
-    assert abs(out.rays.direction[0, 0]) == pytest.approx(np.sin(expected), rel=1e-12)
 
 
 BROKEN = """

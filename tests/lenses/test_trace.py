@@ -202,8 +202,8 @@ def test_interpreted_and_compiled_kernels_give_the_same_bits(monkeypatch):
     position[0, 3], direction[2, 5] = np.nan, 3.0
     runs = []
     for compiled in (False, True):
-        monkeypatch.setattr(tracer, "_pays", lambda _, compiled=compiled: compiled)
-        runs.append(trace(lens, Rays(position, direction), 5e-4, plane=40.0, heights=True))
+        monkeypatch.setattr(tracer, "_pays", lambda *_, compiled=compiled: compiled)
+        runs.append(trace(lens, Rays(position, direction), 5e-4, plane=40.0))
     for one, other in zip((*runs[0].rays, *runs[0][1:]), (*runs[1].rays, *runs[1][1:]), strict=True):
         np.testing.assert_array_equal(one, other)
     assert describe(int(runs[0].state[3])).startswith("not a ray")
@@ -216,18 +216,18 @@ def test_builds_times_rays_are_each_build_alone():
     position, direction = incoming(20.0, 400)
     colours, planes = np.array([486.1e-6, 550e-6, 656.3e-6]), np.array([140.0, 150.0, 160.0])
     rays = Rays(*(np.broadcast_to(part[:, None], (3, 3, 400)) for part in (position, direction)))
-    together = lens.at(colours).trace(rays, plane=planes, heights=True)
+    together = lens.at(colours).trace(rays, plane=planes)
     assert together.state.shape == (3, 400)
     slope = direction[:2] / direction[2]
     back = lens.at(colours).through(*(np.broadcast_to(x[:, None], (2, 3, 400)) for x in (slope, -0.1 * slope)),
                                     start=200.0, end=-planes)  # fmt: skip
     for row, colour in enumerate(colours):
-        alone = lens.trace(Rays(position, direction), colour, plane=planes[row], heights=True)
+        alone = lens.trace(Rays(position, direction), colour, plane=planes[row])
         np.testing.assert_array_equal(together.rays.position[:, row], alone.rays.position)
-        np.testing.assert_array_equal(together.heights[:, row], alone.heights)
+        np.testing.assert_array_equal(together.state[row], alone.state)
         one = lens.through(slope, -0.1 * slope, colour, start=200.0, end=-planes[row])
-        for part, whole in zip(one[:2], back[:2], strict=True):
-            np.testing.assert_array_equal(part, whole[:, row])
+        for part, whole in ((one.height, back.height), (one.slope, back.slope), (one.room, back.room)):
+            np.testing.assert_array_equal(part, whole[..., row, :])
         turned = lens.through(one.height, one.slope, colour, start=-planes[row], end=200.0, backward=False)
         np.testing.assert_allclose(turned.height, slope, rtol=0, atol=1e-11)
         np.testing.assert_allclose(turned.slope, -0.1 * slope, rtol=0, atol=1e-13)
@@ -237,8 +237,9 @@ def test_room_changes_sign_where_the_clear_aperture_ends():
     lens = load_lens("LB1630-A")
     heights = np.linspace(0, 30, 601)
     rays = Rays(np.stack([heights, 0 * heights, np.full(601, -10.0)]), np.tile([[0.0], [0.0], [1.0]], 601))
-    open_, clipped = (trace(lens, rays, 5.5e-4, clip=clip, heights=True) for clip in (False, True))
-    assert open_.kept.all()
+    clipped = trace(lens, rays, 5.5e-4)
+    open_ = lens.through(rays.position[:2], (0.0, 0.0), 5.5e-4, start=-10.0, end=20.0, backward=False)
+    assert (open_.state == 0).all()
     np.testing.assert_array_equal(open_.room >= 0, clipped.kept)
     assert {describe(int(state)) for state in clipped.state} == {"kept", "clipped at surface 1"}
 
@@ -287,17 +288,18 @@ def test_any_lens_keeps_or_stops_every_ray_and_says_so(lens, seed, backward, cli
     aim = rng.uniform(-14, 14, (3, 80)) * [[1], [1], [0]]
     rays = Rays.between(start, aim)
     plane = -200.0 if backward else lens.length + 200
-    out = trace(lens, rays, 5e-4, backward=backward, clip=clip, plane=plane, heights=True)
-    for values in (*out.rays, out.heights):
+    out = trace(lens, rays, 5e-4, backward=backward, clip=clip, plane=plane)
+    for values in out.rays:
         assert np.isfinite(values).all()
     assert all(describe(int(code)) for code in out.state)
     np.testing.assert_allclose(np.sum(np.square(out.rays.direction), axis=0), 1, rtol=0, atol=1e-13)
     assert (out.rays.position[2, out.kept] == plane).all()
     if clip:
-        assert (out.room[out.kept] >= 0).all()
         # nothing that a clear aperture stops is kept, and nothing else is stopped by it
-        loose = trace(lens, rays, 5e-4, backward=backward, clip=False, plane=plane, heights=True)
-        np.testing.assert_array_equal(out.kept, loose.kept & (loose.room >= 0))
+        slope = rays.direction[:2] / rays.direction[2]
+        loose = lens.through(start[:2], slope, 5e-4, start=start[2], end=plane, backward=backward)
+        assert np.isfinite([*loose.height, *loose.slope, loose.room]).all()
+        np.testing.assert_array_equal(out.kept, (loose.state == 0) & (loose.room >= 0))
 
 
 @settings(max_examples=60)

@@ -83,13 +83,13 @@ def test_a_catalogue_file_is_the_lens_that_ships():
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
-@pytest.mark.parametrize("ending", ["\n", "\r\n"])
-def test_encodings(tmp_path, encoding, ending):
+def test_encodings(tmp_path, encoding):
     text = GOOD.replace("catalogue achromat", "Objektiv für Mikroskop, 5 µm")
     path = tmp_path / "lens.zmx"
-    path.write_bytes(text.replace("\n", ending).encode(encoding))
-    assert load_lens(path).surfaces == parse_zmx(GOOD, "").surfaces
-    assert load_lens(path).source == "lens.zmx"
+    for ending in ("\n", "\r\n"):
+        path.write_bytes(text.replace("\n", ending).encode(encoding))
+        lens = load_lens(path)
+        assert (lens.surfaces, lens.source) == (parse_zmx(GOOD, "").surfaces, "lens.zmx")
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("MM", 1.0), ("CM", 10.0), ("IN", 25.4), ("METER", 1000.0)])
@@ -213,7 +213,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_broken_files_name_the_line(case, tmp_path, capsys):
+def test_broken_files_name_the_line(case, tmp_path):
     text, told = BROKEN[case]
     path = tmp_path / "broken lens.zmx"
     path.write_text(text, "utf-8")
@@ -222,13 +222,20 @@ def test_broken_files_name_the_line(case, tmp_path, capsys):
     for line in str(caught.value).splitlines():
         assert line.startswith(f"{path}: ")
         assert len(line) < 400
-    design = tmp_path / "design.toml"
-    design.write_text(dumps(load("paper-singlet")).replace('"LA1050-A"', '"broken lens.zmx"'), "utf-8")
+
+
+@pytest.mark.parametrize("case", ["cut off within a surface", "lines of another format"])
+def test_broken_files_end_evaluate_with_one_line_for_each_fault(case, tmp_path, capsys):
+    text, told = BROKEN[case]
+    (tmp_path / "lens.zmx").write_text(text, "utf-8")
+    design = tmp_path / "d.toml"
+    design.write_text(dumps(load("paper-singlet")).replace('"LA1050-A"', '"lens.zmx"'), "utf-8")
     assert main(["evaluate", str(design)]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert re.search(told, err.replace("\n", " "))
-    assert "Traceback" not in err
+    for line in err.splitlines():
+        assert line.startswith(f"roslf: {design}: main_lens.prescription: {tmp_path / 'lens.zmx'}: ")
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from roslf_design.tolerancing.run import Where, run_trials
 from roslf_design.tolerancing.study import plan_from
 from roslf_design.tolerancing.traced import as_built, mounted
 from roslf_design.tolerancing.trials import one_trial
-from roslf_design.traced.camera import TracedPlane, camera_of, microlenses
+from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import FULL, real_field, real_images
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
@@ -181,21 +181,20 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
         one = as_built(design, one_of(values, trial))
         camera, fap = camera_of(one), camera_of(one).fap
         disc = np.concatenate([sunflower(4000), np.zeros((1, 4000))]) * one.D_F / 2
-        pupil = np.moveaxis(np.array([fap.x, fap.y, fap.z]) + disc.T @ TracedPlane(tilt=fap.tilt).axes, -1, 0)
+        pupil = np.moveaxis(np.array([fap.x, fap.y, fap.z]) + disc.T @ fap.axes, -1, 0)
         # The points stand in the system's frame, which the nominal lens's first vertex counts from.
         shift = [*np.negative(one.main_lens.decentre), 0.0]
         for field, point in enumerate(known.points + shift):
             rays = Rays(pupil, Rays.between(point[:, None], pupil).direction)
-            traced = camera.lens.trace(rays, one.wavelength, plane=camera.mla)
+            traced = camera.lens.trace(rays, one.wavelength, plane=camera.array.z)
             lit = traced.kept
             for stop in camera.rims[1:]:
-                ahead = stop.z - rays.position[2]
                 slope = rays.direction[:2] / rays.direction[2]
-                where = TracedPlane(stop.x, stop.y, stop.tilt).crossed(rays.position[:2] + slope * ahead, slope, 0.0)
+                where = stop.crossed(rays.position[:2] + slope * (stop.z - rays.position[2]), slope, stop.z)
                 lit &= np.hypot(*(where - [[stop.x], [stop.y]])) <= stop.diameter / 2
             x, y, _ = traced.rays.position
             slope = traced.rays.direction[:2] / traced.rays.direction[2]
-            place = camera.array.crossed(np.stack([x, y]), slope, 0.0)[:, lit]
+            place = camera.array.crossed(np.stack([x, y]), slope, camera.array.z)[:, lit]
             rms = np.sqrt(np.sum(np.var(place, axis=1)))
             # 48 rays and 4000, both cut by rims here and there.
             assert found[field, trial] == pytest.approx(rms / one.d, rel=2e-3 if lit.all() else 0.05)

@@ -11,7 +11,7 @@ from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.manufacture import as_made
 from roslf_design.lenses.prescription import LensError, first_order
 from roslf_design.lenses.tracer import describe
-from roslf_design.traced.camera import LensCamera, TracedRim, chief_slope, sensor_of_pupil, views
+from roslf_design.traced.camera import LensCamera, TracedPlane, chief_slope, sensor_of_pupil, views
 from roslf_design.traced.images import CLIPPED, DARK, FOLDED, FULL, polygon_moments, real_images
 
 GREEN = 550e-6
@@ -29,8 +29,9 @@ def mounted(lens, pupil, distance=120.0, *, focal_plane=None, stops=()):
     f = constants.focal_length
     d_f = 3.5 * f if focal_plane is None else focal_plane
     mla = constants.rear_principal + f * d_f / (d_f - f)
-    fap = TracedRim(pupil, constants.front_principal - distance)
-    return LensCamera(lens, GREEN, (fap, *stops), constants.front_principal - d_f, mla, mla + 2.0)
+    fap = TracedPlane(constants.front_principal - distance, diameter=pupil)
+    parts = TracedPlane(mla), TracedPlane(mla + 2.0)
+    return LensCamera(lens, GREEN, (fap, *stops), constants.front_principal - d_f, *parts)
 
 
 def thin_disc(camera, c):
@@ -40,9 +41,7 @@ def thin_disc(camera, c):
     return np.pi * r * r, centre, np.array([r * r / 4, 0.0, r * r / 4])
 
 
-@pytest.mark.parametrize(
-    ("name", "reverse"), [("la1050-a", False), ("la1050-a", True), ("lb1630-a", False), ("ac508-100-a", False)]
-)
+@pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-100-a", False)])
 def test_thin_lens_is_the_limit_of_small_pupils_and_fields(name, reverse):
     errors = []
     field = np.array([[1.0, 0.0], [0.6, -0.7]])
@@ -158,15 +157,13 @@ def test_a_round_lens_knows_no_direction():
     np.testing.assert_allclose(mirrored.area, straight.area, rtol=2e-3)
 
 
-def test_colours_and_batches_keep_their_places():
+def test_batches_keep_their_places():
     camera = bench("lb1630-a")
     grid = np.stack(np.meshgrid(np.linspace(-9, 9, 5), np.linspace(-6, 6, 17)), axis=-1)
-    images = real_images(camera, grid, 486e-6)
+    images = real_images(camera, grid)
     assert images.area.shape == (17, 5)
     assert images.outline.shape == (17, 5, 96, 2)
-    alone = real_images(camera, grid[3, 4], 486e-6)
-    np.testing.assert_allclose(images.area[3, 4], alone.area, rtol=1e-12)
-    assert abs(float(real_images(camera, grid[3, 4]).area) / float(alone.area) - 1) > 1e-3
+    np.testing.assert_allclose(images.area[3, 4], real_images(camera, grid[3, 4]).area, rtol=1e-12)
 
 
 def test_a_decentred_lens_shifts_the_images_as_the_bench_does():
@@ -174,15 +171,14 @@ def test_a_decentred_lens_shifts_the_images_as_the_bench_does():
     moved = replace(camera, lens=as_made(camera.lens, {"elements.1.decentre.0": 0.5}, GREEN))
     there = real_images(moved, [3.0, 0.0])
     # the same as lens at rest, with the array, the sensor and the FAP moved the other way
-    fap = TracedRim(camera.fap.diameter, camera.fap.z, -0.5)
-    still = LensCamera(camera.lens, GREEN, (fap,), camera.focal_plane, camera.mla, camera.sensor)
+    still = replace(camera, rims=(replace(camera.fap, x=-0.5),))
     here = real_images(still, [2.5, 0.0])
     np.testing.assert_allclose(there.centroid, here.centroid, rtol=0, atol=1e-11)
     assert there.area == pytest.approx(float(here.area), rel=1e-11)
 
 
 def test_states_say_which_stop_took_a_ray():
-    camera = bench("lb1630-a", stops=(TracedRim(6.0, -60.0, 0.0, 1.0),))
+    camera = bench("lb1630-a", stops=(TracedPlane(-60.0, 0.0, 1.0, diameter=6.0),))
     side = np.linspace(-0.4, 0.4, 161)
     p = np.stack(np.meshgrid(side, side), axis=-1) + 5.0
     at = views(camera, [5.0, 5.0], p)
@@ -223,15 +219,12 @@ def test_moments_of_discs_ellipses_and_half_discs():
         ({"distance": 1.0}, "inside the lens"),
         ({"distance": 400.0}, "must lie in front of the flexible angular plane"),
         ({"pupil": 0.0}, "must be greater than zero"),
-        ({"stops": (TracedRim(5.0, 3.0),)}, "inside the lens"),
-        ({"stops": (TracedRim(5.0, -900.0),)}, "must lie in front"),
+        ({"stops": (TracedPlane(3.0, diameter=5.0),)}, "inside the lens"),
+        ({"stops": (TracedPlane(-900.0, diameter=5.0),)}, "must lie in front"),
     ],
 )
 def test_cameras_that_cannot_be_built(change, told):
     with pytest.raises(LensError, match=told):
         bench("LB1630-A", **change)
-
-
-def test_a_sensor_before_the_array_is_refused():
     with pytest.raises(LensError, match="behind the microlens array"):
-        replace(bench("LB1630-A"), sensor=0.0)
+        replace(bench("LB1630-A"), detector=TracedPlane(0.0))

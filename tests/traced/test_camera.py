@@ -20,11 +20,11 @@ from roslf_design.evaluation import evaluate
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.prescription import Prescription, Surface
 from roslf_design.lenses.tracer import Rays
-from roslf_design.traced.camera import camera_of, tilted_parts
+from roslf_design.traced.camera import camera_of
 from roslf_design.traced.images import measured_bound, real_field, real_images
+from tests.lenses.test_in_design import real
 
 from .test_images import mounted
-from .test_in_design import real
 
 FIELDS = [(0.0, 0.0), (6.0, 0.0), (11.15, 0.0), (8.0, -5.0)]
 
@@ -121,12 +121,6 @@ def test_the_field_s_verdict_is_the_traced_lens_s():
     assert [field.status for field in just.fields] == ["full", "clipped"]
 
 
-def test_off_axis_parts_are_bounded_in_the_worst_direction():
-    centred = measured_bound(real())[1]
-    shifted = measured_bound(real().replace({"aperture.decentre": (1.0, 0.0)}))[1]
-    assert shifted < centred
-
-
 def test_evaluate_prints_and_writes_the_traced_lens(tmp_path, capsys):
     path = tmp_path / "d.toml"
     path.write_text(dumps(real("LA1050-A").replace({"sensor.tilt": (0.01, 0.0)})))
@@ -138,10 +132,6 @@ def test_evaluate_prints_and_writes_the_traced_lens(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "Microlens images through the real lens" in out
     assert "-0.0" not in out.split("real lens, against")[1].split("Effects")[0].replace("-0.0001", "")
-    assert main(["evaluate", "paper", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["real_lens"] is None
-    html = evaluate(real())._repr_html_()
-    assert "Microlens images through the real lens" in html
 
 
 def test_ideal_designs_are_evaluated_without_heavy_libraries():
@@ -157,12 +147,6 @@ def test_parts_that_collide_are_an_error_of_the_input():
         evaluate(real("AC508-100-A", reversed="true").replace(d_3=5.0))
     with pytest.raises(DesignError, match="no such file"):
         real().replace({"main_lens.prescription": "none.toml"})
-
-
-def test_tilted_parts_are_named():
-    assert tilted_parts(real()) == ()
-    tilted = real().replace({"aperture.tilt": (0.01, 0.0), "microlens_array.tilt": (0.0, 0.01)})
-    assert tilted_parts(tilted) == ("FAP", "microlens array")
 
 
 def spun(vector, tilt, at):
@@ -191,10 +175,10 @@ def test_tilted_parts_are_traced_where_they_stand():
     camera, axis = camera_of(design), np.array([6.0, 3.0])
     images = real_field(design, [axis]).images
     assert images.status[0] == 2
-    lens = spun((*axis, 0.0), tilts["microlens_array"], [0.3, 0.0, camera.mla])
+    lens = spun((*axis, 0.0), tilts["microlens_array"], [0.3, 0.0, camera.array.z])
     for angle, point in zip(2 * np.pi * np.arange(96) / 96, images.outline[0], strict=True):
         on_sensor = point + axis + [0.3, 0.0] - [0.2, -0.1]
-        pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.sensor])
+        pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.detector.z])
         ray = camera.lens.trace(Rays.between(pixel, lens), 550e-6, backward=True).rays
         rim = spun((1.45 * np.cos(angle), 1.45 * np.sin(angle), 0.0), tilts["aperture"], [0.1, 0.2, camera.fap.z])
         assert_allclose(np.cross(rim - ray.position, ray.direction), 0, atol=2e-10)
@@ -221,15 +205,13 @@ def test_obliqueness_counts_behind_the_array_alone():
     assert line.estimate < 0.25 * plan(design.thin_twin, brief)["cos4"].estimate
 
 
-LENSES = ["LB1630-A", "AC508-100-A", "AC508-150-A"]
 TEXTURED = SceneBrief(smallest_period=2.0, hard_edges=True, wavelengths=(480e-6, 550e-6, 630e-6))
 
 
-@pytest.mark.parametrize("name", LENSES)
-def test_estimates_are_the_worst_over_the_field(name):
-    design = real(name)
+def test_estimates_are_the_worst_over_the_field():
+    design = real("LB1630-A")
     x_ml = 11.0
-    dense = real_field(design, [(x, 0.0) for x in np.linspace(0, x_ml, 45)])
+    dense = real_field(design, [(x, 0.0) for x in np.linspace(0, x_ml, 23)])
     found = faults(design, x_ml)
     assert found.displaced == pytest.approx(np.max(dense.rim_shift), rel=0.02)
     assert found.spread == pytest.approx(np.max(dense.maps.spread), rel=0.02)

@@ -13,7 +13,7 @@ from roslf_design.lenses.tracer import describe
 from roslf_design.theory.vignetting import nondistortion_bound
 from roslf_design.traced.camera import sensor_of_pupil
 from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
-from tests.lenses.test_images import GREEN, bench, mounted
+from tests.traced.test_images import GREEN, bench, mounted
 
 EDGE = 11.15
 
@@ -47,13 +47,11 @@ def coddington(camera, point):
         s = m / (n / s + oblique)
         t = m * np.cos(refracted) ** 2 / (n * np.cos(incidence) ** 2 / t + oblique)
         angle = normal + refracted
-    to_array = (camera.mla - z) / np.cos(angle)
+    to_array = (camera.array.z - z) / np.cos(angle)
     return (t - to_array) * np.cos(angle), (s - to_array) * np.cos(angle)
 
 
-@pytest.mark.parametrize(
-    ("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False), ("ac508-100-a", True)]
-)
+@pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-100-a", True)])
 def test_foci_are_coddingtons(name, reverse):
     camera = bench(name, reverse=reverse)
     fields = np.array([[1.0, 0.0], [6.0, 0.0], [EDGE, 0.0]])
@@ -96,7 +94,7 @@ def test_lateral_colour_of_small_fields_is_first_orders():
         slope = -x / (camera.fap.z - camera.focal_plane)
         front = -slope * camera.fap.z
         out, way = a * front + b * slope, p * front + q * slope
-        heights.append(out + way * (camera.mla - camera.lens.length))
+        heights.append(out + way * (camera.array.z - camera.lens.length))
     np.testing.assert_allclose(found.lateral_colour[:, 0], np.array(heights) - heights[1], rtol=0, atol=1e-7)
     assert found.lateral_colour[1, 0] == 0
     np.testing.assert_array_equal(found.lateral_colour[:, 1], 0)
@@ -106,7 +104,8 @@ def test_blur_of_a_displaced_array_is_the_cones_width():
     camera = bench("ac508-100-a", scale=0.1)  # a FAP so small that spherical aberration is a millionth of the slopes
     # a disc of 5 mm times the pencil's angle; either side of focus, so that spherical aberration adds and subtracts
     width = 5.0 * camera.fap.diameter * camera.d_f / (camera.d_1 * (camera.d_f - camera.d_3))
-    sides = [replace(camera, mla=camera.mla + step, sensor=camera.sensor + step) for step in (5.0, -5.0)]
+    parts = {"array": camera.array, "detector": camera.detector}
+    sides = [replace(camera, **{k: replace(p, z=p.z + step) for k, p in parts.items()}) for step in (5.0, -5.0)]
     found = [field_map(side, [0.0, 0.0]) for side in sides]
     assert (found[0].blur + found[1].blur) / 2 == pytest.approx(width / np.sqrt(8), rel=1e-5)
     np.testing.assert_allclose((found[0].spread + found[1].spread) / 2, width, rtol=1e-5)
@@ -122,7 +121,7 @@ def test_singlets_cost_pitches_and_percents():
         assert 5 < np.ptp(found.lateral_colour[:, 0]) / pitch < 7
 
 
-@pytest.mark.parametrize(("name", "reverse"), [("lb1630-a", False), ("la1050-a", True), ("ac508-150-a", False)])
+@pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-150-a", False)])
 def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     camera = bench(name, reverse=reverse)
     bound = undistorted_field(camera)
@@ -135,6 +134,9 @@ def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     )
     thin = nondistortion_bound(thin_twin(camera))
     assert 0.7 * thin.mla_radius < radius < thin.mla_radius
+    shifted = replace(camera, rims=(replace(camera.fap, x=1.0),))  # the worse for it, along its own direction
+    assert undistorted_field(shifted).mla_radius < radius
+    assert undistorted_field(bench("ac254-100-a", pupil=30.0)) == (0.0, 0.0)  # even the axis is cut
 
 
 def test_measured_bound_tends_to_equation_six():
@@ -149,11 +151,6 @@ def test_measured_bound_tends_to_equation_six():
     # order; take it out by the same bound for a rim at the last vertex, the nearest to the array
     assert abs(ratios[2] - ratios[1]) < 0.3 * abs(ratios[1] - ratios[0])
     assert abs(ratios[2] - 1) < 0.07
-
-
-def test_bound_where_even_the_axis_is_cut():
-    camera = bench("ac254-100-a", pupil=30.0)
-    assert undistorted_field(camera) == (0.0, 0.0)
 
 
 def test_dark_fields_say_why_and_hold_no_nan():
