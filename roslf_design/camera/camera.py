@@ -10,27 +10,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, product, ratio
+from ..design import Design, DesignError, Problem
 from ..design.conjugates import CONJUGATES, followed, follower
-from ..design.design import Design
-from ..design.errors import DesignError, Problem
-from ..design.parameters import PATHS
+from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
-from .frames import Frame, Number, Vector, along, frame
+from .frames import Frame, Vector, along, frame
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
-FOCAL, PLANE, DISTANCE = CONJUGATES
-
-Layout = Literal["square", "hexagonal"]
-"""How the microlenses are packed."""
-
+FOCAL = PATHS["f"]
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -49,7 +44,7 @@ class Rim:
     """z_k, in front of the main lens [mm]."""
 
 
-class Camera:
+class Camera(Symbols[Number]):
     """A light-field camera that looks through a restricted object space, as numbers.
 
     The paper's symbols are attributes (``f``, ``d_f``, ``d_1``, ``d_2``, ``d_3``, ``D``, ``D_F``, ``d``, ``q``, ``H``,
@@ -194,61 +189,6 @@ class Camera:
         )
         return f"Camera({shown})"
 
-    @property
-    def f(self) -> Number:
-        """Main lens focal length [mm]."""
-        return self._numbers[FOCAL]
-
-    @property
-    def d_f(self) -> Number:
-        """Focal plane before the main lens [mm]."""
-        return self._numbers[PLANE]
-
-    @property
-    def d_1(self) -> Number:
-        """Main lens to microlens array [mm]."""
-        return self._numbers[DISTANCE]
-
-    @property
-    def d_2(self) -> Number:
-        """Microlens array to sensor [mm]."""
-        return self._numbers["sensor.distance"]
-
-    @property
-    def d_3(self) -> Number:
-        """FAP before the main lens [mm]."""
-        return self._numbers["aperture.distance"]
-
-    @property
-    def D(self) -> Number:
-        """Main lens clear aperture [mm]."""
-        return self._numbers["main_lens.diameter"]
-
-    @property
-    def D_F(self) -> Number:
-        """FAP diameter [mm]."""
-        return self._numbers["aperture.diameter"]
-
-    @property
-    def d(self) -> Number:
-        """Microlens pitch [mm]."""
-        return self._numbers["microlens_array.pitch"]
-
-    @property
-    def f_ml(self) -> Number:
-        """Microlens focal length [mm]."""
-        return self._numbers["microlens_array.focal_length"]
-
-    @property
-    def wavelength(self) -> Number:
-        """Wavelength lambda [mm]."""
-        return self._numbers["light.wavelength"]
-
-    @cached_property
-    def q(self) -> Number:
-        """Pixel pitch as seen at the array's image plane [mm]: the sensor's pixel over the relay's magnification."""
-        return self._numbers["sensor.pixel"] / self._numbers["sensor.relay_magnification"]
-
     @cached_property
     def inverse_H(self) -> Array:
         """Inverse aperture constant ``1/H = (d_f - d_3)/d_f``: 0 at d_3 = d_f, 1 at d_3 = 0, never infinite. Eq. 3."""
@@ -371,20 +311,6 @@ class Camera:
         return self._numbers["microlens_array.size.0"], self._numbers["microlens_array.size.1"]
 
     @cached_property
-    def sensor_size(self) -> tuple[Number, Number]:
-        """Width and height of the sensor as seen at the array's image plane [mm]."""
-        relay = self._numbers["sensor.relay_magnification"]
-        return self._numbers["sensor.size.0"] / relay, self._numbers["sensor.size.1"] / relay
-
-    @cached_property
-    def pixels(self) -> tuple[int, int]:
-        """Whole pixels across the sensor's width and height, of one camera."""
-        width, height = (float(self._numbers[f"sensor.size.{axis}"]) for axis in (0, 1))
-        pixel = float(self._numbers["sensor.pixel"])
-        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
-        return int(width / pixel + 1e-3), int(height / pixel + 1e-3)
-
-    @cached_property
     def tip(self) -> Array:
         """Distance of the bore's outer end from the main lens: the farthest of FAP, stops and `TIP` [mm]."""
         farthest = np.maximum(self.d_3, self._numbers[TIP])
@@ -423,23 +349,10 @@ def _number(value: ArrayLike) -> Number:
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
     array = design.microlens_array
-    return Camera(nominal_numbers(design), array.layout, array.lens_shape, design.lens)
-
-
-def nominal_numbers(design: Design) -> dict[str, Number]:
-    """A design's own number at every place; f, d_f, d_1 and D resolved [mm, rad]."""
     stops = [f"stops.{index}" for index in range(len(design.stops))]
     parts = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
     places = [*PATHS.values(), "sensor.relay_magnification", "microlens_array.rotation"]
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
-    resolved = {FOCAL: design.f, PLANE: design.d_f, DISTANCE: design.d_1, PATHS["D"]: design.D, TIP: 0.0}
-    return {**{place: _read(design, place) for place in places if place not in resolved}, **resolved}
-
-
-def _read(design: Design, place: str) -> float:
-    value: Any = design
-    for step in place.split("."):
-        value = value[int(step)] if isinstance(value, tuple) else getattr(value, step)
-    return float(value)
+    return Camera({**{place: design[place] for place in places}, TIP: 0.0}, array.layout, array.lens_shape, design.lens)

@@ -17,7 +17,7 @@ from cyclopts import App, Parameter
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..reporting.html import render_html
 from ..scenes import load_scene

@@ -31,7 +31,7 @@ from ..calibration.planning import reason, too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
 from ..design import Design, DesignError, dumps, load
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
-from ..design.errors import InputError, Problem
+from ..errors import InputError, Problem
 from ..evaluation import evaluate as compute
 from ..evaluation.precision import evaluation_accuracy
 from ..evaluation.show import print_evaluation

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from .. import __version__
 from ..accuracy.statement import check_accuracy
 from ..design import dumps
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError
 from ..optimization.run import designs, run, to_dict
 from ..optimization.search import QUICK

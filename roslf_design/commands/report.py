@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from ..design import load
-from ..design.kinds import CALLED
-from ..design.write import write_atomically
+from ..design.files import KINDS, write_atomically
 from ..errors import InputError, Problem
 from ..evaluation.precision import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
@@ -155,7 +154,7 @@ def maker(
         return partial(full_report, design, seed=seed or 0, accuracy=accuracy, calibrated=known)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise refusal("--accuracy", f"goes with designs, and {name} is {CALLED[kind][0]}; {remedy}")
+        raise refusal("--accuracy", f"goes with designs, and {name} is {KINDS[kind].called}; {remedy}")
     if known is not None:
         raise refusal("--calibration", misplaced)
     return (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..reporting.html import render_html
 from ..reporting.study_figures import tolerance_pictures

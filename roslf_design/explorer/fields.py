@@ -6,7 +6,7 @@ import math
 from typing import Literal, NamedTuple
 
 from ..design import Design
-from ..design.parameters import PATHS
+from ..design.parts import PATHS
 from ..units import UNITS, parse_quantity
 
 STEPS = 1000

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError
 from ..evaluation import Evaluation, evaluate
 from ..pictures.picture import Picture

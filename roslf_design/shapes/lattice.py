@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..design.parts import Layout
+
 Array = NDArray[np.float64]
-Layout = Literal["square", "hexagonal"]
 
 LAYOUTS = ("square", "hexagonal")
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._arrays import Array
 from ..camera import Camera, Number
-from ..design.parameters import PATHS
+from ..design.parts import PATHS
 from . import disparity, exit_pupil, f_number, light, vignetting
 from .disparity import SIGMA_DISPARITY
 from .stop_images import MicrolensImages
