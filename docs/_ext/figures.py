@@ -17,8 +17,8 @@ from roslf_design.pictures.matching import matching_plane
 from roslf_design.pictures.microlens import microlens_images
 from roslf_design.pictures.picture import PAGE, Picture
 from roslf_design.pictures.rays import ray_diagrams
-from roslf_design.theory.disparity import epi_slope
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
+from roslf_design.theory.light_field import epi_slope
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..theory.back_substitution import BackSubstituted, back_substitute
+from ..theory.light_field import BackSubstituted, back_substitute
 from .datasheet import DataSheet
 from .frames import Array, CalibrationError
 from .model import GLOBALS, Intrinsics, Observations, Poses, ProjectedCorners, project_boards

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..design import Design
-from ..theory.back_substitution import back_substitute
+from ..theory.light_field import back_substitute
 from ..units import parse_quantity
 from .frames import Array, CalibrationError
 

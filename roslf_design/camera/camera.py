@@ -192,32 +192,27 @@ class Camera(Symbols[Number]):
     @cached_property
     def inverse_H(self) -> Array:
         """Inverse aperture constant ``1/H = (d_f - d_3)/d_f``: 0 at d_3 = d_f, 1 at d_3 = 0, never infinite. Eq. 3."""
-        df, d3 = floats(self.d_f, self.d_3)
-        return ratio(df - d3, df)
+        return ratio(self.gap, self.d_f)
 
     @cached_property
     def H(self) -> Array:
         """Aperture constant ``H = d_f/(d_f - d_3)``; inf at d_3 = d_f, negative beyond. Eq. 3."""
-        df, d3 = floats(self.d_f, self.d_3)
-        return ratio(df, df - d3)
+        return ratio(self.d_f, self.gap)
 
     @cached_property
     def A(self) -> Array:
         """Effective image distance ``A = d_1/H = f (d_f - d_3)/(d_f - f)`` [mm]; A/D_F is the pupil's f-number."""
-        f, df, d3 = floats(self.f, self.d_f, self.d_3)
-        return f * ratio(df - d3, df - f)
+        return self.f * ratio(self.gap, self.d_f - self.f)
 
     @cached_property
     def m(self) -> Array:
         """Image-side magnification ``m = d_1/d_f = f/(d_f - f)``; 0 at d_f = inf, inf at d_f = f."""
-        f, df = floats(self.f, self.d_f)
-        return ratio(f, df - f)
+        return ratio(self.f, self.d_f - self.f)
 
     @cached_property
     def inverse_m(self) -> Array:
         """Object-side millimetres per millimetre on the array, ``d_f/d_1 = (d_f - f)/f``."""
-        f, df = floats(self.f, self.d_f)
-        return (df - f) / f
+        return ratio(self.d_f - self.f, self.f)
 
     @cached_property
     def gap(self) -> Array:
@@ -231,8 +226,7 @@ class Camera(Symbols[Number]):
 
         Exactly 0 at d_3 = f (telecentric), 1/d_1 at d_3 = 0, positive for a pupil before the array, inf at d_3 = d_f.
         """
-        f, df, d3 = floats(self.f, self.d_f, self.d_3)
-        return product((f - d3) / f, ratio(df - f, df - d3)) / f
+        return product((self.f - self.d_3) / self.f, ratio(self.d_f - self.f, self.gap)) / self.f
 
     @cached_property
     def fap(self) -> Rim:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._points import sunflower
+from .._arrays import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..rays import Status, trace_pupil

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..camera import Camera
-from ..theory.disparity import SIGMA_DISPARITY, depth_sigma, rim_disparity
+from ..theory.light_field import SIGMA_DISPARITY, depth_sigma, rim_disparity
 from .lettering import SMALL, short, text_width
 from .marks import Dots, Floats, Key, Line, Mark, Point, Text, line_key
 from .panel import Panel, Scale

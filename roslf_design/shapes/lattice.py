@@ -55,13 +55,6 @@ def lens_centres(lattice: Lattice, indices: ArrayLike | None = None) -> Array:
     return _turned(np.stack([x, row_spacing(lattice) * index[..., 1]], -1), lattice.rotation) + lattice.decentre
 
 
-def lens_count(lattice: Lattice) -> int:
-    """Number of lenses in the array."""
-    _check(lattice)
-    low, high = _span(lattice, np.arange(-_rows(lattice), _rows(lattice) + 1))
-    return int((high - low + 1).sum())
-
-
 def nearest_lens(lattice: Lattice, points: ArrayLike) -> NDArray[np.int64]:
     """Indices (i, j) of the lens of the array nearest to each point [mm]; shape (..., 2).
 

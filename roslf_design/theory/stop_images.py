@@ -9,7 +9,7 @@ decentre e, is seen from the microlens at c as the disc of radius ``s R`` about 
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +24,6 @@ from .exit_pupil import stop_angle
 
 Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
-
-
-class LensPoint(NamedTuple):
-    """Homogeneous point of the main lens's plane, linear in a stop's coordinates."""
-
-    x: Linear
-    y: Linear
-    w: Linear
 
 
 class Ellipse(NamedTuple):
@@ -98,7 +90,7 @@ class Projected(NamedTuple):
         )
 
 
-def lens_point(c: Camera, rim: Rim, microlens: Vector, order: int = 3) -> LensPoint:
+def lens_point(c: Camera, rim: Rim, microlens: Vector, order: int = 3) -> Projected:
     """Where the rays of a stop's plane that end in a microlens cross the main lens.
 
     With the microlens at c and its conjugate ``c' = c / (1 - c_z/f)``, the line from a through c' crosses z = 0 at
@@ -114,16 +106,16 @@ def lens_point(c: Camera, rim: Rim, microlens: Vector, order: int = 3) -> LensPo
         x[k] = minus(times(cz, ax), times(az, cx))
         y[k] = minus(times(cz, ay), times(az, cy))
         w[k] = minus(cz if k == 0 else 0.0, times(az, bend))
-    return LensPoint((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
+    return Projected((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
 
 
-def project(point: LensPoint, through: Vector, weight: Number, plane: Frame, order: int = 3) -> Projected:
+def project(point: Projected, through: Vector, weight: Number, plane: Frame, order: int = 3) -> Projected:
     """Project points of the main lens's plane through a (homogeneous) point onto an element's plane.
 
     Parameters
     ----------
-    point : LensPoint
-        What is projected.
+    point : Projected
+        What is projected, on the main lens's plane.
     through, weight : vector, float or array
         The centre of projection is ``through / weight``: the microlens with 1, its conjugate with ``1 - c_z/f``.
     plane : Frame
@@ -141,7 +133,7 @@ def project(point: LensPoint, through: Vector, weight: Number, plane: Frame, ord
     v: list[Number] = [0.0] * 3
     w: list[Number] = [0.0] * 3
     for k in range(order):
-        lx, ly, lw = point.x[k], point.y[k], point.w[k]
+        lx, ly, lw = point.u[k], point.v[k], point.w[k]
         e = minus(plus(times(plane.x[0], lx), times(plane.x[1], ly)), times(ox, lw))
         h = minus(plus(times(plane.y[0], lx), times(plane.y[1], ly)), times(oy, lw))
         n = minus(plus(times(plane.z[0], lx), times(plane.z[1], ly)), times(oz, lw))
@@ -159,26 +151,6 @@ def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
 def chief_point(c: Camera, microlens: Vector) -> tuple[Number, Number]:
     """Where the ray through the FAP's centre and a microlens meets the sensor [mm, the sensor's own frame]."""
     return project(lens_point(c, c.fap, microlens, order=1), microlens, 1.0, c.pose("sensor"), order=1).centre
-
-
-def room(c: Camera, microlens: Vector) -> Number:
-    """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
-
-    Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
-    plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
-    """
-    point = lens_point(c, c.fap, microlens)
-    bend = 1.0 - microlens[2] / c.f
-    nearest: Number | None = None
-    for rim in c.rims:
-        on_lens = rim.part == "main_lens"
-        crossing = Projected(*point) if on_lens else project(point, microlens, bend, c.pose(rim.part))
-        pencil = crossing.ellipse(c.fap.radius)
-        off = np.hypot(pencil.x, pencil.y)
-        left = rim.radius - off - _reach(pencil, off)
-        nearest = left if nearest is None else np.minimum(nearest, left)
-    assert nearest is not None
-    return nearest
 
 
 def _reach(pencil: Ellipse, off: Number) -> Number:
@@ -287,8 +259,21 @@ class MicrolensImages:
 
     @cached_property
     def room(self) -> Number:
-        """Room between the pencil and the nearest rim [mm]; negative where it is cut."""
-        return room(self.camera, self.microlens)
+        """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
+
+        Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
+        plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
+        """
+        c, point = self.camera, lens_point(self.camera, self.camera.fap, self.microlens)
+        bend = 1.0 - self.microlens[2] / c.f
+        rooms = []
+        for rim in c.rims:
+            on_lens = rim.part == "main_lens"
+            crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
+            pencil = crossing.ellipse(c.fap.radius)
+            off = np.hypot(pencil.x, pencil.y)
+            rooms.append(rim.radius - off - _reach(pencil, off))
+        return reduce(np.minimum, rooms)
 
     @cached_property
     def chief(self) -> tuple[Number, Number]:

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import recurrence
 from .._jit import kernel
-from .._points import recurrence
 from ..errors import Problem
 from ..lenses.prescription import LensError
 from ..lenses.tracer import KEPT
