@@ -20,7 +20,7 @@ from ..design import Design, DesignError, Problem
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
-from .frames import Frame, Vector, along, frame
+from .frames import Frame, Vector, along, dot, frame, minus, plus, times
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
@@ -298,6 +298,33 @@ class Camera(Symbols[Number]):
         """Where the array's point (x, y) [mm, in its own frame] lies in the main lens's frame."""
         array = self.pose("microlens_array")
         return along(array.origin, x, array.x, y, array.y)
+
+    @cached_property
+    def _chief_rays(self) -> tuple[Vector, Vector, Vector]:
+        """Numerators and denominator of `chief_point`, coefficients of 1, x and y: no field in them.
+
+        The lens images the FAP's centre a to ``a/(1 + a_z/f)``; from there through the microlens to the sensor's plane.
+        """
+        array, sensor, fap = (self.pose(part) for part in ("microlens_array", "sensor", "aperture"))
+        weight = plus(1.0, fap.origin[2] / self.f)
+
+        def against(axis: Vector) -> tuple[Number, Vector]:
+            """Coordinate along an axis of the sensor: of the FAP's image, and of the microlens (1, x, y)."""
+            offset = dot(axis, sensor.origin)
+            image = minus(dot(axis, fap.origin), times(weight, offset))
+            return image, (minus(dot(axis, array.origin), offset), dot(axis, array.x), dot(axis, array.y))
+
+        (u, us), (v, vs), (n, ns) = (against(axis) for axis in (sensor.x, sensor.y, sensor.z))
+        x, y = (
+            tuple(minus(times(own, image), times(n, part)) for own, part in zip(ns, parts, strict=True))
+            for image, parts in ((u, us), (v, vs))
+        )
+        return x, y, (minus(times(ns[0], weight), n), times(ns[1], weight), times(ns[2], weight))  # type: ignore[return-value]
+
+    def chief_point(self, x: Number, y: Number) -> tuple[Number, Number]:
+        """Where the ray through the FAP's centre and the array's point (x, y) meets the sensor [mm, own frames]."""
+        u, v, w = (plus(plus(c0, times(cx, x)), times(cy, y)) for c0, cx, cy in self._chief_rays)
+        return np.divide(u, w), np.divide(v, w)
 
     @property
     def array_size(self) -> tuple[Number, Number]:

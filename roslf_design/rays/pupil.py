@@ -198,7 +198,7 @@ def _own_cell(camera: Camera, x: Floats, y: Floats, landing: Projected, px: Floa
     d = camera.d
 
     def chief(dx: float, dy: float) -> tuple[Floats, Floats]:
-        u, v = _through(camera, x + dx * d, y + dy * d)[2].centre
+        u, v = camera.chief_point(x + dx * d, y + dy * d)
         return np.asarray(u), np.asarray(v)
 
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = chief(1, 0), chief(-1, 0), chief(0, 1), chief(0, -1)

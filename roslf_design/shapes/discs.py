@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import Kernel, kernel
-from .circles import INSIDE, NODES, POINT, WEIGHTS, between, cap, trace
+from .circles import INSIDE, NODES, WEIGHTS, between, cap, trace
 
 Floats = NDArray[np.float64]
 Array = Floats
@@ -113,52 +113,20 @@ def intersect(centres: ArrayLike, radii: ArrayLike) -> DiscIntersection:
     """
     centre, radius = checked(centres, radii)
     lead, k = radius.shape[:-1], radius.shape[-1]
-    centre, radius = centre.reshape(-1, k, 2), radius.reshape(-1, k)
-    reach = np.hypot(*np.moveaxis(centre - centre[:, :1], -1, 0)) + radius[:, :1]
-    whole = (reach <= radius * (1 - 1e-12))[:, 1:].all(axis=1) & (radius[:, 0] > POINT)
-    square = np.square(radius[:, 0])
-    return common(shapes, INTERPRETED_BELOW, centre, radius, (square, 0.0 * square, square), whole, lead)
+    return common(shapes, INTERPRETED_BELOW, centre.reshape(-1, k, 2), radius.reshape(-1, k), lead)
 
 
 def common(
-    kernel: Kernel[..., None],
-    interpreted_below: int,
-    centres: Array,
-    sizes: Array,
-    first: tuple[Array, Array, Array],
-    whole: NDArray[np.bool_],
-    lead: tuple[int, ...],
+    kernel: Kernel[..., None], interpreted_below: int, centres: Array, sizes: Array, lead: tuple[int, ...]
 ) -> DiscIntersection:
-    """Common parts by a kernel but for those that are sure to be whole: most are, and they need no compiled code.
+    """Run a kernel over n sets of K stops, (n, K, ...), and lay out the table that it fills.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Takes centres and sizes, and fills a table (n, 8) of area, kept and lost fraction, centroid and moments, status,
-        and what clips.
-    interpreted_below : int
-        Shapes (times stops) up to which loading compiled code takes longer than it saves.
-    centres, sizes : ndarray
-        As the kernel takes them, (n, K, ...).
-    first : tuple of ndarray, shape (n,)
-        (xx, xy, yy) of stop 0: of S in ``(p - centre)^T S^-1 (p - centre) = 1``.
-    whole : ndarray of bool, shape (n,)
-        Where stop 0 lies within all others.
-    lead : tuple of int
-        Shape of the results.
+    The table's columns, shape (n, 8), are area, kept and lost fraction, centroid, moments; interpreted for few.
     """
     n, k = centres.shape[:2]
-    xx, xy, yy = first
-    table = np.empty((n, 8))
-    table[:, 0], table[:, 1], table[:, 2] = math.pi * np.sqrt(xx * yy - xy**2), 1.0, 0.0
-    table[:, 3:5], table[:, 5:] = centres[:, 0], 0.25 * np.stack(first, -1)
-    status, clipping = np.full(n, FULL, np.int8), np.zeros((n, k), np.bool_)
-    cut = np.flatnonzero(~whole)
-    if cut.size:
-        run = kernel.interpreted if cut.size * k < interpreted_below else kernel.compiled
-        parts = table[cut], status[cut], clipping[cut]
-        run(centres[cut], sizes[cut], *parts)
-        table[cut], status[cut], clipping[cut] = parts
+    table, status, clipping = np.empty((n, 8)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
+    run = kernel.interpreted if n * k < interpreted_below else kernel.compiled
+    run(centres, sizes, table, status, clipping)
     area, kept, lost = table[:, :3].T.reshape(3, *lead)
     return DiscIntersection(
         area,

@@ -43,11 +43,7 @@ def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersect
     c, s = np.asarray(centres, float), np.asarray(matrices, float)
     lead, k = c.shape[:-2], c.shape[-2]
     c, s = np.ascontiguousarray(c.reshape(-1, k, 2)), np.ascontiguousarray(s.reshape(-1, k, 3))
-    xx, xy, yy = np.moveaxis(s, -1, 0)
-    mean, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    reach = np.hypot(*np.moveaxis(c - c[:, :1], -1, 0)) + np.sqrt(mean[:, :1] + spread[:, :1])
-    whole = (reach <= np.sqrt(np.maximum(mean - spread, 0.0)) * (1 - 1e-9))[:, 1:].all(axis=1)
-    return common(ellipse_shapes, INTERPRETED_BELOW, c, s, (xx[:, 0], xy[:, 0], yy[:, 0]), whole, lead)
+    return common(ellipse_shapes, INTERPRETED_BELOW, c, s, lead)
 
 
 @kernel()
@@ -79,11 +75,12 @@ def crossing(p: Array, slope: Array, left: float, right: float) -> float:
 
 
 @kernel()
-def cuts(poly: Array, places: Array, count: int) -> int:
-    """Append the angles in [0, 2 pi) where a polynomial is zero, given with its first two derivatives."""
-    p, slope = poly[0], poly[1]
+def cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
+    """Append the angles in [0, 2 pi) where a polynomial is zero; `slope` and `bend` take its derivatives."""
     if abs(p[0]) > math.sqrt(p[1] * p[1] + p[2] * p[2]) + math.sqrt(p[3] * p[3] + p[4] * p[4]):
         return count
+    slope[0], slope[1], slope[2], slope[3], slope[4] = 0.0, p[2], -p[1], 2 * p[4], -2 * p[3]
+    bend[0], bend[1], bend[2], bend[3], bend[4] = 0.0, -p[1], -p[2], -4 * p[3], -4 * p[4]
     left = 0.0
     f0, g0 = value(p, 1.0, 0.0), value(slope, 1.0, 0.0)
     for k in range(1, SAMPLES + 1):
@@ -94,7 +91,7 @@ def cuts(poly: Array, places: Array, count: int) -> int:
             places[count] = crossing(p, slope, left, right)
             count += 1
         elif (g0 < 0) != (g1 < 0) and (f0 < 0) != (g0 < 0):
-            turn = crossing(slope, poly[2], left, right)
+            turn = crossing(slope, bend, left, right)
             if (value(p, math.cos(turn), math.sin(turn)) < 0) != (f0 < 0):
                 places[count] = crossing(p, slope, left, turn)
                 places[count + 1] = crossing(p, slope, turn, right)
@@ -130,25 +127,19 @@ def to_unit(centres: Array, matrices: Array, unit: Array) -> tuple[float, float,
 def outside_of(first: Array, second: Array, poly: Array) -> bool:
     """Into `poly`, the polynomial on one boundary that is positive outside the other; whether it is so everywhere.
 
-    ``(p + a cos + b sin)^T Q (p + a cos + b sin) - 1`` with b = (0, b_y): of the second degree in cosine and sine. Its
-    derivatives follow as rows.
+    ``(p + a cos + b sin)^T Q (p + a cos + b sin) - 1`` with b = (0, b_y): of the second degree in cosine and sine.
     """
     ax, ay, by = first[2], first[3], first[4]
     px, py = first[0] - second[0], first[1] - second[1]
     qxx, qxy, qyy = second[5], second[6], second[7]
     aa = qxx * ax * ax + 2 * qxy * ax * ay + qyy * ay * ay
     bb = qyy * by * by
-    p = poly[0]
-    p[0] = qxx * px * px + 2 * qxy * px * py + qyy * py * py + 0.5 * (aa + bb) - 1
-    p[1] = 2 * (ax * (qxx * px + qxy * py) + ay * (qxy * px + qyy * py))
-    p[2] = 2 * by * (qxy * px + qyy * py)
-    p[3] = 0.5 * (aa - bb)
-    p[4] = qxy * ax * by + qyy * ay * by
-    for k in (1, 2):
-        poly[k, 0] = 0.0
-        poly[k, 1], poly[k, 2] = poly[k - 1, 2], -poly[k - 1, 1]
-        poly[k, 3], poly[k, 4] = 2 * poly[k - 1, 4], -2 * poly[k - 1, 3]
-    return bool(p[0] > math.sqrt(p[1] ** 2 + p[2] ** 2) + math.sqrt(p[3] ** 2 + p[4] ** 2))
+    poly[0] = qxx * px * px + 2 * qxy * px * py + qyy * py * py + 0.5 * (aa + bb) - 1
+    poly[1] = 2 * (ax * (qxx * px + qxy * py) + ay * (qxy * px + qyy * py))
+    poly[2] = 2 * by * (qxy * px + qyy * py)
+    poly[3] = 0.5 * (aa - bb)
+    poly[4] = qxy * ax * by + qyy * ay * by
+    return bool(poly[0] > math.sqrt(poly[1] ** 2 + poly[2] ** 2) + math.sqrt(poly[3] ** 2 + poly[4] ** 2))
 
 
 @kernel()
@@ -177,7 +168,7 @@ def is_kept(poly: Array, rims: int, own: int, middle: float) -> bool:
     c, s = math.cos(middle), math.sin(middle)
     for j in range(rims):
         limit = SAME if own < j else -SAME
-        if j != own and value(poly[j, 0], c, s) > limit:
+        if j != own and value(poly[j], c, s) > limit:
             return False
     return True
 
@@ -193,16 +184,22 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
             if outside_of(unit[own], unit[j], poly[j]):
                 apart[own, j] = True
                 outside = True
-            elif max(poly[j, 0].max(), -poly[j, 0].min()) <= 0.2 * SAME:  # the same boundary: the first is kept
-                outside = outside or j < own
+                continue
+            p = poly[j]
+            if abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME:
+                outside = outside or j < own  # the same boundary: the first is kept
             elif not outside:
-                count = cuts(poly[j], places, count)
+                count = cuts(p, poly[rims], poly[rims + 1], places, count)
     if outside:
         return 0
     if count == 0:
         if not is_kept(poly, rims, own, math.pi):
             return 0
-        add_arc(unit[own], 0.0, 2 * math.pi, sums)
+        if own == 0:  # nothing cuts it: one exactly, not to rounding
+            sums[0] = math.pi
+            sums[3] = sums[5] = 0.25 * math.pi
+        else:
+            add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
     ordered = np.sort(places[:count])
     bounds = 0
@@ -221,7 +218,7 @@ def ellipse_shapes(
 ) -> None:
     """Common parts of sets of ellipses, as `discs.common` wants them."""
     rims = centres.shape[1]
-    unit, poly = np.empty((rims, 8)), np.empty((rims, 3, 5))
+    unit, poly = np.empty((rims, 8)), np.empty((rims + 2, 5))
     places, sums = np.empty(4 * rims + 2), np.empty(6)
     apart = np.empty((rims, rims), np.bool_)
     for n in range(len(centres)):
@@ -233,11 +230,7 @@ def ellipse_shapes(
         for i in range(rims):
             bounds = add_boundary(unit, i, poly, places, apart, sums)
             if i == 0 and bounds == 2:
-                # Nothing cuts it: one exactly, not to rounding.
                 status[n] = FULL
-                sums[:] = 0.0
-                sums[0] = math.pi
-                sums[3] = sums[5] = 0.25 * math.pi
                 break
             if bounds:
                 status[n] = CLIPPED

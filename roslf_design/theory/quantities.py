@@ -330,11 +330,7 @@ register(
         bent_in_f=True,
     ),
     Quantity(
-        "telecentric_offset_mm",
-        "mm",
-        "d_3 - f: 0 where telecentric",
-        _whole(lambda c: c.d_3 - c.f),
-        positive=False,
+        "telecentric_offset_mm", "mm", "d_3 - f: 0 where telecentric", _whole(lambda c: c.d_3 - c.f), positive=False
     ),
     Quantity(
         "microlens_defocus_px",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, dot, minus, plus, times
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.stop_images import MicrolensImages, chief_point
+from ..theory.stop_images import MicrolensImages
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ class IdealBuilds(MicrolensImages):
         return BelievedLattice((x0 + x1) / 2, (y0 + y1) / 2, *columns)
 
     def _chief_pixel(self, x: Number, y: Number) -> tuple[Number, Number]:
-        u, v = chief_point(self.camera, self.camera.microlens(x, y))
+        u, v = self.camera.chief_point(x, y)
         return u / self.camera.q, v / self.camera.q
 
     @cached_property

@@ -156,6 +156,11 @@ def test_replace_tells_what_is_wrong(changes, said):
         load("paper").replace(changes)
 
 
+def test_faults_between_parts_made_in_python_are_told():
+    with pytest.raises(DesignError, match="aperture.distance: 400 mm .* inside the bore"):
+        Design(**{**dict(load("paper")), "aperture": Stop(diameter=1.0, distance=400.0)})
+
+
 def test_unknown_symbol():
     with pytest.raises(DesignError, match="d_9: is not a symbol"):
         load("paper").replace(d_9=1.0)
