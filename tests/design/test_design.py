@@ -157,7 +157,7 @@ def test_replace_tells_what_is_wrong(changes, said):
 
 
 def test_faults_between_parts_made_in_python_are_told():
-    with pytest.raises(DesignError, match="aperture.distance: 400 mm .* inside the bore"):
+    with pytest.raises(DesignError, match=r"aperture\.distance: 400 mm .* inside the bore"):
         Design(**{**dict(load("paper")), "aperture": Stop(diameter=1.0, distance=400.0)})
 
 
