@@ -98,15 +98,12 @@ def lens_point(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """
     cx, cy, cz = microlens
     bend = 1.0 - cz / c.f
-    x: list[Number] = [0.0] * 3
-    y: list[Number] = [0.0] * 3
-    w: list[Number] = [0.0] * 3
     pose = c.pose(rim.part)
-    for k, (ax, ay, az) in enumerate((pose.origin, pose.x, pose.y)):
-        x[k] = minus(times(cz, ax), times(az, cx))
-        y[k] = minus(times(cz, ay), times(az, cy))
-        w[k] = minus(cz if k == 0 else 0.0, times(az, bend))
-    return Projected((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
+    columns = []
+    for own, (ax, ay, az) in zip((cz, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
+        x, y = minus(times(cz, ax), times(az, cx)), minus(times(cz, ay), times(az, cy))
+        columns.append((x, y, minus(own, times(az, bend))))
+    return Projected(*zip(*columns, strict=True))
 
 
 def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> Projected:
@@ -127,18 +124,14 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
         return offset, minus(dot(axis, through), times(weight, offset))
 
     (ox, cx), (oy, cy), (oz, cz) = against(plane.x), against(plane.y), against(plane.z)
-    u: list[Number] = [0.0] * 3
-    v: list[Number] = [0.0] * 3
-    w: list[Number] = [0.0] * 3
-    for k in range(3):
-        lx, ly, lw = point.u[k], point.v[k], point.w[k]
+    columns = []
+    for lx, ly, lw in zip(*point, strict=True):
         e = minus(plus(times(plane.x[0], lx), times(plane.x[1], ly)), times(ox, lw))
         h = minus(plus(times(plane.y[0], lx), times(plane.y[1], ly)), times(oy, lw))
         n = minus(plus(times(plane.z[0], lx), times(plane.z[1], ly)), times(oz, lw))
-        u[k] = minus(times(e, cz), times(n, cx))
-        v[k] = minus(times(h, cz), times(n, cy))
-        w[k] = minus(times(cz, lw), times(weight, n))
-    return Projected((u[0], u[1], u[2]), (v[0], v[1], v[2]), (w[0], w[1], w[2]))
+        u, v = minus(times(e, cz), times(n, cx)), minus(times(h, cz), times(n, cy))
+        columns.append((u, v, minus(times(cz, lw), times(weight, n))))
+    return Projected(*zip(*columns, strict=True))
 
 
 def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
