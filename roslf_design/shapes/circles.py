@@ -298,7 +298,8 @@ def trace(discs: Floats, intervals: Floats, arcs: Floats) -> tuple[int, int, int
                 end = arcs[k, 1] - shift
                 at = k
                 while at > 0 and arcs[at - 1, 0] > start:
-                    arcs[at] = arcs[at - 1]
+                    for c in range(5):
+                        arcs[at, c] = arcs[at - 1, c]
                     at -= 1
                 arcs[at, 0] = start
                 arcs[at, 1] = end

@@ -289,7 +289,7 @@ def notches(base: int, discs: Floats, arcs: Floats, count: int) -> float:
         # Angles from the direction away from disc j; exact where the arc ends on the circle of `base` itself.
         start = -edge if arcs[(k - 1) % count, 2] == base else math.atan2(uy * sx - ux * sy, -(ux * sx + uy * sy))
         end = edge if arcs[(k + 1) % count, 2] == base else math.atan2(uy * ex - ux * ey, -(ux * ex + uy * ey))
-        parts = math.ceil((end - start) / (0.5 * math.pi))
+        parts = math.ceil((end - start) / (0.25 * math.pi))
         width = (end - start) / parts
         for part in range(parts):
             for n in range(16):
@@ -333,7 +333,7 @@ def shape(
     r = discs[base, 2]
     room = math.pi * r * r
     lost = room - total[0]
-    if discs[base, 3] != 0.0 and lost < 0.25 * room:
+    if discs[base, 3] != 0.0 and lost < room / 3.0:
         lost = notches(base, discs, arcs, count)
     if lost < 0.5 * room:
         total[0] = room - lost
