@@ -1,6 +1,8 @@
-"""What every closed form shares: float64 in, broadcast float64 out, and the two limits that plain division misses."""
+"""Arrays: float64 in, broadcast float64 out, the limits that plain division misses; points spread evenly."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,14 +19,14 @@ def floats(*values: ArrayLike) -> tuple[Array, ...]:
     return tuple([np.asarray(v, kind) for v, kind in zip(values, kinds, strict=True)])
 
 
-def ratio(numerator: Array, denominator: Array) -> Array:
+def ratio(numerator: Array | float, denominator: Array | float) -> Array:
     """Quotient with its limits: +-1 for inf/inf, 0 for 0/0, signed inf for x/0.
 
     The closed forms meet inf/inf only as two lengths that differ from one infinite length by finite amounts,
     and 0/0 only where the numerator's own zero (a pixel on the axis, a sensor on the microlenses) comes first.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        quotient = np.divide(numerator, denominator)
+        quotient: Array = np.divide(numerator, denominator)
     if not np.isnan(quotient).any():
         return quotient
     unity = np.copysign(1.0, numerator) * np.copysign(1.0, denominator)
@@ -32,10 +34,59 @@ def ratio(numerator: Array, denominator: Array) -> Array:
     return np.where((numerator == 0) & (denominator == 0), 0.0, quotient)[()]
 
 
-def product(left: Array, right: Array) -> Array:
+def product(left: Array | float, right: Array | float) -> Array:
     """Product that is 0 wherever a factor is, also where the other is infinite: no pupil has no blur at any depth."""
     with np.errstate(invalid="ignore", over="ignore"):
-        result = np.multiply(left, right)
+        result: Array = np.multiply(left, right)
     if not np.isnan(result).any():
         return result
     return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]
+
+
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+"""Turn between successive points of the sunflower [rad]."""
+
+
+def sunflower(count: int) -> Array:
+    """Points that fill the unit disc evenly (Vogel's spiral).
+
+    Parameters
+    ----------
+    count : int
+        N.
+
+    Returns
+    -------
+    ndarray, shape (2, N)
+        The k-th at radius sqrt((k + 1/2)/N): equal areas, strictly inside.
+    """
+    k = np.arange(count)
+    radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def recurrence(count: int, dimensions: int, shift: Array | float = 0.5) -> Array:
+    """Points of the additive recurrence whose steps are powers of the generalised golden ratio.
+
+    Parameters
+    ----------
+    count, dimensions : int
+        N and D.
+    shift : float or ndarray, shape (D,), optional
+        Start of each coordinate; random shifts give independent sets of the same evenness.
+
+    Returns
+    -------
+    ndarray, shape (D, N)
+        In [0, 1).
+
+    Notes
+    -----
+    The ratio g solves g^(D+1) = g + 1; coordinate i steps by g^-i modulo 1.
+    """
+    g = 2.0
+    for _ in range(64):
+        g = (1.0 + g) ** (1.0 / (dimensions + 1))
+    steps = g ** -np.arange(1.0, dimensions + 1)
+    starts = np.broadcast_to(np.asarray(shift, float), (dimensions,))
+    return np.asarray((starts[:, None] + steps[:, None] * np.arange(1, count + 1)) % 1.0)

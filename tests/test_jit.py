@@ -1,6 +1,6 @@
 """Kernels: one source, interpreted and compiled alike; no machine code of yesterday's source."""
 
-import subprocess
+import importlib
 import sys
 
 import numpy as np
@@ -30,7 +30,8 @@ def test_interpreted_and_compiled_agree():
     np.testing.assert_array_equal(plain, 2.5 * values + 1)
 
 
-def test_a_changed_callee_in_another_file_is_compiled_again(tmp_path):
+def test_a_changed_callee_in_another_file_is_compiled_again(tmp_path, monkeypatch):
+    """Numba's cache on disk is asked anew for each import, as in a new process."""
     (tmp_path / "caller.py").write_text(
         "from roslf_design._jit import kernel\n"
         "from callee import inner\n"
@@ -38,12 +39,15 @@ def test_a_changed_callee_in_another_file_is_compiled_again(tmp_path):
         "def outer(x):\n"
         "    return inner(x) + 1.0\n"
     )
-    found = []
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    results = []
     for body in ("x", "10.0 * x", "FACTOR * x"):
         (tmp_path / "callee.py").write_text(
             f"from roslf_design._jit import kernel\nFACTOR = 3.0\n@kernel()\ndef inner(x):\n    return {body}\n"
         )
-        run = "import sys; sys.dont_write_bytecode = True; from caller import outer; print(outer.compiled(2.0))"
-        done = subprocess.run([sys.executable, "-c", run], cwd=tmp_path, capture_output=True, text=True, check=True)
-        found.append(float(done.stdout))
-    assert found == [3.0, 21.0, 7.0]
+        for name in ("caller", "callee"):
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        importlib.invalidate_caches()
+        results.append(importlib.import_module("caller").outer.compiled(2.0))
+    assert results == [3.0, 21.0, 7.0]

@@ -17,8 +17,8 @@ from roslf_design.pictures.marks import Dots, Line, Mark, Point, Text, dot_key, 
 from roslf_design.pictures.microlens import microlens_images
 from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
 from roslf_design.pictures.rays import ray_diagrams
-from roslf_design.theory.disparity import epi_slope
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
+from roslf_design.theory.light_field import epi_slope
 
 HALF = PAGE / 2, 290.0
 """Size of one of two pictures beside each other [px]."""

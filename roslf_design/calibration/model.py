@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..design import Design
-from ..theory.back_substitution import back_substitute
+from ..theory.light_field import back_substitute
 from ..units import parse_quantity
 from .frames import Array, CalibrationError
 

@@ -1,6 +1,7 @@
 """The camera that everything computes with."""
 
-from .camera import TIP, Camera, Rim, nominal_numbers
-from .frames import Frame, Number, Vector
+from ..design.parts import Number
+from .camera import TIP, Camera, Rim
+from .frames import Frame, Vector
 
-__all__ = ["TIP", "Camera", "Frame", "Number", "Rim", "Vector", "nominal_numbers"]
+__all__ = ["TIP", "Camera", "Frame", "Number", "Rim", "Vector"]

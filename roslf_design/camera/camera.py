@@ -10,27 +10,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, product, ratio
+from ..design import Design, DesignError, Problem
 from ..design.conjugates import CONJUGATES, followed, follower
-from ..design.design import Design
-from ..design.errors import DesignError, Problem
-from ..design.parameters import PATHS
+from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
-from .frames import Frame, Number, Vector, along, frame
+from .frames import Frame, Vector, along, dot, frame, minus, plus, times
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
-FOCAL, PLANE, DISTANCE = CONJUGATES
-
-Layout = Literal["square", "hexagonal"]
-"""How the microlenses are packed."""
-
+FOCAL = PATHS["f"]
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -49,7 +44,7 @@ class Rim:
     """z_k, in front of the main lens [mm]."""
 
 
-class Camera:
+class Camera(Symbols[Number]):
     """A light-field camera that looks through a restricted object space, as numbers.
 
     The paper's symbols are attributes (``f``, ``d_f``, ``d_1``, ``d_2``, ``d_3``, ``D``, ``D_F``, ``d``, ``q``, ``H``,
@@ -194,90 +189,30 @@ class Camera:
         )
         return f"Camera({shown})"
 
-    @property
-    def f(self) -> Number:
-        """Main lens focal length [mm]."""
-        return self._numbers[FOCAL]
-
-    @property
-    def d_f(self) -> Number:
-        """Focal plane before the main lens [mm]."""
-        return self._numbers[PLANE]
-
-    @property
-    def d_1(self) -> Number:
-        """Main lens to microlens array [mm]."""
-        return self._numbers[DISTANCE]
-
-    @property
-    def d_2(self) -> Number:
-        """Microlens array to sensor [mm]."""
-        return self._numbers["sensor.distance"]
-
-    @property
-    def d_3(self) -> Number:
-        """FAP before the main lens [mm]."""
-        return self._numbers["aperture.distance"]
-
-    @property
-    def D(self) -> Number:
-        """Main lens clear aperture [mm]."""
-        return self._numbers["main_lens.diameter"]
-
-    @property
-    def D_F(self) -> Number:
-        """FAP diameter [mm]."""
-        return self._numbers["aperture.diameter"]
-
-    @property
-    def d(self) -> Number:
-        """Microlens pitch [mm]."""
-        return self._numbers["microlens_array.pitch"]
-
-    @property
-    def f_ml(self) -> Number:
-        """Microlens focal length [mm]."""
-        return self._numbers["microlens_array.focal_length"]
-
-    @property
-    def wavelength(self) -> Number:
-        """Wavelength lambda [mm]."""
-        return self._numbers["light.wavelength"]
-
-    @cached_property
-    def q(self) -> Number:
-        """Pixel pitch as seen at the array's image plane [mm]: the sensor's pixel over the relay's magnification."""
-        return self._numbers["sensor.pixel"] / self._numbers["sensor.relay_magnification"]
-
     @cached_property
     def inverse_H(self) -> Array:
         """Inverse aperture constant ``1/H = (d_f - d_3)/d_f``: 0 at d_3 = d_f, 1 at d_3 = 0, never infinite. Eq. 3."""
-        df, d3 = floats(self.d_f, self.d_3)
-        return ratio(df - d3, df)
+        return ratio(self.gap, self.d_f)
 
     @cached_property
     def H(self) -> Array:
         """Aperture constant ``H = d_f/(d_f - d_3)``; inf at d_3 = d_f, negative beyond. Eq. 3."""
-        df, d3 = floats(self.d_f, self.d_3)
-        return ratio(df, df - d3)
+        return ratio(self.d_f, self.gap)
 
     @cached_property
     def A(self) -> Array:
         """Effective image distance ``A = d_1/H = f (d_f - d_3)/(d_f - f)`` [mm]; A/D_F is the pupil's f-number."""
-        f, df, d3 = floats(self.f, self.d_f, self.d_3)
-        return f * ratio(df - d3, df - f)
+        return self.f * ratio(self.gap, self.d_f - self.f)
 
     @cached_property
     def m(self) -> Array:
         """Image-side magnification ``m = d_1/d_f = f/(d_f - f)``; 0 at d_f = inf, inf at d_f = f."""
-        f, df = floats(self.f, self.d_f)
-        return ratio(f, df - f)
+        return ratio(self.f, self.d_f - self.f)
 
     @cached_property
     def inverse_m(self) -> Array:
         """Object-side millimetres per millimetre on the array, ``d_f/d_1 = (d_f - f)/f``."""
-        f, df = floats(self.f, self.d_f)
-        return (df - f) / f
+        return ratio(self.d_f - self.f, self.f)
 
     @cached_property
     def gap(self) -> Array:
@@ -291,8 +226,7 @@ class Camera:
 
         Exactly 0 at d_3 = f (telecentric), 1/d_1 at d_3 = 0, positive for a pupil before the array, inf at d_3 = d_f.
         """
-        f, df, d3 = floats(self.f, self.d_f, self.d_3)
-        return product((f - d3) / f, ratio(df - f, df - d3)) / f
+        return product((self.f - self.d_3) / self.f, ratio(self.d_f - self.f, self.gap)) / self.f
 
     @cached_property
     def fap(self) -> Rim:
@@ -365,24 +299,37 @@ class Camera:
         array = self.pose("microlens_array")
         return along(array.origin, x, array.x, y, array.y)
 
+    @cached_property
+    def _chief_rays(self) -> tuple[Vector, Vector, Vector]:
+        """Numerators and denominator of `chief_point`, coefficients of 1, x and y: no field in them.
+
+        The lens images the FAP's centre a to ``a/(1 + a_z/f)``; from there through the microlens to the sensor's plane.
+        """
+        array, sensor, fap = (self.pose(part) for part in ("microlens_array", "sensor", "aperture"))
+        weight = plus(1.0, fap.origin[2] / self.f)
+
+        def against(axis: Vector) -> tuple[Number, Vector]:
+            """Coordinate along an axis of the sensor: of the FAP's image, and of the microlens (1, x, y)."""
+            offset = dot(axis, sensor.origin)
+            image = minus(dot(axis, fap.origin), times(weight, offset))
+            return image, (minus(dot(axis, array.origin), offset), dot(axis, array.x), dot(axis, array.y))
+
+        (u, us), (v, vs), (n, ns) = (against(axis) for axis in (sensor.x, sensor.y, sensor.z))
+        x, y = (
+            tuple(minus(times(own, image), times(n, part)) for own, part in zip(ns, parts, strict=True))
+            for image, parts in ((u, us), (v, vs))
+        )
+        return x, y, (minus(times(ns[0], weight), n), times(ns[1], weight), times(ns[2], weight))  # type: ignore[return-value]
+
+    def chief_point(self, x: Number, y: Number) -> tuple[Number, Number]:
+        """Where the ray through the FAP's centre and the array's point (x, y) meets the sensor [mm, own frames]."""
+        u, v, w = (plus(plus(c0, times(cx, x)), times(cy, y)) for c0, cx, cy in self._chief_rays)
+        return np.divide(u, w), np.divide(v, w)
+
     @property
     def array_size(self) -> tuple[Number, Number]:
         """Width and height of the microlens array [mm]."""
         return self._numbers["microlens_array.size.0"], self._numbers["microlens_array.size.1"]
-
-    @cached_property
-    def sensor_size(self) -> tuple[Number, Number]:
-        """Width and height of the sensor as seen at the array's image plane [mm]."""
-        relay = self._numbers["sensor.relay_magnification"]
-        return self._numbers["sensor.size.0"] / relay, self._numbers["sensor.size.1"] / relay
-
-    @cached_property
-    def pixels(self) -> tuple[int, int]:
-        """Whole pixels across the sensor's width and height, of one camera."""
-        width, height = (float(self._numbers[f"sensor.size.{axis}"]) for axis in (0, 1))
-        pixel = float(self._numbers["sensor.pixel"])
-        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
-        return int(width / pixel + 1e-3), int(height / pixel + 1e-3)
 
     @cached_property
     def tip(self) -> Array:
@@ -423,23 +370,10 @@ def _number(value: ArrayLike) -> Number:
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
     array = design.microlens_array
-    return Camera(nominal_numbers(design), array.layout, array.lens_shape, design.lens)
-
-
-def nominal_numbers(design: Design) -> dict[str, Number]:
-    """A design's own number at every place; f, d_f, d_1 and D resolved [mm, rad]."""
     stops = [f"stops.{index}" for index in range(len(design.stops))]
     parts = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
     places = [*PATHS.values(), "sensor.relay_magnification", "microlens_array.rotation"]
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
-    resolved = {FOCAL: design.f, PLANE: design.d_f, DISTANCE: design.d_1, PATHS["D"]: design.D, TIP: 0.0}
-    return {**{place: _read(design, place) for place in places if place not in resolved}, **resolved}
-
-
-def _read(design: Design, place: str) -> float:
-    value: Any = design
-    for step in place.split("."):
-        value = value[int(step)] if isinstance(value, tuple) else getattr(value, step)
-    return float(value)
+    return Camera({**{place: design[place] for place in places}, TIP: 0.0}, array.layout, array.lens_shape, design.lens)

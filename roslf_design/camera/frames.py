@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Number = float | NDArray[np.float64]
-"""A float, or an array that broadcasts to (fields, trials)."""
+from ..design.parts import Number
+
 Vector = tuple[Number, Number, Number]
 
 

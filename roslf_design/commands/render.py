@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from ..accuracy.picture import settle, stated
 from ..design import load
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem
 from ..imaging.files import check_target, write_image

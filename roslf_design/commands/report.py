@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from ..design import load
-from ..design.kinds import CALLED
+from ..design.files import KINDS
 from ..errors import InputError, Problem
 from ..evaluation.evaluate import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
@@ -153,7 +153,7 @@ def maker(
         return partial(full_report, designs[0], seed=seed or 0, accuracy=accuracy, calibrated=known)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise refusal("--accuracy", f"goes with designs, and {names[0]} is {CALLED[kind][0]}; {remedy}")
+        raise refusal("--accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
     if story is not None:
         return partial(story_report, story, seed=seed)
     return partial(study_report, kind, Path(names[0]), seed=seed)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import print_table

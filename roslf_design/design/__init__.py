@@ -1,11 +1,10 @@
-"""What a system is: frozen values, units at the boundary, TOML in and out, presets, batches."""
+"""What a system is: frozen values, units at the boundary, TOML in and out, presets."""
 
+from ..errors import Problem
+from .check import DesignError
 from .design import Design
-from .errors import DesignError, Problem
-from .files import dumps, load, loads, save
-from .parameters import PATHS
-from .parts import Light, MainLens, MicrolensArray, Sensor, Stop
-from .presets import preset_names, preset_path
+from .files import dumps, load, loads, preset_names, preset_path, save
+from .parts import PATHS, Light, MainLens, MicrolensArray, Sensor, Stop
 
 __all__ = [
     "PATHS",

@@ -1,88 +1,174 @@
-"""What parts of a design must be to each other; works on whatever parts could be read."""
+"""A design's faults: those of its values, and those between values that are each right on their own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
-from ..units import format_quantity
-from .conjugates import CONJUGATES, conjugate_residual
-from .errors import Problem
+from pydantic import BaseModel, ValidationError
 
+from ..errors import InputError, Problem
+from ..lenses.prescription import Prescription
+from ..toml_files import problems_of
+from ..units import format_quantity, parse_quantity
+from .conjugates import CONJUGATES, conjugate_residual, followed
+from .parts import PATHS, Light
+from .real_lens import focal_length_at, own_diameter, read_prescription
+
+FOCAL, PLANE, DISTANCE = CONJUGATES
 RESIDUAL_LIMIT = 1e-6
 """Largest |f/d_f + f/d_1 - 1| at which f, d_f and d_1 count as one set: rounding of printed digits, not an error."""
+AGREEMENT = 1e-6
+"""Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
 
-def cross_check(values: Mapping[str, float | None]) -> tuple[Problem, ...]:
+class DesignError(InputError):
+    """A design (or its file) that cannot be used."""
+
+
+def at(value: Any, place: str) -> Any:
+    """What stands at a dotted place of nested parts, tables and lists; None where nothing does."""
+    for step in place.split("."):
+        if isinstance(value, (list, tuple)):
+            value = value[int(step)]
+        else:
+            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
+    return value
+
+
+def checked_places(stops: int) -> tuple[str, ...]:
+    """Places of the lengths that must fit each other."""
+    distances = (f"{part}.distance" for part in ("aperture", *(f"stops.{index}" for index in range(stops))))
+    return (*CONJUGATES, PATHS["D"], PATHS["wavelength"], *distances)
+
+
+def design_problems(
+    error: ValidationError, data: Mapping[str, Any], model: type[BaseModel], *, from_file: bool, folder: str | Path = ""
+) -> tuple[Problem, ...]:
+    """Every fault that pydantic found, and those between the values that could be read all the same.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic raised.
+    data : mapping
+        The nested values that were validated.
+    model : type
+        The model they were validated against, for its known keys.
+    from_file : bool
+        Whether numbers need units.
+    folder : path-like
+        What the path of a lens file counts from.
+    """
+    # A fault of the whole (empty place) comes from the cross-check, which is told here with the places it found.
+    problems = [problem for problem in problems_of(error, model) if problem.key]
+
+    def readable(place: str) -> bool:
+        return not any(f"{place}.".startswith(f"{problem.key}.") for problem in problems)
+
+    stops = data.get("stops")
+    given = {
+        place: at(data, place)
+        for place in checked_places(len(stops) if isinstance(stops, (list, tuple)) else 0)
+        if readable(place)
+    }
+    values = {
+        place: None if value is None else parse_quantity(value, "length", unit_required=from_file)
+        for place, value in given.items()
+    }
+    if not readable("main_lens.prescription"):
+        values.pop(FOCAL, None)
+        return (*problems, *cross_check(values, None, turned=False))
+    lens = read_prescription(at(data, "main_lens.prescription"), folder)
+    return (*problems, *cross_check(values, lens, turned=at(data, "main_lens.reversed") is True))
+
+
+def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool) -> tuple[Problem, ...]:
     """Faults between values that are each right on their own.
 
     Parameters
     ----------
     values : mapping
-        Dotted key to length [mm]: the three of `CONJUGATES` and every stop's ``distance``; None where a key is not
-        given, absent where it could not be read.
+        Those of `checked_places` to length [mm]; None where a key is not given, absent where it could not be read.
+    lens : Prescription, optional
+        The real main lens.
+    turned : bool
+        Whether it is to stand the other way round.
     """
-    problems = list(_conjugates(values))
-    d_f = _focal_plane(values)
-    if d_f is not None:
-        for key, distance in values.items():
-            if key.endswith(".distance") and key.startswith(("aperture", "stops")) and distance is not None:
-                problems += _object_inside_bore(key, distance, d_f)
+    problems = []
+    if lens is None and turned:
+        message = "an ideal lens looks the same from both sides; drop it, or give main_lens.prescription"
+        problems.append(Problem("main_lens.reversed", message))
+    elif lens is not None:
+        problems += _about_lens(lens, values)
+        known = PATHS["wavelength"] in values and not problems
+        own = focal_length_at(lens, _wavelength(values)) if known else None
+        values = {key: value for key, value in values.items() if key != FOCAL} | ({FOCAL: own} if known else {})
+    problems += _about_conjugates(values)
+    f, d_f, d_1 = (values.get(key) for key in CONJUGATES)
+    if d_f is None and f is not None and d_1 is not None and d_1 > f:
+        d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
+    for key, distance in values.items():
+        if d_f is not None and distance is not None and key.startswith(("aperture", "stops")) and distance >= d_f:
+            message = (
+                f"{_shown(distance)} is not less than the focal-plane distance d_f = {_shown(d_f)}: the object plane "
+                "would lie inside the bore; move this stop closer to the lens or focus farther out"
+            )
+            problems.append(Problem(key, message))
     return tuple(problems)
 
 
-def _conjugates(values: Mapping[str, float | None]) -> list[Problem]:
+def _about_conjugates(values: Mapping[str, float | None]) -> Iterator[Problem]:
     if any(key not in values for key in CONJUGATES):
-        return []
-    f, d_f, d_1 = (values[key] for key in CONJUGATES)
-    missing = [key for key in CONJUGATES if values[key] is None]
+        return
+    given = {key: value for key in CONJUGATES if (value := values[key]) is not None}
+    missing = [key for key in CONJUGATES if key not in given]
     if len(missing) > 1:
-        return [
-            Problem(CONJUGATES[0], f"two of {', '.join(CONJUGATES)} are needed; give one of {' or '.join(missing)}")
-        ]
-    problems = []
-    for key, distance in ((CONJUGATES[1], d_f), (CONJUGATES[2], d_1)):
-        if f is not None and distance is not None and distance <= f:
-            shown, focal = format_quantity(distance, "length"), format_quantity(_rounded(f), "length")
-            problems.append(
-                Problem(key, f"{shown} is not beyond the focal length {focal}, so no real image forms; make it longer")
-            )
-    if not problems and f is not None and d_f is not None and d_1 is not None:
-        residual = float(conjugate_residual(f, d_f, d_1))
-        if abs(residual) > RESIDUAL_LIMIT:
-            problems.append(
-                Problem(
-                    CONJUGATES[2],
-                    f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop "
-                    f"microlens_array.distance (it would become {format_quantity(_rounded(_image(f, d_f)), 'length')}) "
-                    f"or main_lens.focal_plane (it would become {format_quantity(_rounded(_image(f, d_1)), 'length')})",
-                )
-            )
-    return problems
+        yield Problem(FOCAL, f"two of {', '.join(CONJUGATES)} are needed; give one of {' or '.join(missing)}")
+    near = [key for key in given if FOCAL in given and key != FOCAL and given[key] <= given[FOCAL]]
+    for key in near:
+        focal = f"the focal length {_shown(given[FOCAL])}"
+        yield Problem(key, f"{_shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
+    if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
+        ways = " or ".join(f"{key} (it would become {_shown(followed(given, key))})" for key in (DISTANCE, PLANE))
+        message = f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop {ways}"
+        yield Problem(DISTANCE, message)
 
 
-def _image(f: float, distance: float) -> float:
-    return f + f * f / (distance - f)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.8g}")
-
-
-def _focal_plane(values: Mapping[str, float | None]) -> float | None:
-    f, d_f, d_1 = (values.get(key) for key in CONJUGATES)
-    if d_f is not None:
-        return d_f
-    return _image(f, d_1) if f is not None and d_1 is not None and d_1 > f else None
-
-
-def _object_inside_bore(key: str, distance: float, d_f: float) -> list[Problem]:
-    if distance < d_f:
-        return []
-    return [
-        Problem(
-            key,
-            f"{format_quantity(distance, 'length')} is not less than the focal-plane distance d_f = "
-            f"{format_quantity(_rounded(d_f), 'length')}: the object plane would lie inside the bore; "
-            "move this stop closer to the lens or focus farther out",
+def _about_lens(lens: Prescription, values: Mapping[str, float | None]) -> Iterator[Problem]:
+    """What a main lens's keys contradict: the lens's own focal length and diameter, its glasses' wavelengths."""
+    if PATHS["wavelength"] not in values:
+        return
+    wavelength = _wavelength(values)
+    try:
+        focal = focal_length_at(lens, wavelength)
+    except InputError as error:
+        for problem in error.problems:
+            yield Problem(PATHS["wavelength"], f"{lens.name}: {problem.message}")
+        return
+    given, diameter = values.get(FOCAL), values.get(PATHS["D"])
+    if not (0 < focal < math.inf):
+        yield Problem("main_lens.prescription", f"{lens.name} does not converge light; it forms no real image")
+    elif given is not None and abs(given / focal - 1) > AGREEMENT:
+        yield Problem(
+            FOCAL,
+            f"{_shown(given)} contradicts the prescription: {lens.name} has f = {focal:.7g} mm at {_shown(wavelength)} "
+            f"(residual {given - focal:+.4g} mm); drop {FOCAL}",
         )
-    ]
+    widest = own_diameter(lens)
+    if diameter is not None and diameter > widest * (1 + AGREEMENT):
+        yield Problem(
+            PATHS["D"],
+            f"{_shown(diameter)} is wider than {lens.name}, whose clear diameter is {widest:.6g} mm; drop it, or give "
+            "a smaller one for a stop at the lens",
+        )
+
+
+def _wavelength(values: Mapping[str, float | None]) -> float:
+    return values[PATHS["wavelength"]] or Light().wavelength
+
+
+def _shown(value: Any) -> str:
+    return format_quantity(float(f"{value:.8g}"), "length")

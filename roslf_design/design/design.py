@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, model_validator
 
+from ..errors import Problem
 from ..units import format_quantity
-from .check import cross_check
-from .conjugates import CONJUGATES, focal_length, focal_plane_distance, follower, mla_distance
-from .errors import DesignError, Problem
-from .messages import design_problems
-from .parameters import PATHS
-from .parts import Light, MainLens, MicrolensArray, Part, Sensor, Stop
-from .real_lens import focal_length_at, lens_problems, mounted_lens, own_diameter
+from .check import DISTANCE, FOCAL, PLANE, DesignError, at, checked_places, cross_check, design_problems
+from .conjugates import CONJUGATES, followed, follower
+from .parts import PATHS, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
+from .real_lens import focal_length_at, mounted_lens, own_diameter
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 
-class Design(Part):
+class Design(Part, Symbols[float]):
     """A whole camera. Values in, values out: `replace` gives a new one.
 
     Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to
@@ -62,10 +60,8 @@ class Design(Part):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
-        lens = self.main_lens
-        own = (lens.prescription, lens.reversed, self.wavelength, lens.focal_length, lens.diameter)
-        problems = tuple(lens_problems(*own)) or cross_check(dict(_checked_values(self)))
-        if problems:
+        values = {place: at(self, place) for place in checked_places(len(self.stops))}
+        if problems := cross_check(values, self.main_lens.prescription, turned=self.main_lens.reversed):
             raise ValueError("\n".join(map(str, problems)))
         return self
 
@@ -118,43 +114,18 @@ class Design(Part):
         )
         return f"<h4>{escape(self.name)}</h4><p>{escape(self.source)}</p><table>{rows}</table>"
 
-    @property
-    def f(self) -> float:
-        """Main lens focal length f [mm]."""
-        lens = self.main_lens
-        if lens.prescription is not None:
+    def __getitem__(self, place: str) -> float:
+        """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
+        lens, own = self.main_lens, at(self, place)
+        focal_known = lens.focal_length is not None or lens.prescription is not None
+        if place == FOCAL and lens.prescription is not None:
             return focal_length_at(lens.prescription, self.wavelength)
-        if lens.focal_length is not None:
-            return lens.focal_length
-        assert lens.focal_plane is not None
-        assert self.microlens_array.distance is not None
-        return float(focal_length(lens.focal_plane, self.microlens_array.distance))
-
-    @property
-    def d_f(self) -> float:
-        """Focal-plane distance d_f [mm]."""
-        lens, d_1 = self.main_lens, self.microlens_array.distance
-        if d_1 is not None and (lens.focal_length is not None or lens.prescription is not None):
-            return float(focal_plane_distance(self.f, d_1))
-        assert lens.focal_plane is not None
-        return lens.focal_plane
-
-    @property
-    def d_1(self) -> float:
-        """Main lens to microlens array d_1 [mm]."""
-        if self.microlens_array.distance is not None:
-            return self.microlens_array.distance
-        assert self.main_lens.focal_plane is not None
-        return float(mla_distance(self.f, self.main_lens.focal_plane))
-
-    @property
-    def D(self) -> float:
-        """Main lens clear aperture D [mm]."""
-        lens = self.main_lens
-        if lens.diameter is not None:
-            return lens.diameter
-        assert lens.prescription is not None
-        return own_diameter(lens.prescription)
+        if place == PATHS["D"] and lens.prescription is not None and own is None:
+            return own_diameter(lens.prescription)
+        # Where all three are given, f and d_1 are the hardware.
+        if own is None or (place == PLANE and focal_known and self.microlens_array.distance is not None):
+            return float(followed({key: self[key] for key in CONJUGATES if key != place}, place))
+        return float(own)
 
     @property
     def lens(self) -> Prescription | None:
@@ -169,54 +140,6 @@ class Design(Part):
             return self
         ideal = {"prescription": None, "reversed": False, "focal_length": self.f, "diameter": self.D}
         return self.model_copy(update={"main_lens": self.main_lens.model_copy(update=ideal)})
-
-    @property
-    def D_F(self) -> float:
-        """FAP diameter D_F [mm]."""
-        return self.aperture.diameter
-
-    @property
-    def d_3(self) -> float:
-        """FAP distance d_3 [mm]."""
-        return self.aperture.distance
-
-    @property
-    def d(self) -> float:
-        """Microlens pitch d [mm]."""
-        return self.microlens_array.pitch
-
-    @property
-    def f_ml(self) -> float:
-        """Microlens focal length f_ml [mm]."""
-        return self.microlens_array.focal_length
-
-    @property
-    def d_2(self) -> float:
-        """MLA to sensor d_2 [mm]."""
-        return self.sensor.distance
-
-    @property
-    def q(self) -> float:
-        """Pixel pitch q as seen at the MLA's image plane [mm]: the sensor's pixel over the relay magnification."""
-        return self.sensor.pixel / self.sensor.relay_magnification
-
-    @property
-    def wavelength(self) -> float:
-        """Wavelength lambda [mm]."""
-        return self.light.wavelength
-
-    @property
-    def sensor_size(self) -> tuple[float, float]:
-        """Width and height of the sensor as seen at the MLA's image plane [mm]."""
-        width, height = self.sensor.size
-        return width / self.sensor.relay_magnification, height / self.sensor.relay_magnification
-
-    @property
-    def pixels(self) -> tuple[int, int]:
-        """Whole pixels across the sensor's width and height."""
-        width, height = self.sensor.size
-        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
-        return int(width / self.sensor.pixel + 1e-3), int(height / self.sensor.pixel + 1e-3)
 
     @property
     def all_stops(self) -> tuple[Stop, ...]:
@@ -240,16 +163,6 @@ def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder:
         raise DesignError(design_problems(error, data, Design, from_file=from_file, folder=folder), origin) from None
 
 
-def _checked_values(design: Design) -> Iterator[tuple[str, float | None]]:
-    real = design.main_lens.prescription is not None
-    yield CONJUGATES[0], design.f if real else design.main_lens.focal_length
-    yield CONJUGATES[1], design.main_lens.focal_plane
-    yield CONJUGATES[2], design.microlens_array.distance
-    yield "aperture.distance", design.aperture.distance
-    for index, stop in enumerate(design.stops):
-        yield f"stops.{index}.distance", stop.distance
-
-
 def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
     unknown = sorted(set(symbols) - set(PATHS))
     if unknown:
@@ -260,22 +173,13 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
     """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
+    changed = [key for key in CONJUGATES if wanted.get(key) is not None]
     if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
-        return _with_lens_follower(design, wanted)
-    follows = follower([key for key in CONJUGATES if wanted.get(key) is not None])
-    if follows is None:
-        return wanted
-    resolved = dict(zip(CONJUGATES, (design.f, design.d_f, design.d_1), strict=True))
-    return {**resolved, **wanted, follows: None}
-
-
-def _with_lens_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
-    """The same where f is the lens's own: of d_f and d_1 the one that is not changed follows."""
-    _, plane, distance = CONJUGATES
-    changed = [key for key in (plane, distance) if wanted.get(key) is not None]
-    if len(changed) != 1:
-        return wanted
-    return {**wanted, plane if changed[0] == distance else distance: None}
+        # f is the lens's own: of d_f and d_1 the one that is not changed follows.
+        open_ones = [key for key in (PLANE, DISTANCE) if key not in changed]
+        return {**wanted, open_ones[0]: None} if len(open_ones) == 1 else wanted
+    follows = follower(changed)
+    return wanted if follows is None else {**{key: design[key] for key in CONJUGATES}, **wanted, follows: None}
 
 
 def _put(data: dict[str, Any], path: str, value: Any) -> None:

@@ -1,17 +1,105 @@
-"""Design files: TOML in and out, whole or not at all."""
+"""Files: designs in and out, those that ship, what kind of file a TOML is, and writing whole or not at all."""
 
 from __future__ import annotations
 
 import os
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
+from ..errors import InputError, Problem
 from ..toml_files import parse_toml, read_toml
+from .check import DesignError
 from .design import Design, build
-from .errors import DesignError
-from .kinds import expect_kind
-from .presets import preset_names, preset_path
-from .write import write_atomically
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+Kind = Literal["design", "story", "optimize", "tolerance"]
+
+
+class KindOfFile(NamedTuple):
+    """What a file of some kind is called, the command that takes it, and the keys that tell it."""
+
+    called: str
+    command: str
+    keys: tuple[str, ...]
+    shown: str
+    """The keys as a sentence lists them."""
+
+
+KINDS: Mapping[Kind, KindOfFile] = {
+    "story": KindOfFile("a story", "roslf report", ("story",), "[story]"),
+    "design": KindOfFile(
+        "a design",
+        "roslf evaluate",
+        ("main_lens", "microlens_array", "sensor"),
+        "[main_lens], [microlens_array] or [sensor]",
+    ),
+    "optimize": KindOfFile("an optimisation study", "roslf optimize", ("variables",), "[variables]"),
+    "tolerance": KindOfFile("a tolerance study", "roslf tolerance", ("grade", "perturb"), "grade or [[perturb]]"),
+}
+
+
+def _kind(data: Mapping[str, Any]) -> Kind | None:
+    return next((kind for kind, marks in KINDS.items() if any(key in data for key in marks.keys)), None)
+
+
+def kind_of(data: Mapping[str, Any], origin: str) -> Kind:
+    """What a file is: a design, a study of one of two kinds, or a story.
+
+    Raises
+    ------
+    InputError
+        None of the keys looked for is there.
+    """
+    kind = _kind(data)
+    if kind is not None:
+        return kind
+    looked = ", ".join(
+        f"{KINDS[kind].shown} ({KINDS[kind].called})" for kind in ("design", "optimize", "tolerance", "story")
+    )
+    held = f"; it has {', '.join(map(str, list(data)[:6]))}" if data else "; it is empty"
+    raise InputError((Problem("", f"is neither a design nor a study: none of {looked} is in it{held}"),), origin)
+
+
+def expect_kind(data: Mapping[str, Any], wanted: Kind, origin: str) -> None:
+    """Refuse a file that is plainly of another kind, instead of listing all the keys that it has not.
+
+    Raises
+    ------
+    InputError
+        (DesignError where a design is wanted.) Says what the file is and which command takes it.
+    """
+    kind = _kind(data) or wanted
+    if kind != wanted and not any(key in data for key in KINDS[wanted].keys):
+        refusal = DesignError if wanted == "design" else InputError
+        message = f"is {KINDS[kind].called}, not {KINDS[wanted].called}; {KINDS[kind].command} takes it"
+        raise refusal((Problem("", message),), origin)
+
+
+def _presets() -> Path:
+    installed = _PACKAGE / "designs"
+    return installed if installed.is_dir() else _PACKAGE.parent / "designs"
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the designs that ship, the paper's first."""
+    names = sorted(path.stem for path in _presets().glob("*.toml"))
+    return tuple(sorted(names, key=lambda name: (not name.startswith("paper"), name)))
+
+
+def preset_path(name: str) -> Path:
+    """Where the design file of a preset lies.
+
+    Raises
+    ------
+    KeyError
+        No preset is called that.
+    """
+    if name not in preset_names():
+        raise KeyError(f"no preset is called {name!r}; there are {', '.join(preset_names())}")
+    return _presets() / f"{name}.toml"
 
 
 def load(path: str | os.PathLike[str]) -> Design:
@@ -69,3 +157,24 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     if not overwrite and Path(path).exists():
         raise FileExistsError(f"{path} exists; choose another name or pass overwrite=True")
     write_atomically(Path(path), dumps(design).encode())
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write to a temporary name beside `path`, then rename.
+
+    Raises
+    ------
+    OSError
+        Folder missing or unwritable, disk full; `path` is then as it was.
+    """
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -7,14 +7,21 @@ z by t_x about x, then by t_y about y.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Generic, Literal, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..units import Angle, AnyLength, Distance, Length
 from .real_lens import Lens
 
+Number = float | NDArray[np.float64]
+"""A float, or an array that broadcasts to whatever builds (and fields) there are."""
+N = TypeVar("N", float, Number)
+Layout = Literal["square", "hexagonal"]
+"""How microlenses are packed; hexagonal rows run along the array's x axis."""
 Offset = tuple[AnyLength, AnyLength]
 Tilt = tuple[Angle, Angle]
 Size = tuple[Length, Length]
@@ -81,8 +88,8 @@ class MicrolensArray(Part):
     """d_1, main lens to MLA [mm]; None where f and d_f give it."""
     size: Size
     """Width and height [mm]."""
-    layout: Literal["square", "hexagonal"] = "square"
-    """How the microlenses are packed; hexagonal rows run along x."""
+    layout: Layout = "square"
+    """How the microlenses are packed."""
     lens_shape: Literal["square", "circular"] = "square"
     """Clear aperture of one microlens, as wide as the pitch."""
     rotation: Angle = 0.0
@@ -115,3 +122,94 @@ class Light(Part):
 
     wavelength: Length = 550e-6
     """lambda [mm]."""
+
+
+PATHS: dict[str, str] = {
+    "D": "main_lens.diameter",
+    "f": "main_lens.focal_length",
+    "d_f": "main_lens.focal_plane",
+    "d_1": "microlens_array.distance",
+    "D_F": "aperture.diameter",
+    "d_3": "aperture.distance",
+    "d": "microlens_array.pitch",
+    "f_ml": "microlens_array.focal_length",
+    "d_2": "sensor.distance",
+    "q": "sensor.pixel",
+    "wavelength": "light.wavelength",
+}
+"""The paper's symbol to its place in a design file."""
+
+
+class Symbols(Generic[N]):
+    """The paper's symbols of what has a number at every dotted place of a design."""
+
+    def __getitem__(self, place: str) -> N:
+        raise NotImplementedError
+
+    @property
+    def f(self) -> N:
+        """Main lens focal length [mm]."""
+        return self[PATHS["f"]]
+
+    @property
+    def d_f(self) -> N:
+        """Focal plane before the main lens [mm]."""
+        return self[PATHS["d_f"]]
+
+    @property
+    def d_1(self) -> N:
+        """Main lens to microlens array (MLA) [mm]."""
+        return self[PATHS["d_1"]]
+
+    @property
+    def d_2(self) -> N:
+        """Microlens array to sensor [mm]."""
+        return self[PATHS["d_2"]]
+
+    @property
+    def d_3(self) -> N:
+        """Flexible angular plane (FAP) before the main lens [mm]."""
+        return self[PATHS["d_3"]]
+
+    @property
+    def D(self) -> N:
+        """Main lens clear aperture [mm]."""
+        return self[PATHS["D"]]
+
+    @property
+    def D_F(self) -> N:
+        """FAP diameter [mm]."""
+        return self[PATHS["D_F"]]
+
+    @property
+    def d(self) -> N:
+        """Microlens pitch [mm]."""
+        return self[PATHS["d"]]
+
+    @property
+    def f_ml(self) -> N:
+        """Microlens focal length [mm]."""
+        return self[PATHS["f_ml"]]
+
+    @property
+    def wavelength(self) -> N:
+        """Wavelength lambda [mm]."""
+        return self[PATHS["wavelength"]]
+
+    @property
+    def q(self) -> N:
+        """Pixel pitch as seen at the MLA's image plane [mm]: the sensor's pixel over the relay's magnification."""
+        return self[PATHS["q"]] / self["sensor.relay_magnification"]
+
+    @property
+    def sensor_size(self) -> tuple[N, N]:
+        """Width and height of the sensor as seen at the MLA's image plane [mm]."""
+        relay = self["sensor.relay_magnification"]
+        return self["sensor.size.0"] / relay, self["sensor.size.1"] / relay
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Whole pixels across the sensor's width and height, of one camera."""
+        width, height = (float(self[f"sensor.size.{axis}"] / self[PATHS["q"]]) for axis in (0, 1))
+        # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
+        return int(width + 1e-3), int(height + 1e-3)

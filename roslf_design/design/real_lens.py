@@ -8,8 +8,7 @@ file then needs nothing beside it, and can be moved.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,13 +16,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
 
-from ..errors import InputError, Problem
 from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
 from ..lenses.prescription import Prescription, first_order
-from ..units import format_quantity
-
-AGREEMENT = 1e-6
-"""Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
 
 def read_prescription(value: Any, folder: str | Path = "") -> Prescription | None:
@@ -45,7 +39,6 @@ def read_prescription(value: Any, folder: str | Path = "") -> Prescription | Non
     """
     if value is None:
         return None
-
     if isinstance(value, Prescription):
         return value
     if isinstance(value, Mapping):
@@ -65,7 +58,6 @@ def written(lens: Prescription | None) -> str | dict[str, Any] | None:
     """What a design file says of a lens: its name where it ships, else a table of its own."""
     if lens is None:
         return None
-
     if lens.name.lower() in shipped_names() and load_lens(lens.name.lower()) == replace(lens, name=lens.name):
         return lens.name
     return table_of(lens)
@@ -104,36 +96,3 @@ def focal_length_at(lens: Prescription, wavelength: float) -> float:
         The wavelength is outside a glass's range.
     """
     return first_order(lens, wavelength).focal_length
-
-
-def lens_problems(
-    lens: Prescription | None, turned: bool, wavelength: float, given_focal: float | None, given_diameter: float | None
-) -> Iterator[Problem]:
-    """What a main lens's keys contradict: the lens's own focal length and diameter, its glasses' wavelengths."""
-    if lens is None:
-        if turned:
-            message = "an ideal lens looks the same from both sides; drop it, or give main_lens.prescription"
-            yield Problem("main_lens.reversed", message)
-        return
-    try:
-        focal = focal_length_at(lens, wavelength)
-    except InputError as error:
-        for problem in error.problems:
-            yield Problem("light.wavelength", f"{lens.name}: {problem.message}")
-        return
-    if not (0 < focal < math.inf):
-        yield Problem("main_lens.prescription", f"{lens.name} does not converge light; it forms no real image")
-    elif given_focal is not None and abs(given_focal / focal - 1) > AGREEMENT:
-        yield Problem(
-            "main_lens.focal_length",
-            f"{format_quantity(given_focal, 'length')} contradicts the prescription: {lens.name} has f = {focal:.7g} "
-            f"mm at {format_quantity(wavelength, 'length')} (residual {given_focal - focal:+.4g} mm); drop "
-            "main_lens.focal_length",
-        )
-    widest = own_diameter(lens)
-    if given_diameter is not None and given_diameter > widest * (1 + AGREEMENT):
-        yield Problem(
-            "main_lens.diameter",
-            f"{format_quantity(given_diameter, 'length')} is wider than {lens.name}, whose clear diameter is "
-            f"{widest:.6g} mm; drop it, or give a smaller one for a stop at the lens",
-        )

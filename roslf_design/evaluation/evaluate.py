@@ -13,7 +13,7 @@ from ..camera import Camera
 from ..design import Design, load
 from ..effects.plan import plan
 from ..theory import exit_pupil
-from ..theory.disparity import SIGMA_DISPARITY
+from ..theory.light_field import SIGMA_DISPARITY
 from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import field_limit
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._points import sunflower
+from .._arrays import sunflower
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design, DesignError
 from ..pictures.theme import short
-from ..theory.disparity import depth_sigma
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, half_diagonal, microlens_defocus_blur
+from ..theory.light_field import depth_sigma
 from ..theory.vignetting import field_limit, room_at, undistorted_radii
 
 Floats = NDArray[np.float64]

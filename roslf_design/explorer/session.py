@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError
 from ..evaluation import evaluate
 from ..pictures.picture import Picture

@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
 
-from ..design import Design, DesignError, dumps, loads
-from ..design.parameters import PATHS
+from ..design import PATHS, Design, DesignError, dumps, loads
 from ..errors import Problem
 from ..evaluation import default_fields
 from ..units import UNITS, parse_quantity

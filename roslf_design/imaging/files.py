@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from .render import RawImage
 

@@ -14,8 +14,7 @@ from pydantic import Field, ValidationError, field_validator
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
-from ..design.files import load_beside
-from ..design.kinds import expect_kind
+from ..design.files import expect_kind, load_beside
 from ..design.parts import Stop
 from ..errors import InputError, Problem
 from ..json_data import plain

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..camera import Camera
-from ..theory.disparity import SIGMA_DISPARITY, depth_sigma, rim_disparity
 from ..theory.f_number import matched, mismatch_px
 from ..theory.light import half_diagonal
+from ..theory.light_field import SIGMA_DISPARITY, depth_sigma, rim_disparity
 from ..theory.vignetting import room_at
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
 from .picture import Panel, Picture, Scale, legend_height, one_panel

@@ -1,6 +1,5 @@
 """Rays through stops, main lens and microlenses, every one with a fate."""
 
-from .pupil import Fan, PupilRays, fans, trace_pupil
-from .status import PASSED, Status, describe
+from .pupil import PASSED, Fan, PupilRays, Status, describe, fans, trace_pupil
 
 __all__ = ["PASSED", "Fan", "PupilRays", "Status", "describe", "fans", "trace_pupil"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -9,12 +11,62 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, plus, times
-from ..theory.stop_images import LensPoint, Projected, lens_point, project
-from .status import Status, status_of
+from ..theory.stop_images import Projected, lens_point, project
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Point = tuple[ArrayLike, ArrayLike]
+
+
+class Status(IntEnum):
+    """Fate of one ray; stored as one byte. Codes from `APERTURE` on number the stops: stop k is ``APERTURE + k``."""
+
+    KEPT = 0
+    """Passed everything; it landed in its own microlens's cell."""
+    MAIN_LENS = 1
+    """Clipped by the main lens's clear aperture."""
+    MICROLENS = 2
+    """Outside the clear aperture of its microlens."""
+    OFF_SENSOR = 3
+    """Missed the sensor."""
+    NEIGHBOUR = 4
+    """Landed on the sensor, outside its own microlens's cell."""
+    UNTRACEABLE = 5
+    """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
+    APERTURE = 16
+    """Clipped by the flexible angular plane (FAP), which is stop 0; further stops follow."""
+
+
+PASSED = (int(Status.KEPT), int(Status.NEIGHBOUR), int(Status.OFF_SENSOR))
+"""Past every rim, wherever on the sensor's plane it landed."""
+
+_NAMES = {
+    Status.KEPT: "kept",
+    Status.MAIN_LENS: "clipped by main lens",
+    Status.MICROLENS: "outside its microlens",
+    Status.OFF_SENSOR: "off the sensor",
+    Status.NEIGHBOUR: "in a neighbour's cell",
+    Status.UNTRACEABLE: "untraceable",
+    Status.APERTURE: "clipped by flexible angular plane",
+}
+
+
+def describe(code: int) -> str:
+    """Readable name of a status code: "clipped by main lens", "clipped by stop 2".
+
+    Raises
+    ------
+    ValueError
+        A number that is no status.
+    """
+    if Status.APERTURE < code <= 255:
+        return f"clipped by stop {code - Status.APERTURE}"
+    try:
+        return _NAMES[Status(code)]
+    except ValueError:
+        raise ValueError(
+            f"{code} is not a ray status: expected 0 to 5, or {Status.APERTURE} + a stop's index"
+        ) from None
 
 
 class PupilRays(NamedTuple):
@@ -77,13 +129,13 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
             # A number that is not finite is no way through.
             passes[rim.name] = np.broadcast_to(x * x + y * y <= np.square(rim.radius), shape)
             good = good & crossing.ahead(a, b)
-        lx, ly = Projected(*point).at(a, b)
+        lx, ly = point.at(a, b)
         ray: Vector = (minus(axis[0], bend * lx) / axis[2], minus(axis[1], bend * ly) / axis[2], 1.0)
         height, slope = _in_system(camera, (lx, ly, 0.0), ray)
         width, tall = camera.sensor_size
         on_sensor = (np.abs(px) <= width / 2) & (np.abs(py) <= tall / 2)
         own = _own_cell(camera, cx, cy, landing, px, py)
-    status = status_of(camera, shape, passes, on_sensor=on_sensor, own_cell=own, traceable=good)
+    status = _status_of(camera, shape, passes, on_sensor=on_sensor, own_cell=own, traceable=good)
     lit = status != Status.UNTRACEABLE
 
     def pair(x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -92,16 +144,38 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
     return PupilRays(status, pair(px, py), pair(*height), pair(*slope), passes)
 
 
-def _through(camera: Camera, x: Floats, y: Floats) -> tuple[Vector, LensPoint, Projected]:
+def _status_of(
+    camera: Camera,
+    shape: tuple[int, ...],
+    passes: Mapping[str, Mask],
+    *,
+    on_sensor: Mask,
+    own_cell: Mask,
+    traceable: Mask,
+) -> NDArray[np.uint8]:
+    """Status of every ray: who takes it first, in the order of light; the masks broadcast to `shape`."""
+    codes = {"FAP": int(Status.APERTURE), "main lens": int(Status.MAIN_LENS)}
+    codes |= {rim.name: Status.APERTURE + k for k, rim in enumerate(camera.rims[1:], 1)}
+    status = np.full(shape, Status.KEPT, np.uint8)
+    # Light's first obstacle overrules what would take the ray later.
+    np.copyto(status, np.uint8(Status.NEIGHBOUR), where=~own_cell)
+    np.copyto(status, np.uint8(Status.OFF_SENSOR), where=~on_sensor)
+    for rim in reversed(camera.in_light_order):
+        np.copyto(status, np.uint8(codes[rim.name]), where=~passes[rim.name])
+    np.copyto(status, np.uint8(Status.UNTRACEABLE), where=~traceable)
+    return status
+
+
+def _through(camera: Camera, x: Floats, y: Floats) -> tuple[Vector, Projected, Projected]:
     """A microlens in the lens's frame, and the ways from the FAP's plane to the lens and to the sensor through it."""
     axis = camera.microlens(x, y)
     point = lens_point(camera, camera.fap, axis)
     return axis, point, project(point, axis, 1.0, camera.pose("sensor"))
 
 
-def _crossing(camera: Camera, rim: Rim, point: LensPoint, axis: Vector) -> Projected:
+def _crossing(camera: Camera, rim: Rim, point: Projected, axis: Vector) -> Projected:
     if rim.part == "main_lens":
-        return Projected(*point)
+        return point
     return project(point, axis, minus(1.0, axis[2] / camera.f), camera.pose(rim.part))
 
 
@@ -124,7 +198,7 @@ def _own_cell(camera: Camera, x: Floats, y: Floats, landing: Projected, px: Floa
     d = camera.d
 
     def chief(dx: float, dy: float) -> tuple[Floats, Floats]:
-        u, v = _through(camera, x + dx * d, y + dy * d)[2].centre
+        u, v = camera.chief_point(x + dx * d, y + dy * d)
         return np.asarray(u), np.asarray(v)
 
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = chief(1, 0), chief(-1, 0), chief(0, 1), chief(0, -1)

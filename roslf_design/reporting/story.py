@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ..design import Design, preset_names
-from ..design.files import load_beside
-from ..design.kinds import Kind, kind_of
+from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..optimization.study import designs, run

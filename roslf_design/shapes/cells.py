@@ -7,9 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import kernel
 from .circles import TURN, exclude, leave, trace
-from .discs import INTERPRETED_BELOW, checked
+from .discs import checked
 
 Floats = NDArray[np.float64]
 Array = Floats
@@ -49,15 +48,10 @@ def area_in_polygon(centres: ArrayLike, radii: ArrayLike, polygon: ArrayLike) ->
         raise ValueError("the polygon must be convex, with an area, and its corners in order")
     lead = np.broadcast_shapes(radius.shape[:-1], corners.shape[:-2])
     k, m, n = radius.shape[-1], corners.shape[-2], math.prod(lead)
-    area = np.empty(n)
-    run = cell_areas.interpreted if n * (k + m) < INTERPRETED_BELOW else cell_areas.compiled
-    run(
-        np.ascontiguousarray(np.broadcast_to(centre, (*lead, k, 2))).reshape(n, k, 2),
-        np.ascontiguousarray(np.broadcast_to(radius, (*lead, k))).reshape(n, k),
-        np.ascontiguousarray(np.broadcast_to(corners, (*lead, m, 2))).reshape(n, m, 2),
-        area,
-    )
-    return area.reshape(lead)
+    centre = np.broadcast_to(centre, (*lead, k, 2)).reshape(n, k, 2)
+    radius = np.broadcast_to(radius, (*lead, k)).reshape(n, k)
+    corners = np.broadcast_to(corners, (*lead, m, 2)).reshape(n, m, 2)
+    return np.array([_inside(*one) for one in zip(centre, radius, corners, strict=True)], float).reshape(lead)
 
 
 def area_in_rectangle(centres: ArrayLike, radii: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
@@ -92,8 +86,21 @@ def _doubled_area(corners: Array) -> Array:
     return np.asarray(_cross(spokes, np.roll(spokes, -1, -2)).sum(-1))
 
 
-@kernel()
-def edge(polygon: Floats, e: int) -> tuple[float, float, float, float, float]:
+def _inside(centres: Array, radii: Array, polygon: Array) -> float:
+    """Area of one common part, centres (K, 2), radii (K,), in a polygon (M, 2), counterclockwise."""
+    k, corners = len(radii), len(polygon)
+    discs, arcs = np.column_stack([centres, radii, np.empty(k)]), np.empty((k * k, 5))
+    work = np.empty((max(k, 2 * corners + 3), 2))
+    count, _, _ = trace.interpreted(discs, work, arcs)
+    if count == 0:
+        return 0.0
+    # From here on about disc 0, where the digits are.
+    discs[:, :2] -= centres[0]
+    near = polygon - centres[0]
+    return max(0.0, _arcs_inside(discs, arcs, count, near, work) + _edges_inside(discs, near))
+
+
+def _edge(polygon: Floats, e: int) -> tuple[float, float, float, float, float]:
     """Edge e of a polygon: where it starts, its direction and length (direction 0, 0 where that is 0)."""
     x = polygon[e, 0]
     y = polygon[e, 1]
@@ -106,8 +113,7 @@ def edge(polygon: Floats, e: int) -> tuple[float, float, float, float, float]:
     return x, y, dx, dy, length
 
 
-@kernel()
-def arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: Floats) -> float:
+def _arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: Floats) -> float:
     """Green's integral ``(x dy - y dx)/2`` along those parts of traced arcs that lie in the polygon."""
     corners = len(polygon)
     parts = work[corners + 1 :]
@@ -125,7 +131,7 @@ def arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: 
             m = exclude(origin, TURN - free, origin, m, work)
         outside = False
         for e in range(corners):
-            ax, ay, dx, dy, length = edge(polygon, e)
+            ax, ay, dx, dy, length = _edge(polygon, e)
             if length <= 0.0:
                 continue
             # To the last bit as for the edges below: what one leaves out of a circle that just touches, the other does.
@@ -142,9 +148,9 @@ def arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: 
         if outside:
             continue
         n = 1
-        if m == 0:
-            parts[0, 0] = 0.0
-            parts[0, 1] = TURN
+        if m == 0 or (m == 1 and free < TURN):  # no edge cuts it
+            parts[0, 0] = arcs[k, 0]
+            parts[0, 1] = arcs[k, 1]
         else:
             n = leave(origin, m, work, parts, 0)
         for p in range(n):
@@ -155,13 +161,12 @@ def arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: 
     return total
 
 
-@kernel()
-def edges_inside(discs: Floats, polygon: Floats) -> float:
+def _edges_inside(discs: Floats, polygon: Floats) -> float:
     """The same integral along those parts of the polygon's edges that lie in all discs."""
     corners = len(polygon)
     total = 0.0
     for e in range(corners):
-        ax, ay, dx, dy, high = edge(polygon, e)
+        ax, ay, dx, dy, high = _edge(polygon, e)
         low = 0.0
         for i in range(len(discs)):
             if discs[i, 3] != 0.0:
@@ -179,31 +184,3 @@ def edges_inside(discs: Floats, polygon: Floats) -> float:
         if high > low:
             total += 0.5 * (ax * dy - ay * dx) * (high - low)
     return total
-
-
-@kernel()
-def cell_areas(centres: Floats, radii: Floats, polygons: Floats, area: Floats) -> None:
-    """Areas of n common parts, centres (n, K, 2), radii (n, K), each in its own polygon (n, M, 2), counterclockwise."""
-    n, k = radii.shape
-    corners = polygons.shape[1]
-    discs = np.empty((k, 4))
-    arcs = np.empty((k * k, 3))
-    polygon = np.empty((corners, 2))
-    work = np.empty((max(k, 2 * corners + 3), 2))
-    for s in range(n):
-        for j in range(k):
-            discs[j, 0] = centres[s, j, 0]
-            discs[j, 1] = centres[s, j, 1]
-            discs[j, 2] = radii[s, j]
-        count = trace(discs, work, arcs)
-        area[s] = 0.0
-        if count == 0:
-            continue
-        # From here on about disc 0, where the digits are.
-        for c in range(2):
-            for j in range(k):
-                discs[j, c] -= centres[s, 0, c]
-            for j in range(corners):
-                polygon[j, c] = polygons[s, j, c] - centres[s, 0, c]
-        whole = arcs_inside(discs, arcs, count, polygon, work) + edges_inside(discs, polygon)
-        area[s] = max(0.0, whole)

@@ -1,4 +1,4 @@
-"""Circles: where two meet, caps and crescents, and the boundary of the common part of discs, as kernels.
+"""Circles: where two meet, caps, and the boundary of the common part of discs, as kernels.
 
 Everything the shapes need is a smooth integral or an exact gap here, so that nothing small is ever a difference of
 two large numbers: the two gaps of a pair of circles come from error-free sums, and thin pieces from quadrature of
@@ -148,39 +148,6 @@ def cap(sine: float, cosine: float) -> tuple[float, float, float, float]:
     return area, beyond - cosine, xx, yy
 
 
-@kernel()
-def crescent(ri: float, rj: float, d: float, height: float, foot_i: float, foot_j: float) -> float:
-    """Area of disc i outside disc j, for circles that cross; arguments as `meet` gives them. Right relative to itself.
-
-    A barely cut disc loses the lens between two arcs of almost the same chord; its width at height t is
-    ``(h^2 - t^2)(1/a_r - 1/a_R)``, ``a = sqrt(r^2 - t^2) + |foot|``, cleared of the difference and integrated.
-    """
-    r = min(ri, rj)
-    R = max(ri, rj)
-    foot_r = foot_i if ri <= rj else foot_j
-    foot_R = foot_j if ri <= rj else foot_i
-    gain = (R - r) * (R + r)
-    if foot_r < 0.0 and height <= 0.75 * r:
-        lost = 0.0
-        hh = height * height
-        at_foot = 1.0 / (foot_R - foot_r)
-        for n in range(16):
-            tt = hh * NODES[n] * NODES[n]
-            near = math.sqrt((r * r) - tt)
-            far = math.sqrt((R * R) - tt)
-            lost += WEIGHTS[n] * (hh - tt) * (1.0 / (far + near) + at_foot) / ((near - foot_r) * (far + foot_R))
-        lost *= 2.0 * height * gain
-    elif r <= 0.5 * R:
-        lost = r * r * cap(height / r, -foot_r / r)[0] - R * R * cap(height / R, foot_R / R)[0]
-    else:
-        opening = math.atan2(d * height, height * height - foot_r * foot_R)
-        # Triangle of the centres and a crossing point, and the sector its angle there sweeps: all of the size of d.
-        lost = d * height + r * r * opening - gain * math.atan2(height, foot_R)
-    if ri > rj:
-        lost += math.pi * gain
-    return lost
-
-
 Meeting = tuple[int, float, float, float, float, float, float]
 
 TURN = 2.0 * math.pi
@@ -272,7 +239,7 @@ def leave(origin: float, m: int, intervals: Floats, out: Floats, filled: int) ->
 
 
 @kernel()
-def trace(discs: Floats, intervals: Floats, arcs: Floats) -> int:
+def trace(discs: Floats, intervals: Floats, arcs: Floats) -> tuple[int, int, int]:
     """Boundary of the common part: its arcs counterclockwise, in the order of their outward normals.
 
     Along the boundary of a convex part the normal only ever turns one way, and the normals of an arc are its own
@@ -283,64 +250,61 @@ def trace(discs: Floats, intervals: Floats, arcs: Floats) -> int:
     discs, intervals
         The K discs, rows (x, y, r, mark), and workspace (K, 2).
     arcs
-        Results, room for K * K rows: start in [0, 2 pi) and end [rad], disc.
+        Results, room for K * K rows: start in [0, 2 pi) and end [rad], disc, sine and cosine of half its angle.
 
     Returns
     -------
-    int
-        Number of arcs; 0 if the part is empty.
+    (count, first, second)
+        Number of arcs; 0 if the part is empty, then the two discs that have nothing in common, or -1, -1 if it takes
+        more than two.
     """
     n, first, second = survivors(discs)
     if n == 0:
-        return 0
-    if n == 1:
-        arcs[0, 0] = 0.0
-        arcs[0, 1] = TURN
-        arcs[0, 2] = first
-        return 1
+        return 0, first, second
     total = 0
-    if n == 2:
-        _, ux, uy, _, height, foot, back = between(discs, first, second)
-        towards = math.atan2(uy, ux)
-        half = math.atan2(height, foot)
-        arcs[0, 0] = towards - half
-        arcs[0, 1] = towards + half
-        arcs[0, 2] = first
-        half = math.atan2(height, back)
-        arcs[1, 0] = towards + math.pi - half
-        arcs[1, 1] = towards + math.pi + half
-        arcs[1, 2] = second
-        total = 2
-    else:
-        for i in range(len(discs)):
-            if discs[i, 3] != 0.0:
-                m = 0
-                origin = 0.0
-                # Each other disc excludes one interval of circle i; what their union leaves is boundary.
-                for j in range(len(discs)):
-                    if j != i and discs[j, 3] != 0.0:
-                        relation, ux, uy, _, height, foot, _ = between(discs, i, j)
-                        if relation == CROSSING:
-                            half = math.atan2(height, foot)
-                            start = math.atan2(uy, ux) + half
-                            if m == 0:
-                                origin = start
-                            m = exclude(start, TURN - 2.0 * half, origin, m, intervals)
-                found = leave(origin, m, intervals, arcs, total)
-                for k in range(total, found):
-                    arcs[k, 2] = i
-                total = found
-    for k in range(total):
-        shift = TURN * math.floor(arcs[k, 0] / TURN)
-        start = arcs[k, 0] - shift
-        end = arcs[k, 1] - shift
-        disc = arcs[k, 2]
-        m = k
-        while m > 0 and arcs[m - 1, 0] > start:
-            for c in range(3):
-                arcs[m, c] = arcs[m - 1, c]
-            m -= 1
-        arcs[m, 0] = start
-        arcs[m, 1] = end
-        arcs[m, 2] = disc
-    return total
+    for i in range(len(discs)):
+        if discs[i, 3] != 0.0:
+            m = 0
+            origin = 0.0
+            half = math.pi
+            towards = math.pi
+            sine = 0.0
+            cosine = -1.0
+            # Each other disc excludes one interval of circle i; what their union leaves is boundary.
+            for j in range(len(discs)):
+                if j != i and discs[j, 3] != 0.0:
+                    relation, ux, uy, _, height, foot, _ = between(discs, i, j)
+                    if relation == CROSSING:
+                        half = math.atan2(height, foot)
+                        towards = math.atan2(uy, ux) if i < j else math.atan2(-uy, -ux) + math.pi
+                        if m == 0:
+                            origin = towards + half
+                        m = exclude(towards + half, TURN - 2.0 * half, origin, m, intervals)
+                        sine = height / discs[i, 2]
+                        cosine = foot / discs[i, 2]
+            if m > 1:
+                filled = leave(origin, m, intervals, arcs, total)
+            else:  # its only chord, to the last bit, or the whole circle
+                filled = total + 1
+                arcs[total, 0] = towards - half
+                arcs[total, 1] = towards + half
+            for k in range(total, filled):
+                if m > 1:
+                    half = 0.5 * (arcs[k, 1] - arcs[k, 0])
+                    sine = math.sin(half)
+                    cosine = math.cos(half)
+                shift = TURN * math.floor(arcs[k, 0] / TURN)
+                start = arcs[k, 0] - shift
+                end = arcs[k, 1] - shift
+                at = k
+                while at > 0 and arcs[at - 1, 0] > start:
+                    for c in range(5):
+                        arcs[at, c] = arcs[at - 1, c]
+                    at -= 1
+                arcs[at, 0] = start
+                arcs[at, 1] = end
+                arcs[at, 2] = i
+                arcs[at, 3] = sine
+                arcs[at, 4] = cosine
+            total = filled
+    return total, -1, -1

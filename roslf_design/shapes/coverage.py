@@ -103,9 +103,30 @@ def coverage_image(
         raise ValueError(f"out has shape {image.shape}, but the window's is {shape}")
     if image.dtype not in (np.float32, np.float64):
         raise ValueError(f"an image of coverage is float32 or float64, not {image.dtype}")
-    _check_pixel(pixel)
+    if not (pixel > 0 and math.isfinite(pixel)):
+        raise ValueError(f"pixel must be above 0 mm, not {pixel}")
+    axis, centre, radius = _flat(axes, centres, radii)
+    if image.size == 0 or len(axis) == 0:
+        return image
     origin = sensor_centre[0] - 0.5 * columns * pixel, sensor_centre[1] - 0.5 * rows * pixel
-    _add(*_flat(axes, centres, radii), origin, pixel, low_row, low_column, image, parallel)
+    far = (np.abs(axis).max() + np.abs(centre).max() + max(map(abs, origin))) / pixel
+    if not far <= LARGEST_SENSOR:
+        raise ValueError(f"a microlens up to {far:g} pixels from the sensor's corner: check axes, centres and pixel")
+    across = 2 * radius.min(axis=-1) / pixel
+    if across.max() > LARGEST_PART:
+        raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
+    if radius.max() / pixel > LARGEST_RADIUS:
+        centre, radius = _without_vast_discs(centre, radius, pixel)
+    arguments = (axis, centre, radius, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
+    pixels = int(((across + 2) ** 2).sum())
+    if not coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
+        _interpreted[0] += pixels
+        coverage.interpreted(*arguments)
+    elif parallel and pixels >= INTERPRETED_BELOW:
+        with THREADS:
+            coverage_bands.compiled(*arguments, min(len(image), BANDS))
+    else:
+        coverage.compiled(*arguments)
     return image
 
 
@@ -127,11 +148,6 @@ def _flat(axes: ArrayLike, centres: ArrayLike, radii: ArrayLike) -> tuple[Array,
     )
 
 
-def _check_pixel(pixel: float) -> None:
-    if not (pixel > 0 and math.isfinite(pixel)):
-        raise ValueError(f"pixel must be above 0 mm, not {pixel}")
-
-
 def _without_vast_discs(centres: Array, radii: Array, pixel: float) -> tuple[Array, Array]:
     """Replace discs too large for the kernel, which clip nothing, by copies of the smallest one."""
     vast = radii > LARGEST_RADIUS * pixel
@@ -145,41 +161,6 @@ def _without_vast_discs(centres: Array, radii: Array, pixel: float) -> tuple[Arr
             "are possible: check its stop"
         )
     return np.where(vast[..., None], c, centres), np.where(vast, r, radii)
-
-
-def _add(
-    axes: Array,
-    centres: Array,
-    radii: Array,
-    origin: tuple[float, float],
-    pixel: float,
-    first_row: int,
-    first_column: int,
-    image: Image,
-    parallel: bool,
-) -> None:
-    """Run the kernel that the problem's size asks for."""
-    if image.size == 0 or len(axes) == 0:
-        return
-    far = (np.abs(axes).max() + np.abs(centres).max() + max(map(abs, origin))) / pixel
-    if not far <= LARGEST_SENSOR:
-        raise ValueError(f"a microlens up to {far:g} pixels from the sensor's corner: check axes, centres and pixel")
-    across = 2 * radii.min(axis=-1) / pixel
-    if across.max() > LARGEST_PART:
-        raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
-    if radii.max() / pixel > LARGEST_RADIUS:
-        centres, radii = _without_vast_discs(centres, radii, pixel)
-    side = int(across.max()) + 4
-    arguments = (axes, centres, radii, *origin, pixel, first_row, first_column, side, image)
-    pixels = int(((across + 2) ** 2).sum())
-    if not coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
-        _interpreted[0] += pixels
-        coverage.interpreted(*arguments)
-    elif parallel and pixels >= INTERPRETED_BELOW:
-        with THREADS:
-            coverage_bands.compiled(*arguments, min(len(image), BANDS))
-    else:
-        coverage.compiled(*arguments)
 
 
 QUARTER = 0.5 * math.pi
@@ -411,7 +392,7 @@ def coverage(
     height, width = image.shape
     discs = np.empty((count, 4))
     intervals = np.empty((count, 2))
-    arcs = np.empty((count * count, 3))
+    arcs = np.empty((count * count, 5))
     acc = np.zeros((side, side + 1))
     # Few arrays, as each costs a little at every call of a kernel.
     tables = np.empty((3, 2, side + BLOCK))
@@ -448,7 +429,7 @@ def coverage(
         row += low_y - first_row
         if column >= width or row >= height or column + columns <= 0 or row + rows <= 0:
             continue
-        pieces = trace(discs, intervals, arcs)
+        pieces, _, _ = trace(discs, intervals, arcs)
         for j in range(rows):
             tables[REACH, 0, j] = columns
             tables[REACH, 1, j] = -1.0

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._jit import kernel
-from .circles import INSIDE, NODES, WEIGHTS, between, cap, crescent, survivors, trace
+from .._jit import Kernel, kernel
+from .circles import INSIDE, NODES, WEIGHTS, between, cap, trace
 
 Floats = NDArray[np.float64]
 Array = Floats
@@ -72,12 +72,6 @@ class DiscIntersection(NamedTuple):
         minor = np.divide(xx * yy - xy * xy, major, out=np.zeros_like(major), where=major > 0)
         return np.asarray(np.sqrt(np.divide(np.maximum(minor, 0.0), major, out=np.zeros_like(major), where=major > 0)))
 
-    @property
-    def orientation(self) -> Array:
-        """Direction of the major axis from +x [rad], in (-pi/2, pi/2], shape (...); 0 where the axes are equal."""
-        xx, xy, yy = np.moveaxis(self.second_moments, -1, 0)
-        return np.asarray(0.5 * np.arctan2(2 * xy, xx - yy))
-
 
 class Arc(NamedTuple):
     """Piece of a circle, counterclockwise."""
@@ -119,18 +113,27 @@ def intersect(centres: ArrayLike, radii: ArrayLike) -> DiscIntersection:
     """
     centre, radius = checked(centres, radii)
     lead, k = radius.shape[:-1], radius.shape[-1]
-    n = math.prod(lead)
-    area, kept, lost = np.empty(n), np.empty(n), np.empty(n)
-    centroid, moments = np.empty((n, 2)), np.empty((n, 3))
-    status, clipping = np.empty(n, np.int8), np.empty((n, k), np.bool_)
-    run = shapes.interpreted if n * k < INTERPRETED_BELOW else shapes.compiled
-    run(centre.reshape(n, k, 2), radius.reshape(n, k), area, centroid, moments, kept, lost, status, clipping)
+    return common(shapes, INTERPRETED_BELOW, centre.reshape(-1, k, 2), radius.reshape(-1, k), lead)
+
+
+def common(
+    kernel: Kernel[..., None], interpreted_below: int, centres: Array, sizes: Array, lead: tuple[int, ...]
+) -> DiscIntersection:
+    """Run a kernel over n sets of K stops, (n, K, ...), and lay out the table that it fills.
+
+    The table's columns, shape (n, 8), are area, kept and lost fraction, centroid, moments; interpreted for few.
+    """
+    n, k = centres.shape[:2]
+    table, status, clipping = np.empty((n, 8)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
+    run = kernel.interpreted if n * k < interpreted_below else kernel.compiled
+    run(centres, sizes, table, status, clipping)
+    area, kept, lost = table[:, :3].T.reshape(3, *lead)
     return DiscIntersection(
-        area.reshape(lead),
-        centroid.reshape(*lead, 2),
-        moments.reshape(*lead, 3),
-        kept.reshape(lead),
-        lost.reshape(lead),
+        area,
+        table[:, 3:5].reshape(*lead, 2),
+        table[:, 5:].reshape(*lead, 3),
+        kept,
+        lost,
         status.reshape(lead),
         clipping.reshape(*lead, k),
     )
@@ -148,9 +151,9 @@ def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[Arc, ...]:
     if radius.ndim != 1:
         raise ValueError(f"boundary_arcs takes one shape, radii of shape (K,), not {radius.shape}: call it for each")
     k = len(radius)
-    discs, arcs = np.column_stack([centre, radius, np.empty(k)]), np.empty((k * k, 3))
-    count = trace.interpreted(discs, np.empty((k, 2)), arcs)
-    return tuple(Arc(int(disc), float(start), float(end)) for start, end, disc in arcs[:count])
+    discs, arcs = np.column_stack([centre, radius, np.empty(k)]), np.empty((k * k, 5))
+    count, _, _ = trace.interpreted(discs, np.empty((k, 2)), arcs)
+    return tuple(Arc(int(disc), float(start), float(end)) for start, end, disc, _, _ in arcs[:count])
 
 
 def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) -> Array:
@@ -227,16 +230,6 @@ def add_cap(total: Floats, r: float, sine: float, cosine: float, x: float, y: fl
 
 
 @kernel()
-def add_lens(
-    total: Floats, meeting: tuple[int, float, float, float, float, float, float], ri: float, rj: float
-) -> None:
-    """Join the lens common to two crossing circles: two caps on one chord, positions from that chord's middle."""
-    _, ux, uy, _, height, foot, back = meeting
-    add_cap(total, ri, height / ri, foot / ri, 0.0, 0.0, ux, uy)
-    add_cap(total, rj, height / rj, back / rj, 0.0, 0.0, -ux, -uy)
-
-
-@kernel()
 def add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
     """Join the part bounded by traced arcs: a fan of triangles and a cap on each chord, positions from disc 0."""
     x0 = 0.0
@@ -247,9 +240,8 @@ def add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
         cy = discs[i, 1] - discs[0, 1]
         r = discs[i, 2]
         middle = 0.5 * (arcs[k, 0] + arcs[k, 1])
-        half = 0.5 * (arcs[k, 1] - arcs[k, 0])
-        sine = math.sin(half)
-        cosine = math.cos(half)
+        sine = arcs[k, 3]
+        cosine = arcs[k, 4]
         ux = math.cos(middle)
         uy = math.sin(middle)
         footx = cx + r * cosine * ux
@@ -261,7 +253,7 @@ def add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
         if k == 0:
             x0 = sx
             y0 = sy
-        else:
+        elif count > 2:
             px = (x0 + sx + ex) / 3.0
             py = (y0 + sy + ey) / 3.0
             area = 0.5 * ((sx - x0) * (ey - y0) - (sy - y0) * (ex - x0))
@@ -297,14 +289,15 @@ def notches(base: int, discs: Floats, arcs: Floats, count: int) -> float:
         # Angles from the direction away from disc j; exact where the arc ends on the circle of `base` itself.
         start = -edge if arcs[(k - 1) % count, 2] == base else math.atan2(uy * sx - ux * sy, -(ux * sx + uy * sy))
         end = edge if arcs[(k + 1) % count, 2] == base else math.atan2(uy * ex - ux * ey, -(ux * ex + uy * ey))
-        part = 0.0
-        for n in range(16):
-            angle = start + (end - start) * NODES[n]
-            power = 4.0 * r0 * d * math.sin(0.5 * (edge + angle)) * math.sin(0.5 * (edge - angle))
-            side = d * math.sin(angle)
-            depth = power / (r0 + d * math.cos(angle) + math.sqrt((r - side) * (r + side)))
-            part += WEIGHTS[n] * depth * (r0 - 0.5 * depth)
-        lost += part * (end - start)
+        parts = math.ceil((end - start) / (0.25 * math.pi))
+        width = (end - start) / parts
+        for part in range(parts):
+            for n in range(16):
+                angle = start + (part + NODES[n]) * width
+                power = 4.0 * r0 * d * math.sin(0.5 * (edge + angle)) * math.sin(0.5 * (edge - angle))
+                side = d * math.sin(angle)
+                depth = power / (r0 + d * math.cos(angle) + math.sqrt((r - side) * (r + side)))
+                lost += WEIGHTS[n] * width * depth * (r0 - 0.5 * depth)
     return lost
 
 
@@ -321,11 +314,15 @@ def shape(
     """
     total[:] = 0.0
     clips[:] = False
-    n, first, second = survivors(discs)
-    if n == 0:
-        clips[first] = first > 0
-        clips[second] = second > 0
+    count, first, second = trace(discs, intervals, arcs)
+    add_region(total, discs, arcs, count)
+    if total[0] <= 0.0:
+        for k in range(1, len(discs)):
+            clips[k] = k in (first, second) if first >= 0 else discs[k, 3] != 0.0
         return EMPTY, 0.0, 1.0
+    for k in range(count):
+        i = int(arcs[k, 2])
+        clips[i] = i > 0
     # The disc that the loss is counted from: disc 0, or one inside it where disc 0 bounds nothing.
     base = 0
     if discs[0, 3] == 0.0:
@@ -335,45 +332,13 @@ def shape(
                 break
     r = discs[base, 2]
     room = math.pi * r * r
-    lost = 0.0
-    if n == 1:
-        clips[first] = first > 0
-        total[0] = room
-        total[1] = discs[base, 0] - discs[0, 0]
-        total[2] = discs[base, 1] - discs[0, 1]
-        total[3] = 0.25 * room * r * r
-        total[5] = total[3]
-        if base == 0:
-            return FULL, 1.0, 0.0
-    elif n == 2:
-        clips[first] = first > 0
-        clips[second] = True
-        meeting = between(discs, first, second)
-        add_lens(total, meeting, discs[first, 2], discs[second, 2])
-        if total[0] <= 0.0:  # too thin for a number
-            return EMPTY, 0.0, 1.0
-        _, ux, uy, d, height, foot, back = meeting
-        total[1] += ux * foot + (discs[first, 0] - discs[0, 0])
-        total[2] += uy * foot + (discs[first, 1] - discs[0, 1])
-        if base == first:
-            lost = crescent(discs[first, 2], discs[second, 2], d, height, foot, back)
-        else:
-            lost = crescent(discs[second, 2], discs[first, 2], d, height, back, foot)
-    else:
-        count = trace(discs, intervals, arcs)
-        for k in range(count):
-            if arcs[k, 2] > 0:
-                clips[int(arcs[k, 2])] = True
-        add_region(total, discs, arcs, count)
-        if total[0] <= 0.0:
-            for k in range(1, len(discs)):
-                clips[k] = discs[k, 3] != 0.0
-            return EMPTY, 0.0, 1.0
-        lost = room - total[0]
-        if discs[base, 3] != 0.0 and lost < 0.125 * room:
-            lost = notches(base, discs, arcs, count)
+    lost = room - total[0]
+    if discs[base, 3] != 0.0 and lost < room / 3.0:
+        lost = notches(base, discs, arcs, count)
     if lost < 0.5 * room:
         total[0] = room - lost
+    if count == 1 and base == 0:
+        return FULL, 1.0, 0.0
     r0 = discs[0, 2]
     whole = math.pi * r0 * r0
     lost_fraction = lost / whole
@@ -386,31 +351,21 @@ def shape(
 
 
 @kernel()
-def shapes(
-    centres: Floats,
-    radii: Floats,
-    area: Floats,
-    centroid: Floats,
-    moments: Floats,
-    kept: Floats,
-    lost: Floats,
-    status: NDArray[np.int8],
-    clips: NDArray[np.bool_],
-) -> None:
-    """`shape` of every set of discs: centres (n, K, 2), radii (n, K); moments per unit area."""
+def shapes(centres: Floats, radii: Floats, table: Floats, status: NDArray[np.int8], clips: NDArray[np.bool_]) -> None:
+    """`shape` of every set of discs, centres (n, K, 2) and radii (n, K), as `common` wants it."""
     n, k = radii.shape
     discs = np.empty((k, 4))
     intervals = np.empty((k, 2))
-    arcs = np.empty((k * k, 3))
+    arcs = np.empty((k * k, 5))
     total = np.empty(6)
     for i in range(n):
         for j in range(k):
             discs[j, 0] = centres[i, j, 0]
             discs[j, 1] = centres[i, j, 1]
             discs[j, 2] = radii[i, j]
-        status[i], kept[i], lost[i] = shape(discs, intervals, arcs, total, clips[i])
-        area[i] = total[0]
-        centroid[i, 0] = discs[0, 0] + total[1]
-        centroid[i, 1] = discs[0, 1] + total[2]
+        status[i], table[i, 1], table[i, 2] = shape(discs, intervals, arcs, total, clips[i])
+        table[i, 0] = total[0]
+        table[i, 3] = discs[0, 0] + total[1]
+        table[i, 4] = discs[0, 1] + total[2]
         for j in range(3):
-            moments[i, j] = total[3 + j] / total[0] if total[0] > 0.0 else 0.0
+            table[i, 5 + j] = total[3 + j] / total[0] if total[0] > 0.0 else 0.0

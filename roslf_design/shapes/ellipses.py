@@ -8,14 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from .discs import CLIPPED, EMPTY, FULL, DiscIntersection
+from .discs import CLIPPED, EMPTY, FULL, DiscIntersection, common
 
 Array = NDArray[np.float64]
 
 
 INTERPRETED_BELOW = 64
 """Ellipses in all up to which compiling, or even loading compiled code, takes longer than it saves."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
+_GAUSS = np.polynomial.legendre.leggauss(10)
+NODES, WEIGHTS = (tuple(float(x) for x in values) for values in _GAUSS)
+SAME = 1e-12
+"""|p^T Q p - 1| up to which a point counts as lying on a boundary; one of two equal boundaries is then kept."""
+SAMPLES = 16
+"""Where crossings are looked for before they are refined; a boundary has at most four with another."""
 
 
 def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersection:
@@ -38,54 +43,29 @@ def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersect
     c, s = np.asarray(centres, float), np.asarray(matrices, float)
     lead, k = c.shape[:-2], c.shape[-2]
     c, s = np.ascontiguousarray(c.reshape(-1, k, 2)), np.ascontiguousarray(s.reshape(-1, k, 3))
-    n = len(c)
-    results, status, clipping = np.empty((6, n)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
-    run = ellipse_shapes.interpreted if n * k <= INTERPRETED_BELOW else ellipse_shapes.compiled
-    run(c, s, results, status, clipping, _NODES, _WEIGHTS)
-    share, x, y, *moments = results
-    dark = np.equal(status, EMPTY)
-    centroid = np.where(dark[:, None], c[:, 0], np.stack([x, y], axis=-1))
-    area = math.pi * np.sqrt(s[:, 0, 0] * s[:, 0, 2] - s[:, 0, 1] ** 2) * share
-    return DiscIntersection(
-        area.reshape(lead),
-        centroid.reshape(*lead, 2),
-        np.stack(moments, axis=-1).reshape(*lead, 3),
-        share.reshape(lead),
-        (1 - share).reshape(lead),
-        status.reshape(lead),
-        clipping.reshape(*lead, k),
-    )
-
-
-SAME = 1e-12
-"""|p^T Q p - 1| up to which a point counts as lying on a boundary; one of two equal boundaries is then kept."""
-SAMPLES = 16
-"""Where crossings are looked for before they are refined; a boundary has at most four with another."""
+    return common(ellipse_shapes, INTERPRETED_BELOW, c, s, lead)
 
 
 @kernel()
-def crossing(c0: float, c1: float, s1: float, c2: float, s2: float, left: float, right: float, slope: bool) -> float:
-    """Root of a trigonometric polynomial (of its derivative where `slope`) in a bracket, by guarded Newton steps."""
+def value(p: Array, c: float, s: float) -> float:
+    """Of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
+    at: float = p[0] + p[1] * c + p[2] * s + p[3] * (c * c - s * s) + p[4] * 2.0 * c * s
+    return at
+
+
+@kernel()
+def crossing(p: Array, slope: Array, left: float, right: float) -> float:
+    """Root of a trigonometric polynomial in a bracket, by guarded Newton steps."""
+    rising = value(p, math.cos(left), math.sin(left)) < 0
     x = 0.5 * (left + right)
-    rising = False
-    for step in range(60):
-        at = left if step == 0 else x
-        c, s = math.cos(at), math.sin(at)
-        cc, ss = c * c - s * s, 2 * c * s
-        if slope:
-            f = -c1 * s + s1 * c - 2 * c2 * ss + 2 * s2 * cc
-            g = -c1 * c - s1 * s - 4 * c2 * cc - 4 * s2 * ss
-        else:
-            f = c0 + c1 * c + s1 * s + c2 * cc + s2 * ss
-            g = -c1 * s + s1 * c - 2 * c2 * ss + 2 * s2 * cc
-        if step == 0:
-            rising = f < 0
-            continue
+    for _ in range(60):
+        c, s = math.cos(x), math.sin(x)
+        f, g = value(p, c, s), value(slope, c, s)
         if (f < 0) == rising:
             left = x
         else:
             right = x
-        new = x - f / g if g != 0 else 0.5 * (left + right)
+        new = x - f / g if g != 0 else right
         if not (left < new < right):
             new = 0.5 * (left + right)
         if abs(new - x) <= 1e-15 * (1 + abs(x)):
@@ -95,37 +75,37 @@ def crossing(c0: float, c1: float, s1: float, c2: float, s2: float, left: float,
 
 
 @kernel()
-def cuts(c0: float, c1: float, s1: float, c2: float, s2: float, places: Array, count: int) -> int:
-    """Append the angles in [0, 2 pi) where a trigonometric polynomial of degree 2 is zero."""
-    if abs(c0) > math.sqrt(c1 * c1 + s1 * s1) + math.sqrt(c2 * c2 + s2 * s2):
+def cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
+    """Append the angles in [0, 2 pi) where a polynomial is zero; `slope` and `bend` take its derivatives."""
+    if abs(p[0]) > math.sqrt(p[1] * p[1] + p[2] * p[2]) + math.sqrt(p[3] * p[3] + p[4] * p[4]):
         return count
-    width = 2 * math.pi / SAMPLES
-    f0 = c0 + c1 + c2
-    g0 = s1 + 2 * s2
+    slope[0], slope[1], slope[2], slope[3], slope[4] = 0.0, p[2], -p[1], 2 * p[4], -2 * p[3]
+    bend[0], bend[1], bend[2], bend[3], bend[4] = 0.0, -p[1], -p[2], -4 * p[3], -4 * p[4]
+    left = 0.0
+    f0, g0 = value(p, 1.0, 0.0), value(slope, 1.0, 0.0)
     for k in range(1, SAMPLES + 1):
-        c, s = math.cos(k * width), math.sin(k * width)
-        cc, ss = c * c - s * s, 2 * c * s
-        f1 = c0 + c1 * c + s1 * s + c2 * cc + s2 * ss
-        g1 = -c1 * s + s1 * c - 2 * c2 * ss + 2 * s2 * cc
-        left, right = (k - 1) * width, k * width
+        right = k * (2 * math.pi / SAMPLES)
+        c, s = math.cos(right), math.sin(right)
+        f1, g1 = value(p, c, s), value(slope, c, s)
         if (f0 < 0) != (f1 < 0):
-            places[count] = crossing(c0, c1, s1, c2, s2, left, right, False)
+            places[count] = crossing(p, slope, left, right)
             count += 1
         elif (g0 < 0) != (g1 < 0) and (f0 < 0) != (g0 < 0):
-            turn = crossing(c0, c1, s1, c2, s2, left, right, True)
-            c, s = math.cos(turn), math.sin(turn)
-            top = c0 + c1 * c + s1 * s + c2 * (c * c - s * s) + s2 * 2 * c * s
-            if (top < 0) != (f0 < 0):
-                places[count] = crossing(c0, c1, s1, c2, s2, left, turn, False)
-                places[count + 1] = crossing(c0, c1, s1, c2, s2, turn, right, False)
+            turn = crossing(slope, bend, left, right)
+            if (value(p, math.cos(turn), math.sin(turn)) < 0) != (f0 < 0):
+                places[count] = crossing(p, slope, left, turn)
+                places[count + 1] = crossing(p, slope, turn, right)
                 count += 2
-        f0, g0 = f1, g1
+        left, f0, g0 = right, f1, g1
     return count
 
 
 @kernel()
-def to_unit(centres: Array, matrices: Array, unit: Array) -> None:
-    """Ellipses where ellipse 0 is the unit circle: centre (2), boundary's axes (a_x, a_y, b_y), inverse (3)."""
+def to_unit(centres: Array, matrices: Array, unit: Array) -> tuple[float, float, float]:
+    """Ellipses where ellipse 0 is the unit circle: centre (2), boundary's axes (a_x, a_y, b_y), inverse (3).
+
+    Returns the map's own lower triangle (xx, xy, yy).
+    """
     lx = math.sqrt(matrices[0, 0])
     ly = matrices[0, 1] / lx
     lz = math.sqrt(matrices[0, 2] - ly * ly)
@@ -140,6 +120,7 @@ def to_unit(centres: Array, matrices: Array, unit: Array) -> None:
         unit[k, 0], unit[k, 1] = dx, dy
         unit[k, 2], unit[k, 3], unit[k, 4] = ax, xy / ax, math.sqrt(det) / ax
         unit[k, 5], unit[k, 6], unit[k, 7] = yy / det, -xy / det, xx / det
+    return lx, ly, lz
 
 
 @kernel()
@@ -162,17 +143,17 @@ def outside_of(first: Array, second: Array, poly: Array) -> bool:
 
 
 @kernel()
-def add_arc(own: Array, start: float, end: float, nodes: Array, weights: Array, sums: Array) -> None:
+def add_arc(own: Array, start: float, end: float, sums: Array) -> None:
     """Green's integrals along a piece of a boundary: area, x, y, xx, xy, yy."""
     parts = math.ceil((end - start) / (0.5 * math.pi))
     half = 0.5 * (end - start) / parts
     for part in range(parts):
         mid = start + (2 * part + 1) * half
-        for q in range(nodes.shape[0]):
-            c, s = math.cos(mid + half * nodes[q]), math.sin(mid + half * nodes[q])
+        for q in range(10):
+            c, s = math.cos(mid + half * NODES[q]), math.sin(mid + half * NODES[q])
             x, y = own[0] + own[2] * c, own[1] + own[3] * c + own[4] * s
             dx, dy = -own[2] * s, own[4] * c - own[3] * s
-            weight = weights[q] * half
+            weight = WEIGHTS[q] * half
             sums[0] += weight * 0.5 * (x * dy - y * dx)
             sums[1] += weight * 0.5 * x * x * dy
             sums[2] -= weight * 0.5 * y * y * dx
@@ -186,25 +167,14 @@ def is_kept(poly: Array, rims: int, own: int, middle: float) -> bool:
     """Whether a point of a boundary lies inside all others."""
     c, s = math.cos(middle), math.sin(middle)
     for j in range(rims):
-        if j != own:
-            p = poly[j]
-            f = p[0] + p[1] * c + p[2] * s + p[3] * (c * c - s * s) + p[4] * 2 * c * s
-            if f > (SAME if own < j else -SAME):
-                return False
+        limit = SAME if own < j else -SAME
+        if j != own and value(poly[j], c, s) > limit:
+            return False
     return True
 
 
 @kernel()
-def add_boundary(
-    unit: Array,
-    own: int,
-    poly: Array,
-    places: Array,
-    apart: NDArray[np.bool_],
-    nodes: Array,
-    weights: Array,
-    sums: Array,
-) -> int:
+def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArray[np.bool_], sums: Array) -> int:
     """Add what one ellipse bounds of the common part; 0: nothing, 1: some of its boundary, 2: all of it."""
     rims = len(unit)
     count = 0
@@ -216,12 +186,10 @@ def add_boundary(
                 outside = True
                 continue
             p = poly[j]
-            if (
-                abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME
-            ):  # the same boundary: the first is kept
-                outside = outside or j < own
+            if abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME:
+                outside = outside or j < own  # the same boundary: the first is kept
             elif not outside:
-                count = cuts(p[0], p[1], p[2], p[3], p[4], places, count)
+                count = cuts(p, poly[rims], poly[rims + 1], places, count)
     if outside:
         return 0
     if count == 0:
@@ -229,78 +197,70 @@ def add_boundary(
             return 0
         if own == 0:  # nothing cuts it: one exactly, not to rounding
             sums[0] = math.pi
-            sums[1] = sums[2] = sums[4] = 0.0
             sums[3] = sums[5] = 0.25 * math.pi
         else:
-            add_arc(unit[own], 0.0, 2 * math.pi, nodes, weights, sums)
+            add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
     ordered = np.sort(places[:count])
-    found = 0
+    bounds = 0
     for piece in range(count):
         start = ordered[piece]
         end = ordered[piece + 1] if piece + 1 < count else ordered[0] + 2 * math.pi
         if end > start and is_kept(poly, rims, own, 0.5 * (start + end)):
-            add_arc(unit[own], start, end, nodes, weights, sums)
-            found = 1
-    return found
+            add_arc(unit[own], start, end, sums)
+            bounds = 1
+    return bounds
 
 
 @kernel()
 def ellipse_shapes(
-    centres: Array, matrices: Array, results: Array, status: NDArray[np.int8], clips: NDArray[np.bool_], nodes: Array,
-    weights: Array,
-) -> None:  # fmt: skip
-    """Fill `results` (share of ellipse 0, centroid, central second moments per area) and verdicts for every image."""
+    centres: Array, matrices: Array, table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_]
+) -> None:
+    """Common parts of sets of ellipses, as `discs.common` wants them."""
     rims = centres.shape[1]
-    unit, poly = np.empty((rims, 8)), np.empty((rims, 5))
+    unit, poly = np.empty((rims, 8)), np.empty((rims + 2, 5))
     places, sums = np.empty(4 * rims + 2), np.empty(6)
     apart = np.empty((rims, rims), np.bool_)
     for n in range(len(centres)):
-        to_unit(centres[n], matrices[n], unit)
-        for m in range(6):
-            sums[m] = 0.0
+        lx, ly, lz = to_unit(centres[n], matrices[n], unit)
+        sums[:] = 0.0
         apart[:] = False
         clips[n] = False
-        state = EMPTY
+        status[n] = EMPTY
         for i in range(rims):
-            found = add_boundary(unit, i, poly, places, apart, nodes, weights, sums)
-            if i == 0 and found == 2:
-                state = FULL
+            bounds = add_boundary(unit, i, poly, places, apart, sums)
+            if i == 0 and bounds == 2:
+                status[n] = FULL
                 break
-            if found:
-                state = CLIPPED
+            if bounds:
+                status[n] = CLIPPED
                 clips[n, i] = i > 0
-        if sums[0] <= 0.0:
-            state = EMPTY
-        status[n] = state
-        if state == EMPTY:
-            for m in range(6):
-                results[m, n] = 0.0
+        area = sums[0]
+        if area <= 0.0:
+            status[n] = EMPTY
+            table[n] = 0.0
+            table[n, 2] = 1.0
+            table[n, 3], table[n, 4] = centres[n, 0, 0], centres[n, 0, 1]
             name_empty(apart, clips[n])
             continue
-        area = sums[0]
         ux, uy = sums[1] / area, sums[2] / area
         vxx, vxy, vyy = sums[3] / area - ux * ux, sums[4] / area - ux * uy, sums[5] / area - uy * uy
-        lx = math.sqrt(matrices[n, 0, 0])
-        ly = matrices[n, 0, 1] / lx
-        lz = math.sqrt(matrices[n, 0, 2] - ly * ly)
-        results[0, n] = min(area / math.pi, 1.0)
-        results[1, n] = centres[n, 0, 0] + lx * ux
-        results[2, n] = centres[n, 0, 1] + ly * ux + lz * uy
-        results[3, n] = lx * lx * vxx
-        results[4, n] = lx * (ly * vxx + lz * vxy)
-        results[5, n] = ly * ly * vxx + 2 * ly * lz * vxy + lz * lz * vyy
+        share = min(area / math.pi, 1.0)
+        table[n, 0], table[n, 1], table[n, 2] = math.pi * lx * lz * share, share, 1.0 - share
+        table[n, 3] = centres[n, 0, 0] + lx * ux
+        table[n, 4] = centres[n, 0, 1] + ly * ux + lz * uy
+        table[n, 5] = lx * lx * vxx
+        table[n, 6] = lx * (ly * vxx + lz * vxy)
+        table[n, 7] = ly * ly * vxx + 2 * ly * lz * vxy + lz * lz * vyy
 
 
 @kernel()
 def name_empty(apart: NDArray[np.bool_], clips: NDArray[np.bool_]) -> None:
     """Which ellipses leave nothing: a pair without a common point, else all together."""
-    rims = len(clips)
-    for i in range(rims):
-        clips[i] = i > 0
-    for i in range(rims):
+    clips[1:] = True
+    for i in range(len(clips)):
         for j in range(i):
             if apart[i, j] and apart[j, i]:
-                for k in range(rims):
-                    clips[k] = k > 0 and k in (i, j)
+                for k in range(1, len(clips)):
+                    clips[k] = k in (i, j)
                 return

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..design.parts import Layout
+
 Array = NDArray[np.float64]
-Layout = Literal["square", "hexagonal"]
 
 LAYOUTS = ("square", "hexagonal")
 
@@ -52,13 +53,6 @@ def lens_centres(lattice: Lattice, indices: ArrayLike | None = None) -> Array:
     _check(lattice)
     x = lattice.pitch * (index[..., 0] + _offset(lattice, index[..., 1]))
     return _turned(np.stack([x, row_spacing(lattice) * index[..., 1]], -1), lattice.rotation) + lattice.decentre
-
-
-def lens_count(lattice: Lattice) -> int:
-    """Number of lenses in the array."""
-    _check(lattice)
-    low, high = _span(lattice, np.arange(-_rows(lattice), _rows(lattice) + 1))
-    return int((high - low + 1).sum())
 
 
 def nearest_lens(lattice: Lattice, points: ArrayLike) -> NDArray[np.int64]:

@@ -19,20 +19,17 @@ def exit_pupil_distance(c: Camera) -> Array:
 
     Negative (virtual, object side) for ``d_3 < f``, inf at ``d_3 = f`` (finite twin: `Camera.vergence`, 0 there).
     """
-    f, d3 = floats(c.f, c.d_3)
-    return f * ratio(d3, d3 - f)
+    return c.f * ratio(c.d_3, c.d_3 - c.f)
 
 
 def exit_pupil_diameter(c: Camera) -> Array:
     """Diameter ``D_F f/|d_3 - f|`` of the exit pupil [mm]; inf at ``d_3 = f`` unless D_F is 0."""
-    de, f, d3 = floats(c.D_F, c.f, c.d_3)
-    return product(de, ratio(f, np.abs(d3 - f)))
+    return product(c.D_F, ratio(c.f, np.abs(c.d_3 - c.f)))
 
 
 def is_telecentric(c: Camera, tolerance: float = 1e-9) -> NDArray[np.bool_]:
     """Whether the exit pupil is at infinity: ``|d_3 - f|`` at most `tolerance` of f."""
-    f, d3 = floats(c.f, c.d_3)
-    return np.abs(d3 - f) <= tolerance * f
+    return np.asarray(np.abs(c.d_3 - c.f) <= tolerance * c.f)
 
 
 def pupil_angle(c: Camera) -> Array:
@@ -46,14 +43,13 @@ def stop_angle(c: Camera, distance: ArrayLike, length: ArrayLike = 1.0) -> Array
     With ``h = d_f/(d_f - z)`` it is ``length (d_f - f)/(f (d_f - z))``: one sensor distance d_2 behind the array the
     length is imaged d_2 times as large. inf at ``z = d_f``, where the length is in focus on the array.
     """
-    size, z, f, df = floats(length, distance, c.f, c.d_f)
-    return product(size / f, ratio(df - f, df - z))
+    size, z = floats(length, distance)
+    return product(size / c.f, ratio(c.d_f - c.f, c.d_f - z))
 
 
 def microlens_image_diameter(c: Camera) -> Array:
     """Diameter ``D_F H d_2/d_1`` of an uncut, geometric microlens image [mm]; inf at d_3 = d_f."""
-    (d2,) = floats(c.d_2)
-    return product(d2, pupil_angle(c))
+    return product(c.d_2, pupil_angle(c))
 
 
 def microlens_image_pitch(c: Camera) -> Array:
@@ -62,8 +58,7 @@ def microlens_image_pitch(c: Camera) -> Array:
     Exactly d at ``d_3 = f``, ``d (1 + d_2/d_1)`` at ``d_3 = 0``; negative where the exit pupil lies between array and
     sensor (images in reversed order); -inf at ``d_3 = d_f``.
     """
-    d, d2 = floats(c.d, c.d_2)
-    return d * (1 + product(d2, c.vergence))
+    return c.d * (1 + product(c.d_2, c.vergence))
 
 
 def centre_shift_per_microlens(c: Camera) -> Array:
@@ -72,9 +67,10 @@ def centre_shift_per_microlens(c: Camera) -> Array:
     ``d d_2 d_3 d_f / (q d_1^2 (d_f - d_3))``; positive towards the axis. Per *microlens index*: the paper calls that
     index a photosensor coordinate, which is off by q/d. inf at ``d_3 = d_f``.
     """
-    d, q, d2, f, df, d3 = floats(c.d, c.q, c.d_2, c.f, c.d_f, c.d_3)
-    reach = ratio(df - f, df - d3)  # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f
-    return product(d * d2 * d3 / (q * f * f), ratio(df - f, df) * reach)
+    reach = ratio(
+        c.d_f - c.f, c.gap
+    )  # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f
+    return product(c.d * c.d_2 * c.d_3 / (c.q * c.f * c.f), ratio(c.d_f - c.f, c.d_f) * reach)
 
 
 def centre_deviation(c: Camera, index: ArrayLike) -> Array:

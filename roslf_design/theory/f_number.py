@@ -19,26 +19,22 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 
 def microlens_f_number(c: Camera) -> Array:
     """Working f-number ``d_2/d`` of a microlens, the left side of Eqs. 8 and 9."""
-    d2, d = floats(c.d_2, c.d)
-    return ratio(d2, d)
+    return ratio(c.d_2, c.d)
 
 
 def pupil_f_number(c: Camera) -> Array:
     """Working f-number ``d_1/(D_F H) = A/D_F`` of the FAP at the array, the right side of Eq. 8; inf at D_F = 0."""
-    (de,) = floats(c.D_F)
-    return ratio(c.A, de)
+    return ratio(c.A, c.D_F)
 
 
 def main_lens_f_number(c: Camera) -> Array:
     """Working f-number ``d_1/D`` of the whole main lens, the right side of Eq. 9; inf at d_1 = inf."""
-    diameter, d1 = floats(c.D, c.d_1)
-    return ratio(d1, diameter)
+    return ratio(c.d_1, c.D)
 
 
 def inverse_fill_factor(c: Camera) -> Array:
     """Microlens-image pitch over diameter, ``d (A/d_2 + (f-d_3)/f)/D_F``: linear where the fill factor has poles."""
-    de, d, d2, f, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_3)
-    return d * (ratio(c.A, d2) + (f - d3) / f) / de
+    return c.d * (ratio(c.A, c.d_2) + (c.f - c.d_3) / c.f) / c.D_F
 
 
 def fill_factor(c: Camera) -> Array:
@@ -46,26 +42,22 @@ def fill_factor(c: Camera) -> Array:
 
     ``D_F d_2 / (d (A + d_2 (f - d_3)/f))``; inf where the images have no pitch.
     """
-    de, d, d2, f, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_3)
-    return ratio(de * d2, d * (c.A + d2 * ((f - d3) / f)))
+    return ratio(c.D_F * c.d_2, c.d * (c.A + c.d_2 * ((c.f - c.d_3) / c.f)))
 
 
 def approximate_fill_factor(c: Camera) -> Array:
     """Microlens-image diameter over the microlens's own pitch: 1 where Eq. 8 holds; inf at d_3 = d_f."""
-    (d,) = floats(c.d)
-    return microlens_image_diameter(c) / d
+    return microlens_image_diameter(c) / c.d
 
 
 def traditional_fill_factor(c: Camera) -> Array:
     """The same with the main lens for a pupil, ``D d_2/(d_1 d)``: 1 where Eq. 9 holds."""
-    diameter, d, d2, d1 = floats(c.D, c.d, c.d_2, c.d_1)
-    return (diameter / d1) * (d2 / d)
+    return ratio(c.D, c.d_1) * ratio(c.d_2, c.d)
 
 
 def mismatch_px(c: Camera) -> Array:
     """Microlens-image diameter minus pitch [px]: overlap above 0, gap below; inf at d_3 = d_f."""
-    (q,) = floats(c.q)
-    return (microlens_image_diameter(c) - microlens_image_pitch(c)) / q
+    return (microlens_image_diameter(c) - microlens_image_pitch(c)) / c.q
 
 
 class Matched(NamedTuple):

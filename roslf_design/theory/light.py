@@ -7,9 +7,8 @@ and has 4 N_F independent views per axis whatever the pixel count.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, product, ratio
 from ..camera import Camera
 from .exit_pupil import microlens_image_diameter
 
@@ -19,8 +18,7 @@ AIRY = 1.22
 
 def fresnel_number(c: Camera) -> Array:
     """Fresnel number of a microlens seen from the sensor, ``d^2/(4 lambda d_2)``; inf at d_2 = 0."""
-    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
-    return ratio(d, wave) * ratio(d, 4 * d2)
+    return ratio(c.d, c.wavelength) * ratio(c.d, 4 * c.d_2)
 
 
 def independent_views(c: Camera) -> Array:
@@ -30,14 +28,12 @@ def independent_views(c: Camera) -> Array:
 
 def geometric_views(c: Camera) -> Array:
     """Pixels across an uncut microlens image, the views per axis that ray optics promises; inf at d_3 = d_f."""
-    (q,) = floats(c.q)
-    return microlens_image_diameter(c) / q
+    return microlens_image_diameter(c) / c.q
 
 
 def diffraction_width(c: Camera) -> Array:
     """Width ``lambda d_2/d`` of the blur that a microlens's own aperture makes on the sensor [mm]."""
-    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
-    return wave * ratio(d2, d)
+    return c.wavelength * ratio(c.d_2, c.d)
 
 
 def airy_radius(c: Camera) -> Array:
@@ -47,20 +43,17 @@ def airy_radius(c: Camera) -> Array:
 
 def pupil_airy_radius(c: Camera) -> Array:
     """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]; inf at D_F = 0."""
-    de, wave = floats(c.D_F, c.wavelength)
-    return AIRY * wave * ratio(c.A, de)
+    return AIRY * c.wavelength * ratio(c.A, c.D_F)
 
 
 def microlens_defocus(c: Camera) -> Array:
     """``1 - d_2/f_ml + d_2/L``, signed: 0 where the microlenses image the exit pupil onto the sensor."""
-    fm, d2 = floats(c.f_ml, c.d_2)
-    return ratio(fm - d2, fm) + product(d2, c.vergence)
+    return ratio(c.f_ml - c.d_2, c.f_ml) + product(c.d_2, c.vergence)
 
 
 def microlens_defocus_blur(c: Camera) -> Array:
     """Width of the ray blur by defocus of a microlens, ``d d_2 |1/f_ml - 1/d_2 - 1/L|`` [mm]; inf at d_3 = d_f."""
-    (d,) = floats(c.d)
-    return d * np.abs(microlens_defocus(c))
+    return c.d * np.abs(microlens_defocus(c))
 
 
 def microlens_defocus_waves(c: Camera) -> Array:
@@ -68,14 +61,12 @@ def microlens_defocus_waves(c: Camera) -> Array:
 
     ``(d^2/8 lambda) |1/f_ml - 1/d_2 - 1/L|``; inf at d_2 = 0 and at d_3 = d_f.
     """
-    d, d2, wave = floats(c.d, c.d_2, c.wavelength)
-    return ratio(np.abs(microlens_defocus(c)), d2) * (d / wave * (d / 8))
+    return ratio(np.abs(microlens_defocus(c)), c.d_2) * (c.d / c.wavelength * (c.d / 8))
 
 
 def object_sample(c: Camera) -> Array:
     """Footprint ``d d_f/d_1`` of one microlens on the focal plane: the lateral sampling step [mm]; inf at d_f = inf."""
-    (d,) = floats(c.d)
-    return product(d, c.inverse_m)
+    return product(c.d, c.inverse_m)
 
 
 def half_field(c: Camera) -> tuple[Array, Array]:
@@ -94,36 +85,14 @@ def half_diagonal(c: Camera) -> Array:
 
 def lateral_samples(c: Camera) -> Array:
     """Microlenses across the width that the sensor sees; not rounded."""
-    (d,) = floats(c.d)
-    return ratio(2 * half_field(c)[0], d)
+    return ratio(2 * half_field(c)[0], c.d)
 
 
 def view_baseline(c: Camera) -> Array:
     """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
-    q, d2 = floats(c.q, c.d_2)
-    return ratio(q * c.A, d2)
+    return ratio(c.q * c.A, c.d_2)
 
 
 def solid_angle(c: Camera) -> Array:
     """Solid angle of the pupil seen from the array, ``pi/4 (D_F/A)^2`` [sr]: the light a pixel gets."""
-    (de,) = floats(c.D_F)
-    return np.pi / 4 * ratio(de, c.A) ** 2
-
-
-def phase_space_limit(c: Camera, field_radius: ArrayLike, depth: ArrayLike) -> Array:
-    """Most samples that light carries per axis through the pupil: lateral samples times independent views.
-
-    Parameters
-    ----------
-    c : Camera
-    field_radius, depth : array_like
-        Half the field |X| and its distance Z_F from the pupil [mm], not both 0.
-
-    Returns
-    -------
-    ndarray
-        ``2 D_F sin(theta)/lambda`` with ``tan(theta) = |X|/Z_F``. The rest of the project counts with the tangent: a
-        matched design that fills its field comes to that, above this limit by 1/cos(theta) (0.7 % for the paper).
-    """
-    de, wave, x, z = floats(c.D_F, c.wavelength, field_radius, depth)
-    return 2 * (de / wave) * np.abs(ratio(x, np.hypot(x, z)))
+    return np.pi / 4 * ratio(c.D_F, c.A) ** 2

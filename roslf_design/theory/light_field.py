@@ -1,4 +1,4 @@
-"""The decoded light field: which pupil point a pixel sees, and where views show a scene point. Eqs. 1, 2, 10 and 11.
+"""The decoded light field: pupil points, views, depth from disparity, lengths from a calibration. Eqs. 1, 2, 10 to 12.
 
 With ``d_3 = 0`` (so ``A = d_1``, ``Z_F = Z``) all of it is that of a traditional light field (Eqs. 1 and 11).
 
@@ -15,9 +15,17 @@ S' = -(q A/d_2) s'      FAP coordinate that the pixel sees (Eq. 2); minus: the m
 
 All follows from one ray: through S' on the FAP and the scene point, it meets the array at
 ``d u = -A X/Z_F - (m - A/Z_F) S'``. Indices are real numbers; a microlens sees what lies within half of one.
+
+Disparities are in microlens pitches, positive for points nearer than the focal plane, which stands at ``Z_F = g = d_f -
+d_3 = A/m``. Eq. 12's ``m - A/Z_F`` cancels there; written with the gap, ``m (Z_F - g)/Z_F``, it does not.
+
+A calibration of decoded light fields determines A = d_1/H and m = d_1/d_f, not the focal length: f must be known, and
+its error enters d_3 magnified by ``1 + 1/m``. An f assumed without a stated error makes d_3 look better than it is.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,17 +33,20 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, floats, product, ratio
 from ..camera import Camera
 
+SIGMA_DISPARITY = 0.1
+"""Disparity error that depth precision is told for [microlens pitches]: what careful matching of views reaches."""
+
 
 def pixel_to_pupil(c: Camera, pixel: ArrayLike) -> Array:
     """Coordinate S' [mm] on the FAP that the pixel s' looks at, ``-(q A/d_2) s'``; inf at d_2 = 0. Eqs. 1, 2."""
-    s, q, d2 = floats(pixel, c.q, c.d_2)
-    return ratio(-product(s, q * c.A), d2)
+    (s,) = floats(pixel)
+    return ratio(-product(s, c.q * c.A), c.d_2)
 
 
 def pupil_to_pixel(c: Camera, coordinate: ArrayLike) -> Array:
     """Pixel s' that looks at the coordinate S' [mm] of the FAP, ``-S' d_2/(q A)``; inf at d_3 = d_f."""
-    at, q, d2 = floats(coordinate, c.q, c.d_2)
-    return -ratio(d2 * at, q * c.A)
+    (at,) = floats(coordinate)
+    return -ratio(c.d_2 * at, c.q * c.A)
 
 
 def view_projection(c: Camera, view: ArrayLike) -> Array:
@@ -53,12 +64,163 @@ def view_projection(c: Camera, view: ArrayLike) -> Array:
         Takes a scene point ``(X, Y, Z_F, W)`` to ``(u w, v w, w)`` with ``w = Z_F``, finite for finite arguments: a
         view is a pinhole camera at ``(S', T')`` on the FAP.
     """
-    reach, m, d = floats(c.A, c.m, c.d)
     pupil = pixel_to_pupil(c.spread(1) if c.shape else c, view)
     shape = np.broadcast_shapes(pupil.shape[:-1], c.shape)
     matrix = np.zeros((*shape, 3, 4))
-    matrix[..., 0, 0] = matrix[..., 1, 1] = -reach / d
-    matrix[..., :2, 2] = -(m / d)[..., None] * pupil
-    matrix[..., :2, 3] = (reach / d)[..., None] * pupil
+    matrix[..., 0, 0] = matrix[..., 1, 1] = -c.A / c.d
+    matrix[..., :2, 2] = -(c.m / c.d)[..., None] * pupil
+    matrix[..., :2, 3] = (c.A / c.d)[..., None] * pupil
     matrix[..., 2, 2] = 1.0
     return matrix
+
+
+def pupil_shear(c: Camera, depth: ArrayLike) -> Array:
+    """Millimetres that a point's image moves on the array per millimetre the viewpoint moves on the FAP.
+
+    Parameters
+    ----------
+    c : Camera
+    depth : array_like
+        Z_F [mm], may be inf.
+
+    Returns
+    -------
+    ndarray
+        ``m (Z_F - g)/Z_F = m - A/Z_F``, broadcast; exactly 0 at the focal plane, m at ``Z_F = inf``.
+    """
+    z, df = floats(depth, c.d_f)
+    with np.errstate(invalid="ignore"):
+        shear = product(ratio(z - c.gap, z), c.m)
+    focused_at_infinity = np.isinf(df)
+    if focused_at_infinity.any():  # m = 0, and an infinite gap no longer tells A
+        shear = np.where(focused_at_infinity, -ratio(c.A, z), shear)[()]
+    return shear
+
+
+def epi_slope(c: Camera, depth: ArrayLike) -> Array:
+    """Microlenses that a point at Z_F = `depth` [mm] moves by from view to view, Du/Ds'. Eq. 12; inf at 0."""
+    return product(pupil_shear(c, depth), ratio(c.q / c.d * c.A, c.d_2))
+
+
+def rim_disparity(c: Camera, depth: ArrayLike) -> Array:
+    """Disparity of a point at Z_F = `depth` [mm] between the FAP's opposite rims [pitches]; inf at 0."""
+    return product(-c.D_F / c.d, pupil_shear(c, depth))
+
+
+def disparity_rate(c: Camera, depth: ArrayLike) -> Array:
+    """Change of the rim disparity per millimetre of depth, ``D_F A/(d Z_F^2)`` [pitches per mm], inf at Z_F = 0."""
+    (z,) = floats(depth)
+    return product(c.D_F / c.d, ratio(ratio(c.A, z), z))
+
+
+def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike = SIGMA_DISPARITY) -> Array:
+    """Standard deviation of depth from that of the rim disparity, to first order.
+
+    Parameters
+    ----------
+    c : Camera
+    depth : array_like
+        Z_F [mm].
+    disparity_sigma : array_like
+        sigma_B [microlens pitches].
+
+    Returns
+    -------
+    ndarray
+        ``Z_F^2 d sigma_B/(D_F A)`` [mm], broadcast; inf at D_F = 0.
+    """
+    sigma, z = floats(disparity_sigma, depth)
+    return product(ratio(product(sigma * c.d, z), product(c.D_F, c.A)), z)
+
+
+class BackSubstituted(NamedTuple):
+    """Lengths of the camera from a calibration; the order of rows in the Jacobian is d_1, d_f, H, d_3."""
+
+    mla_distance: Array
+    """d_1 = f (1 + m) [mm]."""
+    focal_plane_distance: Array
+    """d_f = f (1 + m)/m [mm]."""
+    aperture_constant: Array
+    """H = f (1 + m)/A; inf at A = 0."""
+    pupil_distance: Array
+    """d_3 = f + (f - A)/m [mm]."""
+    inverse_aperture_constant: Array
+    """1/H = A/(f (1 + m)), finite."""
+
+
+def back_substitute(
+    focal_length: ArrayLike, effective_image_distance: ArrayLike, magnification: ArrayLike
+) -> BackSubstituted:
+    """Lengths d_1, d_f, d_3 and the aperture constant from f, A and m.
+
+    Parameters
+    ----------
+    focal_length, effective_image_distance, magnification : array_like
+        f, A [mm] and m.
+
+    Returns
+    -------
+    BackSubstituted
+        Broadcast; only H can be infinite (``A = 0``; finite twin: 1/H, beside it).
+
+    Raises
+    ------
+    ValueError
+        f or m is not positive: at ``m = 0`` the camera is focused at infinity, where ``A = f`` says nothing of d_3.
+
+    Notes
+    -----
+    Table 2 of the paper is f = 100 mm, A = 91.09 mm, m = 0.42.
+    """
+    f, reach, m = _determined(focal_length, effective_image_distance, magnification)
+    d1 = f * (1 + m)
+    with np.errstate(divide="ignore"):
+        constant = d1 / reach
+    return BackSubstituted(d1, d1 / m, constant, f + (f - reach) / m, reach / d1)
+
+
+def back_substitution_jacobian(
+    focal_length: ArrayLike, effective_image_distance: ArrayLike, magnification: ArrayLike
+) -> Array:
+    """Derivatives of (d_1, d_f, H, d_3) by (f, A, m).
+
+    Parameters
+    ----------
+    focal_length, effective_image_distance, magnification : array_like, shape (...)
+        f, A [mm] and m; A not 0.
+
+    Returns
+    -------
+    ndarray, shape (..., 4, 3)
+        Rows d_1, d_f, H, d_3; columns f, A, m. Its element (3, 0) is ``1 + 1/m``: 3.4 in the paper's system, where an f
+        wrong by 1 % moves d_3 by 3.4 mm.
+
+    Raises
+    ------
+    ValueError
+        As `back_substitute`, and where A is 0.
+    """
+    f, reach, m = _determined(focal_length, effective_image_distance, magnification)
+    if (reach == 0).any():
+        raise ValueError("effective_image_distance is 0, where H is infinite: use the inverse aperture constant")
+    grown = 1 + m
+    f, reach, m, grown = np.broadcast_arrays(f, reach, m, grown)
+    jacobian = np.zeros((*m.shape, 4, 3))
+    jacobian[..., 0, 0], jacobian[..., 0, 2] = grown, f
+    jacobian[..., 1, 0], jacobian[..., 1, 2] = grown / m, -f / (m * m)
+    jacobian[..., 2, 0] = grown / reach
+    jacobian[..., 2, 1], jacobian[..., 2, 2] = -f * grown / (reach * reach), f / reach
+    jacobian[..., 3, 0], jacobian[..., 3, 1] = grown / m, -1 / m
+    jacobian[..., 3, 2] = (reach - f) / (m * m)
+    return jacobian
+
+
+def _determined(f: ArrayLike, reach: ArrayLike, m: ArrayLike) -> tuple[Array, ...]:
+    values = floats(f, reach, m)
+    for name, value in zip(("focal_length", "magnification"), (values[0], values[2]), strict=True):
+        if not (value > 0).all():
+            raise ValueError(
+                f"{name} must be positive, got {float(np.ravel(value[~(value > 0)])[0])}: "
+                "without it the pupil distance is not determined"
+            )
+    return values

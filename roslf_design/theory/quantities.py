@@ -16,9 +16,9 @@ import numpy as np
 
 from .._arrays import Array
 from ..camera import Camera, Number
-from ..design.parameters import PATHS
-from . import disparity, exit_pupil, f_number, light, vignetting
-from .disparity import SIGMA_DISPARITY
+from ..design.parts import PATHS
+from . import exit_pupil, f_number, light, light_field, vignetting
+from .light_field import SIGMA_DISPARITY
 from .stop_images import MicrolensImages
 
 Depth = float | None
@@ -270,7 +270,7 @@ register(
         "disparity_pitches_per_mm",
         "pitches/mm",
         "disparity between the FAP's rims per depth, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: disparity.disparity_rate(c, depth_at(c, at)),
+        lambda c, at: light_field.disparity_rate(c, depth_at(c, at)),
         at="optional",
         monotone=False,
     ),
@@ -279,17 +279,17 @@ register(
         "mm",
         f"depth spread for a disparity error of {SIGMA_DISPARITY} pitch, at a distance ahead of the tip or at the "
         "focal plane",
-        lambda c, at: disparity.depth_sigma(c, depth_at(c, at)),
+        lambda c, at: light_field.depth_sigma(c, depth_at(c, at)),
         at="optional",
     ),
     Quantity(
         "blur_pitches",
         "pitches",
         "spread over the array of a point at a distance ahead of the tip",
-        lambda c, at: np.abs(disparity.rim_disparity(c, depth_at(c, at))),
+        lambda c, at: np.abs(light_field.rim_disparity(c, depth_at(c, at))),
         positive=False,
         at="needed",
-        signed=lambda c, at: disparity.rim_disparity(c, depth_at(c, at)),
+        signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
     ),
     Quantity("lateral_samples", "", "microlenses across the sensor's width", _whole(light.lateral_samples)),
     Quantity("views_geometric", "", "pixels across a microlens image", _whole(light.geometric_views)),
@@ -330,11 +330,7 @@ register(
         bent_in_f=True,
     ),
     Quantity(
-        "telecentric_offset_mm",
-        "mm",
-        "d_3 - f: 0 where telecentric",
-        _whole(lambda c: c.d_3 - c.f),
-        positive=False,
+        "telecentric_offset_mm", "mm", "d_3 - f: 0 where telecentric", _whole(lambda c: c.d_3 - c.f), positive=False
     ),
     Quantity(
         "microlens_defocus_px",

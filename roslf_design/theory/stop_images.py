@@ -9,7 +9,7 @@ decentre e, is seen from the microlens at c as the disc of radius ``s R`` about 
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +24,6 @@ from .exit_pupil import stop_angle
 
 Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
-
-
-class LensPoint(NamedTuple):
-    """Homogeneous point of the main lens's plane, linear in a stop's coordinates."""
-
-    x: Linear
-    y: Linear
-    w: Linear
 
 
 class Ellipse(NamedTuple):
@@ -98,38 +90,33 @@ class Projected(NamedTuple):
         )
 
 
-def lens_point(c: Camera, rim: Rim, microlens: Vector, order: int = 3) -> LensPoint:
+def lens_point(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """Where the rays of a stop's plane that end in a microlens cross the main lens.
 
     With the microlens at c and its conjugate ``c' = c / (1 - c_z/f)``, the line from a through c' crosses z = 0 at
-    ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``. `order` as for `project`.
+    ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``.
     """
     cx, cy, cz = microlens
     bend = 1.0 - cz / c.f
-    x: list[Number] = [0.0] * 3
-    y: list[Number] = [0.0] * 3
-    w: list[Number] = [0.0] * 3
     pose = c.pose(rim.part)
-    for k, (ax, ay, az) in enumerate((pose.origin, pose.x, pose.y)[:order]):
-        x[k] = minus(times(cz, ax), times(az, cx))
-        y[k] = minus(times(cz, ay), times(az, cy))
-        w[k] = minus(cz if k == 0 else 0.0, times(az, bend))
-    return LensPoint((x[0], x[1], x[2]), (y[0], y[1], y[2]), (w[0], w[1], w[2]))
+    columns = []
+    for own, (ax, ay, az) in zip((cz, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
+        x, y = minus(times(cz, ax), times(az, cx)), minus(times(cz, ay), times(az, cy))
+        columns.append((x, y, minus(own, times(az, bend))))
+    return Projected(*zip(*columns, strict=True))
 
 
-def project(point: LensPoint, through: Vector, weight: Number, plane: Frame, order: int = 3) -> Projected:
+def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> Projected:
     """Project points of the main lens's plane through a (homogeneous) point onto an element's plane.
 
     Parameters
     ----------
-    point : LensPoint
-        What is projected.
+    point : Projected
+        What is projected, on the main lens's plane.
     through, weight : vector, float or array
         The centre of projection is ``through / weight``: the microlens with 1, its conjugate with ``1 - c_z/f``.
     plane : Frame
         Results are in its coordinates.
-    order : int
-        1 for the stop's centre only, 3 for all coefficients.
     """
 
     def against(axis: Vector) -> tuple[Number, Number]:
@@ -137,48 +124,19 @@ def project(point: LensPoint, through: Vector, weight: Number, plane: Frame, ord
         return offset, minus(dot(axis, through), times(weight, offset))
 
     (ox, cx), (oy, cy), (oz, cz) = against(plane.x), against(plane.y), against(plane.z)
-    u: list[Number] = [0.0] * 3
-    v: list[Number] = [0.0] * 3
-    w: list[Number] = [0.0] * 3
-    for k in range(order):
-        lx, ly, lw = point.x[k], point.y[k], point.w[k]
+    columns = []
+    for lx, ly, lw in zip(*point, strict=True):
         e = minus(plus(times(plane.x[0], lx), times(plane.x[1], ly)), times(ox, lw))
         h = minus(plus(times(plane.y[0], lx), times(plane.y[1], ly)), times(oy, lw))
         n = minus(plus(times(plane.z[0], lx), times(plane.z[1], ly)), times(oz, lw))
-        u[k] = minus(times(e, cz), times(n, cx))
-        v[k] = minus(times(h, cz), times(n, cy))
-        w[k] = minus(times(cz, lw), times(weight, n))
-    return Projected((u[0], u[1], u[2]), (v[0], v[1], v[2]), (w[0], w[1], w[2]))
+        u, v = minus(times(e, cz), times(n, cx)), minus(times(h, cz), times(n, cy))
+        columns.append((u, v, minus(times(cz, lw), times(weight, n))))
+    return Projected(*zip(*columns, strict=True))
 
 
 def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """Image of a stop on the sensor, through a microlens [mm, the sensor's own frame]."""
     return project(lens_point(c, rim, microlens), microlens, 1.0, c.pose("sensor"))
-
-
-def chief_point(c: Camera, microlens: Vector) -> tuple[Number, Number]:
-    """Where the ray through the FAP's centre and a microlens meets the sensor [mm, the sensor's own frame]."""
-    return project(lens_point(c, c.fap, microlens, order=1), microlens, 1.0, c.pose("sensor"), order=1).centre
-
-
-def room(c: Camera, microlens: Vector) -> Number:
-    """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
-
-    Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
-    plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
-    """
-    point = lens_point(c, c.fap, microlens)
-    bend = 1.0 - microlens[2] / c.f
-    nearest: Number | None = None
-    for rim in c.rims:
-        on_lens = rim.part == "main_lens"
-        crossing = Projected(*point) if on_lens else project(point, microlens, bend, c.pose(rim.part))
-        pencil = crossing.ellipse(c.fap.radius)
-        off = np.hypot(pencil.x, pencil.y)
-        left = rim.radius - off - _reach(pencil, off)
-        nearest = left if nearest is None else np.minimum(nearest, left)
-    assert nearest is not None
-    return nearest
 
 
 def _reach(pencil: Ellipse, off: Number) -> Number:
@@ -208,17 +166,18 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         Shapes (..., K, 2) and (..., K) [mm], the FAP first, then `Camera.rims`; centres relative to the microlens
         axis, where the digits are. inf where a stop stands in the focal plane.
     """
-    at_x, at_y, f, d_2 = floats(x, y, c.f, c.d_2)
-    shape = np.broadcast_shapes(at_x.shape, at_y.shape, c.shape)
-    discs = []
-    for rim in (c.fap, *c.rims):
-        scale = product(d_2, stop_angle(c, rim.distance))
-        bend = (f - rim.distance) / f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
+    at_x, at_y = floats(x, y)
+    rims = (c.fap, *c.rims)
+    shape = *np.broadcast_shapes(at_x.shape, at_y.shape, c.shape), len(rims)
+    centres, radii = np.empty((*shape, 2)), np.empty(shape)
+    for k, rim in enumerate(rims):
+        scale = product(c.d_2, stop_angle(c, rim.distance))
+        bend = (c.f - rim.distance) / c.f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
         e_x, e_y = c.decentre(rim.part)
-        numbers = (product(scale, at_x * bend - e_x), product(scale, at_y * bend - e_y), rim.radius * scale)
-        discs.append(_spread(numbers, shape))
-    table = np.stack(discs, -2)
-    return table[..., :2], table[..., 2]
+        centres[..., k, 0] = product(scale, at_x * bend - e_x)
+        centres[..., k, 1] = product(scale, at_y * bend - e_y)
+        radii[..., k] = rim.radius * scale
+    return centres, radii
 
 
 class MicrolensImages:
@@ -280,20 +239,32 @@ class MicrolensImages:
         """Distance between neighbouring images [mm], from the points half a pitch to either side."""
         c, half = self.camera, self.camera.d / 2
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = (
-            chief_point(c, c.microlens(self.x + a * half, self.y + b * half))
-            for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))
+            c.chief_point(self.x + a * half, self.y + b * half) for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))
         )
         return np.sqrt(np.abs((x1 - x0) * (y3 - y2) - (y1 - y0) * (x3 - x2)))
 
     @cached_property
     def room(self) -> Number:
-        """Room between the pencil and the nearest rim [mm]; negative where it is cut."""
-        return room(self.camera, self.microlens)
+        """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
+
+        Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
+        plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
+        """
+        c, point = self.camera, lens_point(self.camera, self.camera.fap, self.microlens)
+        bend = 1.0 - self.microlens[2] / c.f
+        rooms = []
+        for rim in c.rims:
+            on_lens = rim.part == "main_lens"
+            crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
+            pencil = crossing.ellipse(c.fap.radius)
+            off = np.hypot(pencil.x, pencil.y)
+            rooms.append(rim.radius - off - _reach(pencil, off))
+        return reduce(np.minimum, rooms)
 
     @cached_property
     def chief(self) -> tuple[Number, Number]:
         """Image centres: where the chief rays meet the sensor [mm]."""
-        return chief_point(self.camera, self.microlens)
+        return self.camera.chief_point(self.x, self.y)
 
     @cached_property
     def through_lens(self) -> tuple[Number, Number]:
@@ -311,10 +282,8 @@ class MicrolensImages:
             return intersect(*self.discs)
         images = [self.outline, *(stop_image(c, r, self.microlens).ellipse(r.radius) for r in c.rims)]
         shape = (len(self.fields), *(c.shape or (1,)))
-        centres = np.stack([_spread((image.x, image.y), shape) for image in images], axis=-2)
-        matrices = np.stack([_spread((i.xx, i.xy, i.yy), shape) for i in images], axis=-2)
-        return intersect_ellipses(centres - centres[..., :1, :], matrices)
-
-
-def _spread(values: tuple[Number, ...], shape: tuple[int, ...]) -> Array:
-    return np.stack([np.broadcast_to(value, shape) for value in values], axis=-1)
+        centres, matrices = np.empty((*shape, len(images), 2)), np.empty((*shape, len(images), 3))
+        for k, image in enumerate(images):
+            centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y
+            matrices[..., k, 0], matrices[..., k, 1], matrices[..., k, 2] = image.xx, image.xy, image.yy
+        return intersect_ellipses(centres, matrices)

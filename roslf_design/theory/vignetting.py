@@ -26,7 +26,7 @@ class FieldBound(NamedTuple):
     """Where its chief ray meets the microlens array [mm]; finite also for an infinite `distance`."""
 
 
-def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike) -> Array:
     """Signed room left inside the main lens for the whole pencil of a field point. Eqs. 5-6.
 
     Parameters
@@ -36,14 +36,11 @@ def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike, weig
         X, distance of the field point from the axis [mm], of either sign. A half-field, not a full one.
     distance : array_like
         Z, object plane to main lens [mm]; ``Z > d_3``, finite; d_f in the paper.
-    weight : array_like
-        Homogeneous weight W of the field point ``(X/W, Z/W)``. A point at infinity has ``weight=0, distance=1`` and the
-        tangent of its field angle as `radius`; the margin is then in mm.
 
     Returns
     -------
     ndarray
-        ``D (Z - W d_3) - D_F Z - 2 |X| d_3`` [mm^2], broadcast; exact at ``d_3 = 0`` where Eq. 6 divides by zero. The
+        ``D (Z - d_3) - D_F Z - 2 |X| d_3`` [mm^2], broadcast; exact at ``d_3 = 0`` where Eq. 6 divides by zero. The
         microlens image is undistorted where it is >= 0.
 
     Raises
@@ -51,13 +48,10 @@ def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike, weig
     ValueError
         `distance` is not finite.
     """
-    lens, de, d3, z, x, w = floats(c.D, c.D_F, c.d_3, distance, radius, weight)
+    lens, de, d3, z, x = floats(c.D, c.D_F, c.d_3, distance, radius)
     if not np.isfinite(z).all():
-        raise ValueError(
-            f"distance must be finite, got {float(np.ravel(z[~np.isfinite(z)])[0])}: for a field point at infinity "
-            "pass weight=0, distance=1 and the tangent of its field angle"
-        )
-    margin: Array = (lens - de) * z - (w * lens + 2 * np.abs(x)) * d3
+        raise ValueError(f"distance must be finite, got {float(np.ravel(z[~np.isfinite(z)])[0])}")
+    margin: Array = (lens - de) * z - (lens + 2 * np.abs(x)) * d3
     return margin
 
 

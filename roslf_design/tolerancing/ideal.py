@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, dot, minus, plus, times
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.stop_images import MicrolensImages, chief_point
+from ..theory.stop_images import MicrolensImages
 
 Array = NDArray[np.float64]
 Place = tuple[Number, Number]
@@ -92,7 +92,7 @@ class IdealBuilds(MicrolensImages):
             pitch = float(microlens_image_pitch(self.nominal) / self.nominal.q)
             return (0.0, 0.0), (pitch, 0.0), (0.0, pitch)
         ends = ((self.reach, 0.0), (-self.reach, 0.0), (0.0, self.reach), (0.0, -self.reach))
-        chief = (chief_point(c, c.microlens(x, y)) for x, y in ends)
+        chief = (c.chief_point(x, y) for x, y in ends)
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = ((u / c.q, v / c.q) for u, v in chief)
         step = c.d / (2 * self.reach)
         middle = (x0 + x1) / 2, (y0 + y1) / 2

@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from ..camera import TIP, nominal_numbers
+from ..camera import TIP, Camera
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.manufacture import lens_places, lens_values
@@ -45,7 +45,7 @@ def perturbable(design: Design) -> dict[str, str]:
     dict
         Dotted place to what it measures: "length", "angle", "ratio"; in a real lens also "curvature" or "number".
     """
-    kinds = {place: _kind(place) for place in nominal_numbers(design) if place != TIP and ".size." not in place}
+    kinds = {place: _kind(place) for place in Camera.of(design).numbers if place != TIP and ".size." not in place}
     if design.lens is not None:
         del kinds[FOCAL_LENGTH]
         kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
@@ -61,7 +61,7 @@ def _kind(place: str) -> str:
 @lru_cache(maxsize=64)
 def nominal_values(design: Design) -> Mapping[str, float]:
     """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
-    numbers = {place: float(number) for place, number in nominal_numbers(design).items()}
+    numbers = {place: float(number) for place, number in Camera.of(design).numbers.items()}
     if design.lens is not None:
         numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
     return {place: numbers[place] for place in perturbable(design)}

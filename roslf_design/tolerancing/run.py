@@ -27,7 +27,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design.write import write_atomically
+from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from .study import TolerancePlan
 from .trials import BLOCK, MeasuredTrials, measure_uniforms

@@ -31,8 +31,7 @@ from pydantic import (
 
 from ..design import Design
 from ..design.conjugates import CONJUGATES
-from ..design.files import load_beside
-from ..design.kinds import expect_kind
+from ..design.files import expect_kind, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..toml_files import nearest, problems_of, read_toml

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._points import sunflower
+from .._arrays import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError

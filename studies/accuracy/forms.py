@@ -8,8 +8,8 @@ from typing import Any
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import conjugates
-from roslf_design.theory import disparity, exit_pupil, f_number, light, light_field, vignetting
-from roslf_design.theory.back_substitution import back_substitute, back_substitution_jacobian
+from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
+from roslf_design.theory.light_field import back_substitute, back_substitution_jacobian
 from roslf_design.theory.stop_images import stop_discs
 
 SYMBOLS = {
@@ -117,14 +117,13 @@ CLOSED: dict[str, Callable[..., Any]] = {
     "pixel_to_pupil": _of(light_field.pixel_to_pupil, "pixel"),
     "pupil_to_pixel": _of(light_field.pupil_to_pixel, "coordinate"),
     "view_baseline": _of(light.view_baseline),
-    "pupil_shear": _of(disparity.pupil_shear, "depth"),
-    "epi_slope": _of(disparity.epi_slope, "depth"),
-    "rim_disparity": _of(disparity.rim_disparity, "depth"),
-    "disparity_rate": _of(disparity.disparity_rate, "depth"),
-    "depth_sigma": _of(disparity.depth_sigma, "depth", "disparity_sigma"),
+    "pupil_shear": _of(light_field.pupil_shear, "depth"),
+    "epi_slope": _of(light_field.epi_slope, "depth"),
+    "rim_disparity": _of(light_field.rim_disparity, "depth"),
+    "disparity_rate": _of(light_field.disparity_rate, "depth"),
+    "depth_sigma": _of(light_field.depth_sigma, "depth", "disparity_sigma"),
     "geometric_views": _of(light.geometric_views),
     "object_sample": _of(light.object_sample),
-    "phase_space_limit": _of(light.phase_space_limit, "field_radius", "depth"),
     "fresnel_number": _of(light.fresnel_number),
     "independent_views": _of(light.independent_views),
     "diffraction_width": _of(light.diffraction_width),

@@ -19,9 +19,8 @@ from roslf_design.effects.geometry import cos4
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.discs import intersect
-from roslf_design.theory.back_substitution import back_substitute
 from roslf_design.theory.f_number import matched
-from roslf_design.theory.light_field import view_projection
+from roslf_design.theory.light_field import back_substitute, view_projection
 
 from .forms import CLOSED, camera_of
 from .hard_cases import Budget, HardCase, Trial, Trials

@@ -20,9 +20,9 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import first_order
-from roslf_design.theory.disparity import depth_sigma
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.light import fresnel_number
+from roslf_design.theory.light_field import depth_sigma
 from roslf_design.traced.camera import camera_of
 
 Floats = NDArray[np.float64]

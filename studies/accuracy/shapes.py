@@ -21,7 +21,7 @@ from roslf_design.camera import Camera
 from roslf_design.lenses.tracer import Rays
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
-from roslf_design.theory.disparity import depth_sigma
+from roslf_design.theory.light_field import depth_sigma
 from roslf_design.traced.camera import camera_of
 
 from .jobs import LENS, RAYS, Job, microlens_rays

@@ -24,7 +24,7 @@ from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load
-from roslf_design.design.write import write_atomically
+from roslf_design.design.files import write_atomically
 from roslf_design.pictures.axes import drawing, to_png
 
 BOARD = f"{CELLS[0]}x{CELLS[1]} {CELL:g} mm"

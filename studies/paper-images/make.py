@@ -18,8 +18,8 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.pictures.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
-from roslf_design.theory.disparity import epi_slope
 from roslf_design.theory.exit_pupil import centre_shift_per_microlens, microlens_image_pitch
+from roslf_design.theory.light_field import epi_slope
 
 Floats = NDArray[np.float64]
 

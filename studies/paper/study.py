@@ -15,7 +15,7 @@ from rich.table import Table
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.theory import back_substitution, exit_pupil, f_number, light, vignetting
+from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
 
 RAW_WIDTH = 4600
 """Pixels across the raw images that the paper shows."""
@@ -152,12 +152,12 @@ def _raw_image() -> Iterator[Row]:
 
 def _calibration() -> Iterator[Row]:
     f, reach, m = 100.0, 91.09, 0.42
-    found = back_substitution.back_substitute(f, reach, m)
+    found = light_field.back_substitute(f, reach, m)
     given = "from A = 91.09 mm and m = 0.42 (Table 2) with f = 100 mm"
     yield Row("calibrated d_1", "142.00", float(found.mla_distance), "mm", given)
     yield Row("calibrated d_f", "338.10", float(found.focal_plane_distance), "mm", given)
     yield Row("calibrated H", "1.56", float(found.aperture_constant), "", given)
-    slope = float(back_substitution.back_substitution_jacobian(f, reach, m)[3, 0])
+    slope = float(light_field.back_substitution_jacobian(f, reach, m)[3, 0])
     yield Row(
         "calibrated d_3",
         "121.21",

@@ -30,8 +30,7 @@ from roslf_design.calibration.model import GLOBALS, project_boards, rotation_mat
 from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
 from roslf_design.design.parts import Stop
-from roslf_design.theory.back_substitution import back_substitute
-from roslf_design.theory.light_field import view_projection
+from roslf_design.theory.light_field import back_substitute, view_projection
 from tests.calibration.made import CAMERA, SHEET, captured, poses_of
 from tests.oracles.calibration import traced_view
 

@@ -24,7 +24,7 @@ from roslf_design.calibration.posterior import (
     sample_size_for,
 )
 from roslf_design.cli import main
-from roslf_design.theory.back_substitution import back_substitution_jacobian
+from roslf_design.theory.light_field import back_substitution_jacobian
 from tests.calibration.made import CAMERA, SHEET, captured, study
 
 

@@ -59,9 +59,10 @@ def designs(draw):
     )
 
 
-def every_value_round_trips(value, back_and_forth):
-    """What every value of the project owes its user: equality, hash, copy, pickle and its own text."""
-    for twin in (copy.deepcopy(value), pickle.loads(pickle.dumps(value)), back_and_forth(value)):
+def every_value_round_trips(value, *texts):
+    """What every value of the project owes its user: equality, hash, copy, pickle and its own texts."""
+    read_again = [there_and_back(value) for there_and_back in texts]
+    for twin in (copy.deepcopy(value), pickle.loads(pickle.dumps(value)), *read_again):
         assert twin == value
         assert hash(twin) == hash(value)
         assert repr(twin) == repr(value)
@@ -69,9 +70,12 @@ def every_value_round_trips(value, back_and_forth):
 
 @given(designs())
 def test_toml_json_pickle_round_trips(design):
-    every_value_round_trips(design, lambda d: loads(dumps(d)))
-    every_value_round_trips(design, lambda d: Design.model_validate_json(d.model_dump_json()))
-    every_value_round_trips(design, lambda d: eval(repr(d)))
+    every_value_round_trips(
+        design,
+        lambda d: loads(dumps(d)),
+        lambda d: Design.model_validate_json(d.model_dump_json()),
+        lambda d: eval(repr(d)),
+    )
     assert design.replace() == design
 
 
@@ -150,6 +154,11 @@ def test_replacing_a_list_entry_and_an_offset():
 def test_replace_tells_what_is_wrong(changes, said):
     with pytest.raises(DesignError, match=said):
         load("paper").replace(changes)
+
+
+def test_faults_between_parts_made_in_python_are_told():
+    with pytest.raises(DesignError, match=r"aperture\.distance: 400 mm .* inside the bore"):
+        Design(**{**dict(load("paper")), "aperture": Stop(diameter=1.0, distance=400.0)})
 
 
 def test_unknown_symbol():

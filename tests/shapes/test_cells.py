@@ -66,15 +66,6 @@ def test_a_cell_within_all_discs_is_full_and_one_beside_them_dark():
     assert area_in_rectangle([[0, 0], [0.5, 0]], [4, 5], [6, 6], [7, 7]) == 0
 
 
-def test_large_and_small_batches_agree():
-    rng = np.random.default_rng(0)
-    centres, radii = rng.normal(size=(1000, 3, 2)) * 0.3, rng.uniform(0.6, 1.4, (1000, 3))
-    polygon = cell_polygon("hexagonal", 1.4, 0.3)
-    many = area_in_polygon(centres, radii, polygon)
-    few = area_in_polygon(centres[:50], radii[:50], polygon)
-    np.testing.assert_allclose(many[:50], few, rtol=0, atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("polygon", "message"),
     [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.theory.back_substitution import back_substitute, back_substitution_jacobian
+from roslf_design.theory.light_field import back_substitute, back_substitution_jacobian
 
 PAPER = roslf.load("paper")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from roslf_design._points import sunflower
+from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays

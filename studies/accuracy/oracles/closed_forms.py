@@ -255,7 +255,6 @@ TRACED: dict[str, Form] = {
     # sampling and diffraction
     "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / q,
     "object_sample": lambda d, f, d_f: d * d_f / _at(f, d_f).d_1,
-    "phase_space_limit": lambda D_F, X_0, Z_F, wave: 2 * D_F * mp.sin(mp.atan2(X_0, Z_F)) / wave,
     # Half waves of path (paraxial) by which the aperture's edge is farther from the sensor's centre.
     "fresnel_number": lambda d, d_2, wave: 2 * ((d / 2) ** 2 / (2 * d_2)) / wave,
     "independent_views": lambda d, d_2, wave: d / (d_2 * (wave / d)),

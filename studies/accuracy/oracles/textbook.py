@@ -189,7 +189,6 @@ FORMULAS: dict[str, Form] = {
     "depth_sigma": lambda sigma, Z_F, D_F, d, f, d_f, d_3: Z_F**2 * d * _h(d_f, d_3) * sigma / (D_F * _d_1(f, d_f)),
     "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / q,
     "object_sample": lambda d, f, d_f: d * d_f / _d_1(f, d_f),
-    "phase_space_limit": lambda D_F, X_0, Z_F, wave: 2 * D_F * _library(Z_F).sin(_library(Z_F).atan2(X_0, Z_F)) / wave,
     "fresnel_number": lambda d, d_2, wave: d**2 / (4 * wave * d_2),
     "independent_views": lambda d, d_2, wave: d**2 / (wave * d_2),
     "diffraction_width": lambda d, d_2, wave: wave * d_2 / d,
