@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -22,6 +22,9 @@ REMEDIES = {
     "greater_than": "must be greater than zero",
     "greater_than_equal": "must not be negative",
 }
+
+KIND = "kind"
+"""Key that tells which table one is, where it may be several."""
 
 
 def read_toml(
@@ -103,54 +106,76 @@ def _problems_within(detail: ErrorDetails) -> list[Problem]:
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
-    place = tuple(detail["loc"])
-    key = ".".join(str(step) for step in place)
-    kind, value = detail["type"], detail["input"]
+    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    at = _at(model, detail["loc"])
+    key, name = at.key, str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "extra_forbidden":
-        return Problem(key, "is not a known key; " + nearest(str(place[-1]), _known_keys(model, place[:-1])))
+        around = _at(model, detail["loc"][:-1]).models
+        return Problem(key, "is not a known key; " + nearest(name, [*around[0].model_fields] if around else ()))
     if kind == "missing":
-        return Problem(key, _missing(model, place))
+        return Problem(key, _missing(at))
     if kind == "value_error":
         return Problem(key, detail["msg"].removeprefix("Value error, "))
     if kind in REMEDIES:
         return Problem(key, f'"{value}" {REMEDIES[kind]}')
     if kind == "literal_error":
-        return Problem(key, f'"{value}" is not known; write {detail["ctx"]["expected"]}')
+        return Problem(key, f'"{value}" is not known; write {context["expected"]}')
+    if kind.startswith("union_tag"):
+        names = [_tag(one) for one in at.models]
+        told = f"write one of {', '.join(names)}"
+        tag = context.get("tag")
+        fault = "is missing; " + told if tag is None else f'"{tag}" is not known; {nearest(str(tag), names, told)}'
+        return Problem(f"{key}.{KIND}", fault)
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         return Problem(key, f"must be a table of keys ([{key}] in the file), got {value!r}")
+    if kind == "tuple_type" and at.models:
+        return Problem(key, f"must be tables, each headed [[{key}]], got {value!r}")
     return Problem(key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, got {value!r}")
 
 
-def _model_at(model: type[BaseModel], place: tuple[Any, ...]) -> type[BaseModel] | None:
-    current: Any = model
+class _Place(NamedTuple):
+    """A place in a file, as its reader wrote it."""
+
+    key: str
+    """Dotted; without the kind that pydantic puts before each table that may be of several."""
+    models: list[type[BaseModel]]
+    """What stands there: one table, or those that it may be; nothing for values."""
+    listed: bool
+    """Whether there are several, each headed by double brackets."""
+
+
+def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
+    names: list[str] = []
+    models, listed = [model], False
     for step in place:
-        if isinstance(step, int):
+        chosen = [one for one in models if _tag(one) == step] if len(models) > 1 else []
+        if chosen:
+            models = chosen
             continue
-        if not (isinstance(current, type) and issubclass(current, BaseModel)) or step not in current.model_fields:
-            return None
-        current = current.model_fields[step].annotation
-        current = next((part for part in get_args(current) if isinstance(part, type)), current)
-    return current if isinstance(current, type) and issubclass(current, BaseModel) else None
+        names.append(str(step))
+        if isinstance(step, str):
+            field = models[0].model_fields.get(step) if len(models) == 1 else None
+            kind = None if field is None else field.annotation
+            models, listed = _tables(kind), get_origin(kind) in (list, tuple)
+    return _Place(".".join(names), models, listed)
 
 
-def _known_keys(model: type[BaseModel], place: tuple[Any, ...]) -> tuple[str, ...]:
-    found = _model_at(model, place)
-    return tuple(found.model_fields) if found else ()
+def _tables(kind: Any) -> list[type[BaseModel]]:
+    """Every table that a field's type may be."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return [kind]
+    return [table for part in get_args(kind) for table in _tables(part)]
 
 
-def _missing(model: type[BaseModel], place: tuple[Any, ...]) -> str:
-    inner = _model_at(model, place)
-    if inner is None:
+def _tag(table: type[BaseModel]) -> str:
+    return str(table.model_fields[KIND].default) if KIND in table.model_fields else ""
+
+
+def _missing(at: _Place) -> str:
+    if len(at.models) != 1:
         return "is missing; add it"
     # A default that is validated is none: it stands for a value that another key gives.
-    fields = inner.model_fields.items()
+    fields = at.models[0].model_fields.items()
     needed = ", ".join(name for name, field in fields if field.is_required() or field.validate_default)
-    name = ".".join(map(str, place))
-    table = f"[[{name}]]" if _is_list(model, place) else f"[{name}]"
+    table = f"[[{at.key}]]" if at.listed else f"[{at.key}]"
     return f"is missing; add the table {table} with {needed}"
-
-
-def _is_list(model: type[BaseModel], place: tuple[Any, ...]) -> bool:
-    """Whether a key holds several tables, each headed by double brackets."""
-    outer = _model_at(model, place[:-1]) if place[:-1] else model
-    return outer is not None and get_origin(outer.model_fields[place[-1]].annotation) in (list, tuple)

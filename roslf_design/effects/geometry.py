@@ -157,15 +157,23 @@ def tilts(s: Subject) -> Estimate:
 
 
 def decentres(s: Subject) -> Estimate:
-    """How far all decentres, each at its worst, move a microlens image on the sensor [px], the same all over."""
+    """How far all decentres, each at its worst, move light on the sensor [px], the same all over.
+
+    Microlens images move there; what is seen in them moves over the array too, by e (1 + m) with the main lens and by e
+    with the array, unless the scene is uniform. The larger of the two counts.
+    """
     design = s.design
-    moved = math.hypot(*design.main_lens.decentre) * s.scale(design.d_3) * design.d_3 / design.f
-    moved += math.hypot(*design.microlens_array.decentre) * abs(s.pitch) / design.d
-    moved += math.hypot(*design.sensor.decentre)
-    moved += sum(math.hypot(*stop.decentre) * s.scale(stop.distance) for stop in design.all_stops)
-    if moved == 0:
+    lens, array = (math.hypot(*part.decentre) for part in (design.main_lens, design.microlens_array))
+    images = lens * s.scale(design.d_3) * design.d_3 / design.f + array * abs(s.pitch) / design.d
+    images += math.hypot(*design.sensor.decentre)
+    images += sum(math.hypot(*stop.decentre) * s.scale(stop.distance) for stop in design.all_stops)
+    picture = 0.0 if s.brief.white else lens * (1 + float(s.camera.m)) + array
+    images, picture = images / design.q, picture / design.q
+    if images == picture == 0:
         return Estimate(0.0, "nothing is decentred")
-    return Estimate(moved / design.q, f"decentres move microlens images by {moved / design.q:.3g} px")
+    if picture > images:
+        return Estimate(picture, f"decentres move the scene's picture by {picture:.3g} px over the array")
+    return Estimate(images, f"decentres move microlens images by {images:.3g} px")
 
 
 PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", pupil_geometry, always=True)

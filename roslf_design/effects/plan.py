@@ -125,6 +125,10 @@ class Plan:
         """Whether an effect is to be rendered."""
         return self[name].on
 
+    def without(self, name: str) -> Plan:
+        """The same plan with one effect off."""
+        return Plan(tuple(replace(line, on=line.on and line.name != name) for line in self.effects))
+
     @property
     def cost(self) -> float:
         """Expected extra time of all that is on [s]."""

@@ -129,7 +129,8 @@ class RealLensTracer:
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
         """For a design without tilts of other parts than the main lens, a plan and a scene."""
-        mounted, camera, array = camera_of(design), Camera.of(design), design.microlens_array
+        mounted, array = camera_of(design), design.microlens_array
+        camera = Camera.of(design).replace({}, in_focus=not plan.on("microlens_defocus"))
         places = microlenses(design, lens_centres(Lattice(array.pitch, array.size, array.layout)))
         waves = (scene.light.wavelengths or (design.wavelength,)) if plan.on("lens_colour") else (design.wavelength,)
         level = scene.white

@@ -139,21 +139,25 @@ class _Job:
         self.design, self.scene, self.plan = design, scene, effects
         self.budget, self.sampling, self.threads = budget, sampling, threads
         self.camera = planned_camera(design, effects)
-        self.real = real_camera(design, scene, effects)
         self.rays = 0
+        real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and (self.real is not None or self.camera.tilted)
-        transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
-        if self.traced and effects.on("finite_microlens_aperture"):
+        self.traced |= scene.white is not None and (real is not None or self.camera.tilted)
+        self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
+        self.layers = [(self._geometry(effects), self.transfer)]
+        if self.traced and self.transfer.defocus and effects.on("finite_microlens_aperture"):
             # Rays through the whole microlens already carry its defocus.
-            transfer = replace(transfer, defocus=0.0)
-        self.transfer = None if transfer.trivial else transfer
+            self.layers = [(self._geometry(effects), replace(self.transfer, defocus=0.0))]
+            if self.transfer.wavelengths:
+                # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
+                focused = effects.without("microlens_defocus")
+                self.layers.append((self._geometry(focused), replace(self.transfer, beyond_rays=True)))
         self.series = self._series()
         ways = {
             "points": scene.white is None and not self.traced,
             "harmonics": self.series is not None,
             "rays": self.traced,
-            "convolution": self.transfer is not None,
+            "convolution": not self.transfer.trivial,
         }
         self.method = next((name for name, used in ways.items() if used), "coverage")
 
@@ -167,14 +171,19 @@ class _Job:
         elif not self.traced and white is None:
             yield 0, np.zeros((region.rows, region.columns), np.float32)
         else:
-            yield from bands(region, self._geometry(), self.transfer, float(self.camera.q), self.threads)
+            pixel, tolerance = float(self.camera.q), self.budget.intensity
+            layers = [bands(region, *layer, pixel, self.threads, tolerance) for layer in self.layers]
+            for pieces in zip(*layers, strict=True):
+                yield pieces[0][0], sum((image for _, image in pieces[1:]), pieces[0][1])
 
-    def _geometry(self) -> Geometry:
+    def _geometry(self, effects: Plan) -> Geometry:
+        """Light without diffraction, on any pixels."""
         if not self.traced:
             level = np.float32(self.scene.white or 0.0)
-            geometry = WhiteGeometry.of(self.camera, self.plan)
+            geometry = WhiteGeometry.of(self.camera, effects)
             return lambda region, fine: level * geometry.image(region, fine)
-        tracer = self.real or Tracer.of(self.design.thin_twin, self.plan, self.scene)
+        real = real_camera(self.design, self.scene, effects)
+        tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene)
 
         def traced(region: Region, fine: int) -> Image:
             image, rays = tracer.image(region, self.sampling, fine)
@@ -190,7 +199,7 @@ class _Job:
 
     def _series(self) -> HarmonicSeries | None:
         """The exact series, where neighbours are alike and diffraction ends it."""
-        if self.scene.white is None or self.traced or self.transfer is None or not self.transfer.wavelengths:
+        if self.scene.white is None or self.traced or not self.transfer.wavelengths:
             return None
         if self.plan.on("vignetting") and self.plan["vignetting"].estimate > 0:
             return None

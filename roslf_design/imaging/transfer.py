@@ -16,11 +16,11 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
 from ..effects import Plan
@@ -40,9 +40,8 @@ PANEL = 16
 CORE = 512
 """Pixels of a tile that are kept."""
 
-HALO = 96
-"""Pixels around them that lend their light. A square aperture's pattern has 1/(pi^2 t) of its light beyond t blur
-widths, and the tile's wrapped far side stands in for what lies farther out: it has about the same mean."""
+LEAST_HALO, MOST_HALO = 96, 1024
+"""Pixels around them that lend their light, at least and at most."""
 
 DEFAULT_FINE = 4
 """Subpixels where no diffraction bounds the frequencies."""
@@ -67,6 +66,8 @@ class MicrolensTransfer:
     """Shape of the aperture."""
     rotation: float = 0.0
     """Of the square aperture's sides [rad]."""
+    beyond_rays: bool = False
+    """Whether this is only what it has beyond diffraction in focus of the rays' own blur."""
 
     @classmethod
     def of(cls, camera: Camera, plan: Plan, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
@@ -99,6 +100,9 @@ class MicrolensTransfer:
         x, y = (np.asarray(values, float) for values in (frequency_x, frequency_y))
         if self.trivial:
             return np.ones(np.broadcast_shapes(x.shape, y.shape))
+        if self.beyond_rays:
+            whole = replace(self, beyond_rays=False)
+            return np.asarray(whole(x, y) - replace(whole, defocus=0.0)(x, y) * replace(whole, wavelengths=())(x, y))
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         if not self.circular and s != 0:
             x, y = c * x + s * y, c * y - s * x
@@ -174,8 +178,25 @@ def fineness(transfer: MicrolensTransfer, pixel: float) -> int:
     return min(4, max(2, math.ceil(4 * pixel * transfer.cutoff)))
 
 
+def halo(transfer: MicrolensTransfer, pixel: float, tolerance: float) -> int:
+    """Pixels (of width `pixel` [mm]) around a pixel that lend it light; what comes from farther is `tolerance` of it.
+
+    A square aperture's pattern has 1/(2 pi^2 t) of its light beyond t blur widths on a side. Light from beyond is taken
+    to be as bright as the mean of what lies within: half right where an array ends, and elsewhere nearly so.
+    """
+    blur = max(transfer.wavelengths, default=0.0) * transfer.sensor_distance / transfer.width
+    defocused = transfer.width * transfer.sensor_distance * abs(transfer.defocus)
+    reach = blur / (4 * math.pi**2 * tolerance) + defocused if tolerance > 0 else math.inf
+    return int(min(max(LEAST_HALO, reach / pixel), MOST_HALO))
+
+
 def bands(
-    region: Region, geometry: Geometry, transfer: MicrolensTransfer | None, pixel: float, threads: int
+    region: Region,
+    geometry: Geometry,
+    transfer: MicrolensTransfer,
+    pixel: float,
+    threads: int,
+    tolerance: float = 0.01,
 ) -> Iterator[tuple[int, Image]]:
     """Bands of rows of a region, from the top, with what diffraction makes of them.
 
@@ -184,12 +205,14 @@ def bands(
     region : Region
     geometry : callable
         Gives geometric images.
-    transfer : MicrolensTransfer, optional
-        None leaves the geometric image as it is.
+    transfer : MicrolensTransfer
+        A trivial one leaves the geometric image as it is.
     pixel : float
         q [mm].
     threads : int
         For the tiles of a band; the bytes do not depend on it.
+    tolerance : float
+        Share of a microlens's light that may come from beyond what is looked at, see `halo`.
 
     Yields
     ------
@@ -197,40 +220,56 @@ def bands(
         First row of the band, counted from the region's first.
     image : ndarray of float32, shape (rows, region.columns)
     """
-    if transfer is None:
+    if transfer.trivial:
         for row in range(0, region.rows, CORE):
             piece = region._replace(row=region.row + row, rows=min(CORE, region.rows - row))
             yield row, geometry(piece, 1)
         return
-    fine = fineness(transfer, pixel)
-    wide = Region(region.column - HALO, 0, region.columns + 2 * HALO, 0)
+    fine, edge = fineness(transfer, pixel), halo(transfer, pixel, tolerance)
+    wide = Region(region.column - edge, 0, region.columns + 2 * edge, 0)
     kept = np.empty((0, wide.columns * fine), np.float32)
+    blur = functools.partial(_tile, transfer=transfer, step=pixel / fine, edge=edge * fine, fine=fine)
     with ThreadPoolExecutor(threads) as pool:
         for row in range(0, region.rows, CORE):
             rows = min(CORE, region.rows - row)
             have = kept.shape[0] // fine
-            start = region.row - HALO + row + have
-            band = np.concatenate([kept, geometry(wide._replace(row=start, rows=rows + 2 * HALO - have), fine)])
+            start = region.row - edge + row + have
+            band = np.concatenate([kept, geometry(wide._replace(row=start, rows=rows + 2 * edge - have), fine)])
             columns = range(0, region.columns, CORE)
-            ends = [min(column + CORE, region.columns) + 2 * HALO for column in columns]
+            ends = [min(column + CORE, region.columns) + 2 * edge for column in columns]
             tiles = [band[:, column * fine : end * fine] for column, end in zip(columns, ends, strict=True)]
-            done = pool.map(functools.partial(_tile, transfer=transfer, pixel=pixel, fine=fine), tiles)
-            yield row, np.concatenate(list(done), axis=1)
+            yield row, np.concatenate(list(pool.map(blur, tiles)), axis=1)
             kept = band[rows * fine :]
 
 
+@functools.lru_cache(maxsize=4)
+def _pattern(transfer: MicrolensTransfer, step: float, edge: int) -> Image:
+    """The light pattern within `edge` samples of its centre, shape (2 edge + 1, 2 edge + 1), in samples of `step` [mm].
+
+    What lies beyond is spread over all of it. Always taken from the same frequencies, so that a pixel does not depend
+    on the tile that it is in.
+    """
+    side = 2 * edge + CORE
+    frequency_y, frequency_x = np.fft.fftfreq(side, step), np.fft.rfftfreq(side, step)
+    response = transfer(frequency_x, frequency_y[:, None])
+    wave = np.fft.irfft2(response, s=(side, side))
+    near = np.arange(-edge, edge + 1)
+    kernel = wave[np.ix_(near, near)]
+    return np.asarray(kernel + (response[0, 0] - kernel.sum()) / kernel.size, np.float32)
+
+
 @functools.lru_cache(maxsize=8)
-def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float) -> Image:
-    frequency_y, frequency_x = np.fft.fftfreq(rows, step), np.fft.rfftfreq(columns, step)
-    return transfer(frequency_x, frequency_y[:, None]).astype(np.float32)
+def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float, edge: int) -> NDArray[np.complex64]:
+    """Spectrum of that pattern about the corner of a tile."""
+    tile = np.zeros((rows, columns), np.float32)
+    near = np.arange(-edge, edge + 1)
+    tile[np.ix_(near, near)] = _pattern(transfer, step, edge)
+    return np.asarray(np.fft.rfft2(tile), np.complex64)
 
 
-def _tile(tile: Image, transfer: MicrolensTransfer, pixel: float, fine: int) -> Image:
+def _tile(tile: Image, transfer: MicrolensTransfer, step: float, edge: int, fine: int) -> Image:
     """Convolve one tile, drop its halo, and gather subpixels into pixels."""
     rows, columns = tile.shape
-    spectrum = np.fft.rfft2(tile)
-    spectrum *= _response(transfer, rows, columns, pixel / fine)
-    wave = np.fft.irfft2(spectrum, s=tile.shape)
-    edge = HALO * fine
-    core = wave[edge : rows - edge, edge : columns - edge]
+    spectrum = np.fft.rfft2(tile) * _response(transfer, rows, columns, step, edge)
+    core = np.fft.irfft2(spectrum, s=tile.shape)[edge : rows - edge, edge : columns - edge]
     return np.asarray(core.reshape(core.shape[0] // fine, fine, core.shape[1] // fine, fine).mean((1, 3)), np.float32)

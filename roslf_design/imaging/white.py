@@ -19,9 +19,9 @@ from ..shapes.coverage import coverage_image
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.stop_images import stop_discs
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres
-from .transfer import MicrolensTransfer
+from .transfer import MOST_HALO, MicrolensTransfer
 
-FRAME = 256
+FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
 
 MOST_GROUPS = 400

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ..design.parts import Offset, Part, Size, Tilt
 from ..units import Angle, AnyLength, Length
@@ -65,6 +65,12 @@ class PictureTexture(Part):
     """PNG, TIFF, JPEG and whatever else Pillow reads; relative to the scene file."""
     width: Length
     """Width of the picture on the surface [mm]; pixels are square."""
+
+    @field_validator("file")
+    @classmethod
+    def _beside_the_scene(cls, file: str, info: ValidationInfo) -> str:
+        folder = (info.context or {}).get("folder")
+        return file if folder is None else str(folder / file)
 
     def load(self) -> NDArray[np.float32]:
         """Radiances, shape (rows, columns).

@@ -6,20 +6,18 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 
 from ..camera import Camera
 from ..design import Design
 from ..design.parts import Part
 from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
-from ..toml_files import nearest, parse_toml, problems_of, read_toml
+from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
-from .objects import OBJECTS, TEXTURES, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
-
-P = TypeVar("P", bound=Part)
+from .objects import OBJECTS, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
 
 
 class SceneError(InputError):
@@ -42,12 +40,19 @@ class Scene(Part):
 
     name: str = ""
     """What the scene is called."""
-    objects: tuple[Object, ...] = Field(default=(White(),), min_length=1)
+    objects: tuple[Object, ...] = (White(),)
     """In any order."""
     background: Annotated[float, Field(ge=0)] = 0.0
     """Radiance where no object is met."""
     light: SceneLight = SceneLight()
     """Colour and exposure."""
+
+    @field_validator("objects", mode="before")
+    @classmethod
+    def _some(cls, objects: Any) -> Any:
+        if isinstance(objects, (list, tuple)) and not objects:
+            raise ValueError("must be tables, each headed [[objects]]")
+        return objects
 
     @property
     def white(self) -> float | None:
@@ -168,76 +173,14 @@ def make_scene(
     SceneError
         Every fault of `data`.
     """
-    reader = _Reader(from_file, folder)
-    whole = {**data, "objects": reader.objects(data.get("objects"))}
-    if isinstance(data.get("light"), Mapping):
-        whole["light"] = reader.part(SceneLight, data["light"], "light") or SceneLight()
-    if not whole["objects"]:
-        del whole["objects"]
-    scene = reader.part(Scene, whole, "")
-    if scene is None or reader.problems:
-        raise SceneError(tuple(reader.problems), origin)
+    problems = []
+    if data.get("objects") is None:
+        remedy = f"is missing; add a table [[objects]] with a kind: {', '.join(OBJECTS)}"
+        problems, data = [Problem("objects", remedy)], {**data, "objects": (White(),)}
+    try:
+        scene = Scene.model_validate(data, context={"from_file": from_file, "folder": folder})
+    except ValidationError as error:
+        problems += problems_of(error, Scene)
+    if problems:
+        raise SceneError(tuple(problems), origin)
     return scene
-
-
-class _Reader:
-    """Makes parts of nested values and collects what is wrong with them."""
-
-    def __init__(self, from_file: bool, folder: Path | None) -> None:
-        self.from_file = from_file
-        self.folder = folder
-        self.problems: list[Problem] = []
-
-    def objects(self, given: Any) -> tuple[Part, ...]:
-        if given is None:
-            self._fault("objects", f"is missing; add a table [[objects]] with a kind: {', '.join(OBJECTS)}")
-            return ()
-        if not isinstance(given, (list, tuple)) or not given:
-            self._fault("objects", "must be tables, each headed [[objects]]")
-            return ()
-        made = (self._object(table, f"objects.{index}") for index, table in enumerate(given))
-        return tuple(thing for thing in made if thing is not None)
-
-    def _object(self, table: Any, key: str) -> Part | None:
-        kind = self._kind(OBJECTS, table, key)
-        if kind is None:
-            return None
-        values = dict(table)
-        if "texture" in values and "texture" in kind.model_fields:
-            given = values.pop("texture")
-            look = self._kind(TEXTURES, given, f"{key}.texture")
-            texture = look and self.part(look, self._at_home(given), f"{key}.texture")
-            if texture is not None:
-                values["texture"] = texture
-        return self.part(kind, values, key)
-
-    def _kind(self, known: Mapping[str, type[Part]], table: Any, key: str) -> type[Part] | None:
-        names = ", ".join(known)
-        if not isinstance(table, Mapping):
-            self._fault(key, f"must be a table of keys, got {table!r}")
-        elif table.get("kind") is None:
-            self._fault(f"{key}.kind", f"is missing; write one of {names}")
-        elif table["kind"] in known:
-            return known[table["kind"]]
-        else:
-            remedy = nearest(str(table["kind"]), known, f"write one of {names}")
-            self._fault(f"{key}.kind", f'"{table["kind"]}" is not known; {remedy}')
-        return None
-
-    def _at_home(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The same with a picture's file counted from the scene's folder."""
-        file = table.get("file")
-        if self.folder is None or not isinstance(file, str) or Path(file).is_absolute():
-            return table
-        return {**table, "file": str(self.folder / file)}
-
-    def part(self, kind: type[P], data: Mapping[str, Any], key: str) -> P | None:
-        try:
-            return kind.model_validate(data, context={"from_file": self.from_file})
-        except ValidationError as error:
-            for problem in problems_of(error, kind):
-                self._fault(".".join(part for part in (key, problem.key) if part), problem.message)
-            return None
-
-    def _fault(self, key: str, message: str) -> None:
-        self.problems.append(Problem(key, message))

@@ -15,12 +15,12 @@ from PIL import Image
 
 from roslf_design.camera import Camera
 from roslf_design.design import Design
-from roslf_design.effects import Plan, plan
+from roslf_design.effects import Budget, Plan, plan
 from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling, Tracer
-from roslf_design.imaging.transfer import HALO, MicrolensTransfer, bands
+from roslf_design.imaging.transfer import MicrolensTransfer, bands, halo
 from roslf_design.scenes import Scene, make_scene
 
 RAYS = ("-microlens_diffraction", "-fap_diffraction", "-microlens_defocus", "+object_defocus")
@@ -106,13 +106,15 @@ def capture(design: Design, scene: Scene, seed: int, rays: int = 64) -> Iterator
     """The scene by rays and by waves from one trace: what differs is the diffraction, not the sampling."""
     lines = {kind: plan(design, scene, None, overrides) for kind, overrides in KINDS.items()}
     width, height = design.pixels
-    wide = Region(-HALO, -HALO, width + 2 * HALO, height + 2 * HALO)
+    transfers = [MicrolensTransfer.of(Camera.of(design), line, scene.light.wavelengths) for line in lines.values()]
+    edge = max(halo(transfer, design.q, Budget().intensity) for transfer in transfers)
+    wide = Region(-edge, -edge, width + 2 * edge, height + 2 * edge)
     tracer = Tracer.of(design, lines["rays"], scene)
     traced, _ = tracer.image(wide, RaySampling(least=rays, most=rays, seed=seed), _FINE)
 
     def geometry(region: Region, fine: int) -> NDArray[np.float32]:
         assert fine == _FINE
-        row, column = (region.row + HALO) * fine, (region.column + HALO) * fine
+        row, column = (region.row + edge) * fine, (region.column + edge) * fine
         part = traced[row : row + region.rows * fine, column : column + region.columns * fine]
         beyond = region.rows * fine - part.shape[0]  # a last band asks for more rows than there are
         return np.pad(part, ((0, beyond), (0, 0)))

@@ -12,7 +12,7 @@ from roslf_design.design import load
 from roslf_design.effects import Budget, plan
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
-from roslf_design.scenes import Checkerboard, Plane, Scene, SceneLight, Sinusoid
+from roslf_design.scenes import Checkerboard, Plane, Points, Scene, SceneLight, Sinusoid
 
 PAPER = load("paper")
 PIPE = load("pipe-bore")
@@ -40,6 +40,8 @@ def measure(design, scene, name, region, budget, overrides, how):
     change = with_it.pixels.astype(float) - without.pixels
     if how == "largest":
         size = np.abs(change).max()
+    elif how == "coherent":  # edges are as wide as the blur, from dark to the brightest
+        size = np.abs(change).max() / without.pixels.max() * lines["microlens_diffraction"].estimate
     elif how == "rms":
         size = np.sqrt(np.mean(change**2))
     else:
@@ -54,6 +56,10 @@ def along_array(scene):
     steps = 2 if isinstance(texture, Sinusoid) else 4  # a checkerboard jumps along both axes
     return steps * PITCH_ON_OBJECT / texture.period
 
+
+BOARD = small(0.42, edges=True)
+POINT = Scene(objects=(Points(positions=((-27.0, -17.75, 350.0),)),))
+"""Its light falls into the sensor's corner."""
 
 NO_BLUR = ["-microlens_diffraction", "-microlens_defocus", "-overlap"]
 
@@ -72,6 +78,9 @@ LEFT_OUT = [
     ("smooth texture", PAPER, small(2.0), "finite_microlens_aperture", {}, [], "rms"),
     ("nearly in focus", PAPER, small(2.0, 349.0), "object_defocus", {}, [], along_array),
     ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.5}, NO_BLUR[:1], along_array),
+    ("point", PAPER.replace(f_ml=2.008), POINT, "microlens_defocus", {}, [], "coherent"),
+    ("lens aside", PAPER.replace({"main_lens.decentre": (2e-4, 0.0)}), BOARD, "decentres", {}, [], "largest"),
+    ("array aside", PAPER.replace({"microlens_array.decentre": (2e-4, 2e-4)}), BOARD, "decentres", {}, [], "largest"),
     ("bright", PAPER, Scene(light=SceneLight(exposure=4e4, read_noise=20)), "noise", {}, [], "rms"),
 ]
 
@@ -89,6 +98,8 @@ RENDERED = [
     ("fine texture", PAPER, small(0.5), "finite_microlens_aperture", {}, [], "rms"),
     ("out of focus", PAPER, small(2.0, 335.0), "object_defocus", {}, [], along_array),
     ("coarse board", PAPER, small(2.0, edges=True), "fap_diffraction", {"pitch": 0.05}, NO_BLUR[:1], along_array),
+    ("point", PAPER.replace(f_ml=2.3), POINT, "microlens_defocus", {}, [], "coherent"),
+    ("lens aside", PAPER.replace({"main_lens.decentre": (0.018, 0.0)}), BOARD, "decentres", {}, [], "largest"),
     ("dim", PAPER, Scene(light=SceneLight(exposure=500.0)), "noise", {}, [], "rms"),
 ]
 

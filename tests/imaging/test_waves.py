@@ -5,14 +5,14 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.design import load
-from roslf_design.effects import plan
-from roslf_design.imaging.camera import Region, pixel_centres, planned_camera
+from roslf_design.effects import Budget, plan
+from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer, bands, encircled
 from roslf_design.imaging.white import WhiteGeometry, harmonic_series
-from roslf_design.scenes import Plane, Scene, Sinusoid
+from roslf_design.scenes import Plane, Scene, Sinusoid, Uniform
 from tests.oracles import coherent, huygens
 
 PAPER = load("paper")
@@ -137,9 +137,10 @@ def test_many_incoherent_points_make_the_white_image():
     assert np.sqrt(np.mean((cell * scale - white) ** 2)) < 0.02  # tails beyond the patch, 4 x 4 points
 
 
-def test_error_of_the_incoherent_model_for_a_texture():
+@pytest.mark.parametrize("f_ml", [2.0, 3.0])
+def test_error_of_the_incoherent_model_for_a_texture(f_ml):
     """A grating of four pitches on the focal plane: coherent points, added up, against rays and one convolution."""
-    telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13)  # images repeat every 13 pixels exactly
+    telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13, f_ml=f_ml)  # images repeat every 13 pixels exactly
     period, cells, pitch = 4, 9, 0.1575
     side = 13 * cells
     middle = Region(telecentric.pixels[0] // 2 - side // 2, telecentric.pixels[1] // 2 - side // 2, side, side)
@@ -165,3 +166,49 @@ def test_error_of_the_incoherent_model_for_a_texture():
     image = render(telecentric, scene, region=region, overrides=["-cos4"], sampling=sampling).pixels
     truth *= image.mean() / truth.mean()  # 2 % of the light lies in tails beyond the patch
     assert np.sqrt(np.mean((image - truth) ** 2)) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("changes", "textured"),
+    [
+        ({"microlens_array.focal_length": 2.5}, True),
+        ({"microlens_array.focal_length": 5.0, "microlens_array.rotation": 0.2}, True),
+        ({"microlens_array.focal_length": 3.0, "microlens_array.lens_shape": "circular"}, True),
+        ({"microlens_array.focal_length": 3.0, "microlens_array.tilt": (0.01, 0.0)}, False),
+    ],
+    ids=["a quarter off", "far off, turned", "round", "white, traced"],
+)
+def test_a_wall_without_contrast_looks_like_a_white_field_out_of_focus(changes, textured):
+    """Through whole microlenses and through their middles alike: uniform light has no detail that could tell."""
+    design = PAPER.replace(changes)
+    region, sampling = (2280, 1520, 12, 12), RaySampling(512, 512, 0.0)
+    wall = Scene(objects=(Plane(texture=Uniform(level=1.0)),)) if textured else None
+    white, image = (
+        render(design, scene, region=region, overrides=["-cos4", f"{sign}finite_microlens_aperture"], sampling=sampling)
+        for scene, sign in ((None, "-"), (wall, "+"))
+    )
+    assert np.abs(image.pixels - white.pixels).max() < 6e-3  # 512 rays a pixel
+
+
+@pytest.mark.parametrize("asked", [0.01, 0.003])
+def test_tails_where_the_array_ends_are_as_wide_as_was_asked(asked):
+    """Pixels of 1 um are small against a blur of 17 um; beyond the last microlens nothing stands in for its light."""
+    design = PAPER.replace({"microlens_array.size": (8.0, 8.0)}, q=0.001)
+    _, seen, _ = planned(design)
+    lattice = ImageLattice.of(seen)
+    last = lattice.image(np.array([62, 62]))  # 125 microlenses of 0.063 mm and a rim
+    assert lattice.holds(np.array([[62, 62], [63, 62]])).tolist() == [True, False]
+    column, row = (int(c / 0.001 + n / 2) for c, n in zip(last, design.pixels, strict=True))
+    region = Region(column - 10, row - 10, 60, 60)
+    image = render(design, region=region, budget=Budget(intensity=asked), overrides=["-cos4"]).pixels[::6, ::6]
+    pupil = huygens.disc(PAPER.D_F / 2, 40)
+    x, y = (c[::6] - at for c, at in zip(pixel_centres(seen, region), last, strict=True))
+    area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
+    near, far = (
+        huygens.square_images(seen, pupil, x, y, 0.062726086956521737 * np.arange(-n, 1), 160 + 8 * n) * area
+        for n in (8, 16)
+    )
+    assert np.abs(image - (2 * far - near)).max() < asked
+    part = render(design, region=region._replace(column=column, columns=6), budget=Budget(intensity=asked))
+    whole = render(design, region=region, budget=Budget(intensity=asked))
+    np.testing.assert_allclose(part.pixels, whole.pixels[:, 10:16], atol=2e-6)  # of the transforms, in single precision
