@@ -123,7 +123,7 @@ class Camera(Symbols[Number]):
         for place, value in given.items():
             if place not in numbers:
                 raise DesignError((Problem(place, "is not a number of this design"),))
-            numbers[place] = value if isinstance(value, (float, np.ndarray)) else _number(value)
+            numbers[place] = _number(value)
         if self.lens is not None and PATHS["wavelength"] in given and FOCAL not in given:
             colours = np.vectorize(partial(focal_length_at, self.lens), otypes=[np.float64])(given[PATHS["wavelength"]])
             given = {**given, FOCAL: colours}
@@ -363,6 +363,9 @@ class Camera(Symbols[Number]):
 
 
 def _number(value: ArrayLike) -> Number:
+    """A float or an array, of double precision or, for derivatives, complex."""
+    if isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype in (np.float64, np.complex128)):
+        return value
     array = np.asarray(value, np.float64)
     return array if array.ndim else float(array)
 

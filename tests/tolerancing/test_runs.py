@@ -261,9 +261,9 @@ def test_the_command_writes_all_its_files_and_json(tmp_path, capsys):
         assert {f"{name}.svg", f"{name}.png"} <= names
     assert "grades.svg" not in names  # the study names no grade
     assert {worst["file"] for worst in data["worst"]} <= names
-    trials = np.load(tmp_path / "out" / "trials.npz")
-    assert trials["metrics"].shape == (100, 1, 3)
-    assert trials["places"].tolist() == [p["place"] for p in data["perturbations"]]
+    with np.load(tmp_path / "out" / "trials.npz") as trials:
+        assert trials["metrics"].shape == (100, 1, 3)
+        assert trials["places"].tolist() == [p["place"] for p in data["perturbations"]]
 
 
 def test_wrong_input_is_exit_code_2_and_one_line_each(tmp_path, capsys):
