@@ -19,7 +19,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.plan import EFFECTS
 from ..errors import InputError, Problem
 from ..imaging.lens_rays import LENS_EFFECTS
-from ..imaging.render import RawImage, render
+from ..imaging.render import RawImage, method_of, render
 from ..imaging.trace import RaySampling
 from ..scenes import Scene
 from .statement import Accuracy, check_accuracy
@@ -185,18 +185,11 @@ class _Job:
         self.design, self.scene, self.plan, self.budget, self.seed = design, scene, chosen, budget, seed
         width, height = design.pixels
         self.region = tuple(region) if region is not None else (0, 0, width, height)
-        self.method = method or self._method()
+        self.method = method or method_of(design, scene, chosen)
         spread = chosen.on("microlens_diffraction") or chosen.on("microlens_defocus")
         self.convolved = spread and self.method in ("rays", "convolution")
         faulty = any(chosen.on(name) for name in LENS_EFFECTS)
         self.real = self.method == "rays" and design.lens is not None and faulty
-
-    def _method(self) -> str:
-        """Told by the smallest of pictures."""
-        column, row, columns, rows = self.region
-        few = RaySampling(least=16, most=16, side=2, seed=self.seed)
-        tiny = (column, row, min(2, columns), min(2, rows))
-        return render(self.design, self.scene, effects=self.plan, budget=self.budget, region=tiny, sampling=few).method
 
     @property
     def ladder(self) -> tuple[tuple[RaySampling, ...], ...]:

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,11 @@ def render(
     return RawImage(pixels, piece, design, scene, effects, seed, job.method, job.rays, seconds)
 
 
+def method_of(design: Design, scene: Scene, effects: Plan) -> str:
+    """How a scene would be rendered, as `RawImage.method` says it."""
+    return _Job(design, scene, effects, Budget(), RaySampling(), 1).method
+
+
 class _Job:
     """One rendering: chooses the way that is exact for the scene, and counts rays."""
 
@@ -144,14 +150,6 @@ class _Job:
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
         self.traced |= scene.white is not None and (real is not None or self.camera.tilted)
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
-        self.layers = [(self._geometry(effects), self.transfer)]
-        if self.traced and self.transfer.defocus and effects.on("finite_microlens_aperture"):
-            # Rays through the whole microlens already carry its defocus.
-            self.layers = [(self._geometry(effects), replace(self.transfer, defocus=0.0))]
-            if self.transfer.wavelengths:
-                # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
-                focused = effects.without("microlens_defocus")
-                self.layers.append((self._geometry(focused), replace(self.transfer, beyond_rays=True)))
         self.series = self._series()
         ways = {
             "points": scene.white is None and not self.traced,
@@ -160,6 +158,20 @@ class _Job:
             "convolution": not self.transfer.trivial,
         }
         self.method = next((name for name, used in ways.items() if used), "coverage")
+
+    @cached_property
+    def layers(self) -> list[tuple[Geometry, MicrolensTransfer]]:
+        """Light without diffraction, and what microlenses make of it: what a picture is the sum of."""
+        effects = self.plan
+        if not (self.traced and self.transfer.defocus and effects.on("finite_microlens_aperture")):
+            return [(self._geometry(effects), self.transfer)]
+        # Rays through the whole microlens already carry its defocus.
+        layers = [(self._geometry(effects), replace(self.transfer, defocus=0.0))]
+        if self.transfer.wavelengths:
+            # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
+            focused = effects.without("microlens_defocus")
+            layers.append((self._geometry(focused), replace(self.transfer, beyond_rays=True)))
+        return layers
 
     def bands(self, region: Region) -> Iterator[tuple[int, Image]]:
         """Everything but point sources, a band of rows at a time."""
