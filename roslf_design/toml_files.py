@@ -17,12 +17,8 @@ from pydantic_core import ErrorDetails
 
 from .errors import InputError, Problem
 
-REMEDIES = {
-    "missing": "is missing; add it",
-    "greater_than": "must be greater than zero",
-    "greater_than_equal": "must not be negative",
-}
-
+FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": "must not be negative"}
+"""What is said of a value below its least, where that is 0."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
 
@@ -116,8 +112,10 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         return Problem(key, _missing(at))
     if kind == "value_error":
         return Problem(key, detail["msg"].removeprefix("Value error, "))
-    if kind in REMEDIES:
-        return Problem(key, f'"{value}" {REMEDIES[kind]}')
+    if kind in FROM_ZERO:
+        least = context.get("gt", context.get("ge"))
+        told = f"must be {'above' if kind == 'greater_than' else 'at least'} {least}"
+        return Problem(key, f'"{value}" {FROM_ZERO[kind] if least == 0 else told}')
     if kind == "literal_error":
         return Problem(key, f'"{value}" is not known; write {context["expected"]}')
     if kind.startswith("union_tag"):

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from ..design import load
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
-from ..imaging.patch import warm_up
+from ..imaging.white import warm_up
 from .terminal import refusal
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")

@@ -13,9 +13,8 @@ from ..effects import plan
 from ..errors import InputError, Problem
 from ..evaluation.fields import axes_in_space, field_discs
 from ..imaging.camera import planned_camera
-from ..imaging.patch import white_patch
 from ..imaging.transfer import MicrolensTransfer, encircled
-from ..imaging.white import harmonic_series
+from ..imaging.white import harmonic_series, white_patch
 from ..shapes.cells import area_in_rectangle
 from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline

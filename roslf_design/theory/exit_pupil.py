@@ -67,9 +67,8 @@ def centre_shift_per_microlens(c: Camera) -> Array:
     ``d d_2 d_3 d_f / (q d_1^2 (d_f - d_3))``; positive towards the axis. Per *microlens index*: the paper calls that
     index a photosensor coordinate, which is off by q/d. inf at ``d_3 = d_f``.
     """
-    reach = ratio(
-        c.d_f - c.f, c.gap
-    )  # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f
+    # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f.
+    reach = ratio(c.d_f - c.f, c.gap)
     return product(c.d * c.d_2 * c.d_3 / (c.q * c.f * c.f), ratio(c.d_f - c.f, c.d_f) * reach)
 
 

@@ -252,7 +252,7 @@ def with_lens(design: Design, name: str) -> Design | None:
 
 
 def lens_designs(design: Design) -> dict[str, Design]:
-    """The design's own real lens, if surrogate and reference are for such, then every shipped lens in its place."""
+    """The design's own real lens, if the reference is for such, then every shipped lens in its place."""
     made, lens = {}, design.lens
     if lens and design.aligned and lens.is_centred and not any(surface.asphere for surface in lens.surfaces):
         made[lens.name or "own lens"] = design

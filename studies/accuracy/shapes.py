@@ -28,9 +28,7 @@ from .jobs import LENS, RAYS, Job, microlens_rays
 
 Floats = NDArray[np.float64]
 
-Kind = Literal[
-    "exact", "panels", "adaptive", "grid", "random", "sobol", "series", "fft", "huygens", "fit", "first order"
-]
+Kind = Literal["exact", "panels", "adaptive", "grid", "random", "sobol", "series", "fft", "huygens", "first order"]
 
 BLOCK = 2_000_000
 """Samples held at a time."""

@@ -12,8 +12,8 @@ from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_discs
-from roslf_design.imaging.patch import KEPT, white_patch
 from roslf_design.imaging.render import render
+from roslf_design.imaging.white import ALWAYS_ON, white_patch
 from roslf_design.pictures.curves import depth_comparison, depth_curve, depth_precision, matching_plane, plane_of
 from roslf_design.pictures.effects import effects_budget
 from roslf_design.pictures.field import field_map, field_maps, mla_map
@@ -202,7 +202,7 @@ def test_the_quick_patch_is_the_rendered_image(name, corner):
     width, height = design.pixels
     column, row = (width - side, height - side) if corner else (width // 2 - 12, height // 2 - 12)
     quick = white_patch(design, slice(column, column + side), slice(row, row + side))
-    whole = render(design, region=(column, row, side, side), threads=1, overrides=KEPT).pixels
+    whole = render(design, region=(column, row, side, side), threads=1, overrides=ALWAYS_ON).pixels
     # What `white_patch` promises: light of far microlenses is replaced by that of the other side.
     np.testing.assert_allclose(quick, whole, atol=1e-2)
 
