@@ -23,17 +23,19 @@ lint: $(INSTALLED_DEV)
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
 R ?= paper story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
   optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage
-reports: $(addprefix report-,$(R))
+REPORTS := $(addprefix report-,$(R))
+reports: $(REPORTS)
 
-.PHONY: $(addprefix report-,$(R))
+# Static patterns: of what is phony, make looks for no implicit rule.
+.PHONY: reports $(REPORTS)
 report-paper: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --pdf --figure rays
-report-story-%: $(INSTALLED)
+$(filter report-story-%,$(REPORTS)): report-story-%: $(INSTALLED)
 	$(BIN)/roslf report studies/story-$*/story.toml -o reports/story-$* --pdf
-report-tolerance-%: $(INSTALLED)
+$(filter report-tolerance-%,$(REPORTS)): report-tolerance-%: $(INSTALLED)
 	rm -rf reports/tolerance-$*
 	$(BIN)/roslf tolerance studies/tolerance-$*/study.toml -o reports/tolerance-$*
-report-optimize-%: $(INSTALLED)
+$(filter report-optimize-%,$(REPORTS)): report-optimize-%: $(INSTALLED)
 	$(BIN)/roslf optimize studies/optimize-$*/study.toml -o reports/optimize-$*
 report-accuracy: $(INSTALLED)
 	$(BIN)/roslf accuracy paper --jobs 108 -o reports/accuracy
