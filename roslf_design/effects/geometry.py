@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from ..camera import Camera, Number, Rim
+from ..camera import Camera, Number
 from ..design import Design
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -26,23 +27,10 @@ def cut_depth(s: Subject) -> float:
     0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    camera, f = s.camera, s.design.f
-    e = s.design.main_lens.decentre
-
-    def disc(rim: Rim) -> tuple[float, float, tuple[float, float]]:
-        """Centre along the field, radius, and what decentres add to the centre."""
-        z = float(rim.distance)
-        scale = s.scale(z)
-        own = (float(camera[f"{rim.part}.decentre.{axis}"]) for axis in (0, 1))
-        moved = [scale * (lens_at * z / f - at) for at, lens_at in zip(own, e, strict=True)]
-        return s.x_ml + scale * s.x_ml * (1 - z / f), float(rim.radius) * scale, (moved[0], moved[1])
-
-    centre, radius, at = disc(camera.fap)
-    depth = 0.0
-    for rim in camera.rims:
-        other, reach, there = disc(rim)
-        depth = max(depth, abs(other - centre) + math.dist(at, there) + radius - reach)
-    return min(depth, 2 * radius)
+    (middle, radii), (aside, _) = (stop_discs(s.camera, x, 0.0) for x in (0.0, s.x_ml))
+    moved = aside - middle
+    apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
+    return float(np.clip(np.max(apart + radii[0] - radii[1:]), 0.0, 2 * radii[0]))
 
 
 def vignetting(s: Subject) -> Estimate:

@@ -98,10 +98,16 @@ def _field_remedy(camera: Camera, field: NonDistortion) -> str:
     grow = 2 * abs(field.room_at_corner_mm)
     if field.limited_by == "main lens":
         return (
-            f"a main lens of {camera.D + grow:.4g} mm clear aperture frees the whole field; "
+            f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
-    return f"widen the {field.limited_by} by {grow:.4g} mm, or use a smaller FAP or a smaller sensor"
+    return f"widen the {field.limited_by} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
+
+
+def _rounded_up(length: float) -> str:
+    """Four digits that are not less than a length above 0."""
+    step = 10.0 ** (math.floor(math.log10(length)) - 3)
+    return f"{math.ceil(length / step) * step:.4g}"
 
 
 def _resolved(sampling: Sampling) -> Verdict:

@@ -2,7 +2,7 @@ import dataclasses
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from roslf_design.camera import Camera
@@ -10,6 +10,7 @@ from roslf_design.design import load
 from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.waves import footprint
 from roslf_design.theory.light import fresnel_number, microlens_defocus_waves
+from roslf_design.theory.vignetting import room_at
 
 PAPER = load("paper")
 EDGE = SceneBrief(field_radius=11.15)
@@ -143,3 +144,14 @@ def test_vignetting_grows_with_the_field_and_starts_at_the_margin(one, other):
     assert cuts[0] <= cuts[1] + 1e-9
     margin = 20.0 * 230 - 2.9 * 350 - 2 * far * 350 / 140 * 120
     assert (cuts[1] > 1e-9) == (margin < -1e-6)
+
+
+@given(st.floats(5, 60), st.floats(0, 15), st.floats(10, 200), st.floats(0, 2), st.floats(0, 2))
+def test_vignetting_has_a_size_exactly_where_equation_6_has_no_room(D, x_ml, d_3, lens, pupil):
+    """Two forms of one condition: discs on the sensor here, the pencil on each rim there; decentres at their worst."""
+    moved = {"main_lens.decentre": (lens, 0.0), "aperture.decentre": (0.0, pupil)}
+    camera = Camera.of(PAPER.replace(moved, D=D, d_3=d_3))
+    room = float(room_at(camera, x_ml * camera.inverse_m).min())
+    assume(abs(room) > 1e-9)
+    cut = plan(PAPER.replace(moved, D=D, d_3=d_3), SceneBrief(field_radius=x_ml))["vignetting"].estimate
+    assert (cut > 0) == (room < 0)
