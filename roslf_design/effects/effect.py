@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch, stop_angle
@@ -92,12 +90,18 @@ class Subject:
     @cached_property
     def x_ml(self) -> float:
         """X_ml of the farthest microlens that counts [mm]: the brief's, or the last whose image the corner shows."""
-        if self.brief.field_radius is not None:
-            return self.brief.field_radius
+        return min(self._shown, self._half_array) if self.brief.field_radius is None else self.brief.field_radius
+
+    @cached_property
+    def _shown(self) -> float:
+        """How far from the sensor's centre the last microlens lies whose image reaches its corner [mm]."""
         grow = abs(self.pitch) / self.design.d
-        seen = math.hypot(*self.design.sensor_size) / 2 + self.diameter / 2
-        array = math.hypot(*self.design.microlens_array.size) / 2
-        return min(seen / grow, array) if grow > 0 else array
+        return (math.hypot(*self.design.sensor_size) / 2 + self.diameter / 2) / grow if grow > 0 else math.inf
+
+    @cached_property
+    def _half_array(self) -> float:
+        """From the array's centre to its corner [mm]."""
+        return math.hypot(*self.design.microlens_array.size) / 2
 
     @property
     def at(self) -> str:
@@ -106,9 +110,12 @@ class Subject:
 
     @cached_property
     def lens_field(self) -> float:
-        """The same from the main lens's axis: decentres move the field across it [mm]."""
-        aside = np.subtract(self.design.microlens_array.decentre, self.design.main_lens.decentre)
-        return self.x_ml + float(np.hypot(*aside))
+        """The same from the main lens's axis: decentres of array, sensor and lens move the field across it [mm]."""
+        lens, design = self.design.main_lens.decentre, self.design
+        array, sensor = (math.dist(part.decentre, lens) for part in (design.microlens_array, design.sensor))
+        if self.brief.field_radius is not None:
+            return self.brief.field_radius + array
+        return min(self._shown + sensor, self._half_array + array)
 
 
 class Estimate(NamedTuple):

@@ -27,7 +27,7 @@ def cut_depth(s: Subject) -> float:
     0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    (middle, radii), (aside, _) = (stop_discs(s.camera, x, 0.0) for x in (0.0, s.x_ml))
+    (middle, radii), (aside, _) = (stop_discs(s.camera, x, 0.0) for x in (0.0, s.lens_field))
     moved = aside - middle
     apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
     return float(np.clip(np.max(apart + radii[0] - radii[1:]), 0.0, 2 * radii[0]))
@@ -35,14 +35,14 @@ def cut_depth(s: Subject) -> float:
 
 def vignetting(s: Subject) -> Estimate:
     """Depth of the deepest cut [px]."""
-    depth = cut_depth(s) / s.design.q
+    depth, at = cut_depth(s) / s.design.q, f"at X_ml = {s.lens_field:.4g} mm"
     if s.design.lens is not None:
         traced = lens.faults(s.design, s.lens_field).cut / s.design.q
         if traced > depth:
-            return Estimate(traced, f"{s.design.lens.name}, traced, cuts {traced:.3g} px off microlens images {s.at}")
+            return Estimate(traced, f"{s.design.lens.name}, traced, cuts {traced:.3g} px off microlens images {at}")
     if depth <= 0:
-        return Estimate(0.0, f"the FAP's disc lies inside all others {s.at}: nothing is clipped")
-    return Estimate(depth, f"other rims cut {depth:.3g} px into the FAP's disc {s.at}")
+        return Estimate(0.0, f"the FAP's disc lies inside all others {at}: nothing is clipped")
+    return Estimate(depth, f"other rims cut {depth:.3g} px into the FAP's disc {at}")
 
 
 def overlap(s: Subject) -> Estimate:

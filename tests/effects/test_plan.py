@@ -151,7 +151,7 @@ def test_vignetting_has_a_size_exactly_where_equation_6_has_no_room(D, x_ml, d_3
     """Two forms of one condition: discs on the sensor here, the pencil on each rim there; decentres at their worst."""
     moved = {"main_lens.decentre": (lens, 0.0), "aperture.decentre": (0.0, pupil)}
     camera = Camera.of(PAPER.replace(moved, D=D, d_3=d_3))
-    room = float(room_at(camera, x_ml * camera.inverse_m).min())
+    room = float(room_at(camera, (x_ml + lens) * camera.inverse_m).min())
     assume(abs(room) > 1e-9)
     cut = plan(PAPER.replace(moved, D=D, d_3=d_3), SceneBrief(field_radius=x_ml))["vignetting"].estimate
     assert (cut > 0) == (room < 0)
