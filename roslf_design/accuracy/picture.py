@@ -21,6 +21,7 @@ from ..errors import InputError, Problem
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, method_of, render
 from ..imaging.trace import RaySampling
+from ..imaging.transfer import LEAST_HALO
 from ..scenes import Scene
 from .statement import Accuracy, check_accuracy
 
@@ -47,7 +48,7 @@ PATCH, PATCHES = 20, 6
 """Pixels across a patch, and how many there are."""
 WIDE, FEW = 48, 2
 """The same where diffraction is in them: each patch then takes wide margins."""
-MARGINS = 192
+MARGINS = 2 * LEAST_HALO
 """Pixels that they add."""
 SAFETY = 1.25
 """Errors of other patches scatter."""

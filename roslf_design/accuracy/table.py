@@ -40,8 +40,8 @@ SAFETY = {
     "Monte Carlo": 2.5, "scrambled Sobol": 2.5, "grid": 2.0, "Gauss panels": 3.0, "arc integrals": 3.0,
     "adaptive quadrature": 3.0, "FFT": 2.0, "direct Huygens": 2.0,
 }  # fmt: skip
-"""How much worse than its worst measured case a method is taken to be (others: 1.5). Errors of samples scatter, those
-of fits grow steeply with field and pupil, exact ones do neither."""
+"""How much worse than its worst measured case a method is taken to be (others: 1.5). Errors of samples scatter,
+exact ones do not."""
 
 FINEST = 4e-13
 """Accuracy below which rounding rules every method."""

@@ -162,15 +162,14 @@ class _Job:
     @cached_property
     def layers(self) -> list[tuple[Geometry, MicrolensTransfer]]:
         """Light without diffraction, and what microlenses make of it: what a picture is the sum of."""
-        effects = self.plan
-        if not (self.traced and self.transfer.defocus and effects.on("finite_microlens_aperture")):
-            return [(self._geometry(effects), self.transfer)]
-        # Rays through the whole microlens already carry its defocus.
-        layers = [(self._geometry(effects), replace(self.transfer, defocus=0.0))]
+        light, carried = self._geometry(self.plan)
+        if not (carried and self.transfer.defocus):
+            return [(light, self.transfer)]
+        layers = [(light, replace(self.transfer, defocus=0.0))]
         if self.transfer.wavelengths:
             # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
-            focused = effects.without("microlens_defocus")
-            layers.append((self._geometry(focused), replace(self.transfer, beyond_rays=True)))
+            focused, _ = self._geometry(self.plan.without("microlens_defocus"))
+            layers.append((focused, replace(self.transfer, beyond_rays=True)))
         return layers
 
     def bands(self, region: Region) -> Iterator[tuple[int, Image]]:
@@ -188,12 +187,12 @@ class _Job:
             for pieces in zip(*layers, strict=True):
                 yield pieces[0][0], sum((image for _, image in pieces[1:]), pieces[0][1])
 
-    def _geometry(self, effects: Plan) -> Geometry:
-        """Light without diffraction, on any pixels."""
+    def _geometry(self, effects: Plan) -> tuple[Geometry, bool]:
+        """Light without diffraction, on any pixels, and whether its rays carry the defocus of whole microlenses."""
         if not self.traced:
             level = np.float32(self.scene.white or 0.0)
             geometry = WhiteGeometry.of(self.camera, effects)
-            return lambda region, fine: level * geometry.image(region, fine)
+            return lambda region, fine: level * geometry.image(region, fine), False
         real = real_camera(self.design, self.scene, effects)
         tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene)
 
@@ -202,7 +201,7 @@ class _Job:
             self.rays += rays
             return image
 
-        return traced
+        return traced, tracer.finite
 
     def _harmonics(self, series: HarmonicSeries, region: Region) -> Image:
         x, y = pixel_centres(self.camera, region)

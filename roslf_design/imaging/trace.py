@@ -277,6 +277,11 @@ class Tracer:
             float(Camera.of(design).tip),
         )
 
+    @property
+    def finite(self) -> bool:
+        """Whether rays go all over a microlens, rather than through its middle."""
+        return not self.flags[PINHOLE]
+
     def image(self, region: Region, sampling: RaySampling, fine: int = 1) -> tuple[Image, int]:
         """Trace a region.
 

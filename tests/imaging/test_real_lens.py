@@ -178,3 +178,13 @@ def test_command(tmp_path, capsys):
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1
     assert "point sources behind a real main lens" in err
+
+
+def test_uniform_light_through_pinholes_is_out_of_focus_whatever_is_asked_of_apertures():
+    """A white field has no detail that a whole microlens could blur: its rays go through middles, in focus."""
+    design = load("paper-singlet").replace(f_ml=3.0)
+    one, other = (
+        render(design, region=(2280, 1520, 8, 8), overrides=[f"{sign}finite_microlens_aperture"]).pixels
+        for sign in "+-"
+    )
+    np.testing.assert_array_equal(one, other)
