@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch, stop_angle
+from ..theory.light import SensorField, on_array, sensor_field
 
 Unit = Literal["px", "pitch", "intensity"]
 """Displacement on the sensor [pixels], displacement on the microlens array [pitches], fraction of full scale (rms)."""
@@ -90,18 +93,14 @@ class Subject:
     @cached_property
     def x_ml(self) -> float:
         """X_ml of the farthest microlens that counts [mm]: the brief's, or the last whose image the corner shows."""
-        return min(self._shown, self._half_array) if self.brief.field_radius is None else self.brief.field_radius
+        if self.brief.field_radius is not None:
+            return self.brief.field_radius
+        return float(np.max(np.hypot(*on_array(self.camera, self._field.corners).T)))
 
     @cached_property
-    def _shown(self) -> float:
-        """How far from the sensor's centre the last microlens lies whose image reaches its corner [mm]."""
-        grow = abs(self.pitch) / self.design.d
-        return (math.hypot(*self.design.sensor_size) / 2 + self.diameter / 2) / grow if grow > 0 else math.inf
-
-    @cached_property
-    def _half_array(self) -> float:
-        """From the array's centre to its corner [mm]."""
-        return math.hypot(*self.design.microlens_array.size) / 2
+    def _field(self) -> SensorField:
+        """Every microlens of which the sensor sees anything."""
+        return sensor_field(self.camera, self.diameter / 2)
 
     @property
     def at(self) -> str:
@@ -111,11 +110,9 @@ class Subject:
     @cached_property
     def lens_field(self) -> float:
         """The same from the main lens's axis: decentres of array, sensor and lens move the field across it [mm]."""
-        lens, design = self.design.main_lens.decentre, self.design
-        array, sensor = (math.dist(part.decentre, lens) for part in (design.microlens_array, design.sensor))
-        if self.brief.field_radius is not None:
-            return self.brief.field_radius + array
-        return min(self._shown + sensor, self._half_array + array)
+        if self.brief.field_radius is None:
+            return float(self._field.radius)
+        return self.brief.field_radius + math.hypot(*self.camera.decentre("microlens_array"))
 
 
 class Estimate(NamedTuple):

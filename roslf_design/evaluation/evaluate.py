@@ -93,7 +93,8 @@ def evaluate(
         limited_by=limit.rim,
         undistorted_in_field=limit.room >= 0,
     )
-    sampling = _numbers(Sampling, camera, lateral_samples=round(float(QUANTITIES["lateral_samples"](camera))))
+    whole = math.floor(float(QUANTITIES["lateral_samples"](camera)) + 1e-9)
+    sampling = _numbers(Sampling, camera, lateral_samples=whole)
     images = evaluate_fields(design, axes, rays)
     traced = trace_lens(design, axes, non_distortion)
     method = [METHOD]

@@ -20,7 +20,7 @@ from ..shapes.cells import area_in_polygon
 from ..shapes.discs import ClipStatus, intersect
 from ..shapes.lattice import cell_polygon
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.light import half_field
+from ..theory.light import on_array, sensor_field
 from ..theory.stop_images import MicrolensImages, stop_discs
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
@@ -43,17 +43,15 @@ BEST_ACCURACY = 3e-5
 def default_fields(design: Design) -> tuple[Place, ...]:
     """Centre, edge and corner of what the sensor sees of the MLA [mm].
 
-    Edge and corner are where the sensor or the array ends or, where images move outwards, the outermost microlenses
-    whose own cells still lie on the sensor.
+    Edge and corner belong to the outermost microlenses whose own cells still lie on the sensor, on the side that is
+    farther from the main lens's axis.
     """
     camera = Camera.of(design)
-    pitch = abs(float(microlens_image_pitch(camera)))
-    edge, corner = (
-        min(float(half), max(0.0, sensor / 2 - pitch / 2) * design.d / pitch) if pitch else float(half)
-        for half, sensor in zip(half_field(camera), design.sensor_size, strict=True)
-    )
-    x, y = (sensor - mla for sensor, mla in zip(design.sensor.decentre, design.microlens_array.decentre, strict=True))
-    return ((x, y), (x + edge, y), (x + edge, y + corner))
+    low, high = (np.array(ends) for ends in sensor_field(camera, -np.abs(microlens_image_pitch(camera)) / 2))
+    middle = (low + high) / 2
+    x, y = np.where(high + low >= -1e-9 * (high - low), high, low)  # the upper of two that are as far, but for rounding
+    centre, edge, corner = on_array(camera, np.array([middle, (x, middle[1]), (x, y)])).tolist()
+    return tuple(centre), tuple(edge), tuple(corner)
 
 
 def axes_in_space(design: Design, axes: ArrayLike) -> Array:
@@ -255,10 +253,10 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> Re
     camera = camera_of(design)
     constants = camera.first_order
     x0, x_ml = measured_bound(design)
-    half_x, half_y = map(float, half_field(Camera.of(design)))
-    corner = ((half_x, half_y), (-half_x, half_y), (half_x, -half_y), (-half_x, -half_y))
+    thin_twin = Camera.of(design)
+    corners = on_array(thin_twin, sensor_field(thin_twin).corners).tolist()
     fields = _traced_fields(design, axes)
-    whole = all(field.status == "full" for field in (*fields, *_traced_fields(design, corner)))
+    whole = all(field.status == "full" for field in (*fields, *_traced_fields(design, corners)))
     return RealLens(
         lens=camera.lens.name,
         focal_length_mm=constants.focal_length,

@@ -142,7 +142,7 @@ class Sampling:
     views_independent: float
     """4 N_F: what diffraction leaves of them, per axis."""
     lateral_samples: int
-    """Microlenses across the sensor's width."""
+    """Whole microlenses across the width that the sensor sees."""
     object_sample_mm: float
     """d d_f/d_1."""
     view_baseline_mm: float

@@ -15,9 +15,9 @@ from ..design import Design, DesignError
 from ..pictures.theme import short
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
-from ..theory.light import geometric_views, half_diagonal, microlens_defocus_blur
+from ..theory.light import geometric_views, microlens_defocus_blur
 from ..theory.light_field import depth_sigma
-from ..theory.vignetting import field_limit, room_at, undistorted_radii
+from ..theory.vignetting import corner_room, field_limit, undistorted_radii
 
 Floats = NDArray[np.float64]
 Change = float | str
@@ -122,10 +122,9 @@ def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
 
 def _undistorting(camera: Camera) -> Change:
     """The FAP moved no farther than the corner's pencil needs to clear every rim."""
-    corner = half_diagonal(camera) * camera.inverse_m
 
     def rooms(d_3: Floats | float) -> Floats:
-        return room_at(camera.replace({"d_3": d_3}), corner)
+        return corner_room(camera.replace({"d_3": d_3}))
 
     if rooms(camera.d_3).min() >= 0:
         return "the whole sensor is undistorted already"

@@ -18,7 +18,7 @@ from ..camera import Camera
 from ..design import Design, Stop
 from ..errors import InputError, Problem
 from ..shapes.discs import intersect
-from ..theory.light import half_diagonal
+from ..theory.light import sensor_field
 from ..theory.stop_images import stop_discs
 from ..tolerancing.study import StrictTable
 from ..units import Distance, Length
@@ -159,7 +159,7 @@ def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
 
 def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
     camera = bore.replace({"aperture.diameter": diameter, "aperture.distance": distance})
-    fields = np.linspace(0.0, float(half_diagonal(camera)), FIELDS)
+    fields = np.linspace(0.0, float(sensor_field(camera).radius), FIELDS)
     centres, radii = stop_discs(camera, fields, 0.0)
     whole = np.pi * radii[:, 0] ** 2
     pupil, through, both = (

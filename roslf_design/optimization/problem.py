@@ -23,6 +23,7 @@ from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..theory.f_number import inverse_fill_factor
+from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
@@ -138,9 +139,14 @@ class _Asked(StrictTable):
         """The quantity itself, of every build; of several rims that of the worst."""
         return self.quantity(camera, self.at)
 
-    def each(self, camera: Camera) -> Array:
-        """The same, or (K, ...) of each of several rims; of the magnitude of something of either sign, that."""
+    def each(self, camera: Camera, over: SensorField | None = None) -> Array:
+        """The same, or (K, ...) of each of several rims; of the magnitude of something of either sign, that.
+
+        What hangs on how much the sensor sees is taken for the rectangle `over`, where one is given.
+        """
         assert self.quantity.of is not None
+        if over is not None and self.quantity.over is not None:
+            return self.quantity.over(camera, self.at, over)
         return (self.quantity.signed or self.quantity.of)(camera, self.at)
 
     def with_unit(self, number: float, digits: int = 6) -> str:

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ..camera import TIP, Camera
+from ..camera import TIP, Camera, Number
 from ..design import PATHS
 from ..design.conjugates import CONJUGATES
 from ..theory.f_number import inverse_fill_factor
+from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
 from .parts import Catalogue, Entry, Kind, given_by
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
@@ -172,6 +173,9 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
     if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
+    decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
+    if quantity.over is not None and decentred:
+        return False  # how far off the axis the sensor sees has its least inside a box
     if quantity.bent_in_f and CONJUGATES[0] in names:
         return False
     if names & (DERIVED.keys() - {"working_distance"}):
@@ -243,7 +247,15 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
         least, most = inverse.min(axis=0), inverse.max(axis=0)
         # A box with images of no pitch in it has no largest fill factor.
         return np.where(most > 0, 1 / most, np.inf), np.where(least > 0, 1 / least, np.inf)
-    values = part.each(cameras)
+    values: Array
+    if quantity.over is None:
+        values = part.each(cameras)
+    else:  # what the sensor sees counts as one more length, with corners of its own
+        extremes = [part.each(cameras, over) for over in _sensor_fields(cameras, ahead)]
+        rims = () if quantity.worst is None else (len(extremes[0]),)
+        values = np.concatenate([np.broadcast_to(v, (*rims, *shape)) for v in extremes], axis=-2)
+        ahead = np.concatenate([ahead, ahead])
+        shape = ahead.shape
     if quantity.worst is not None:
         every = np.broadcast_to(values, (len(values), *shape))
         least, most = quantity.worst(every.min(axis=1)), quantity.worst(every.max(axis=1))
@@ -263,11 +275,35 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
     return np.where(crosses, 0.0, np.minimum(*sizes)), np.maximum(*sizes)
 
 
+def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorField]:
+    """Least and most of the array that the sensor sees, over boxes of centred cameras.
+
+    Interval arithmetic: 1/L bends in f, its factors ``(f - d_3)/f`` and ``d_f/(d_1 (d_f - d_3))`` do not.
+    """
+
+    def ends(values: Number) -> tuple[Array, Array]:
+        every = np.broadcast_to(values, ahead.shape)
+        return every.min(axis=0), every.max(axis=0)
+
+    bend, angle = ends(1 - cameras.d_3 / cameras.f), ends(cameras.d_2 * cameras.inverse_m / cameras.gap)
+    grows = [1 + a * b for a in bend for b in angle]
+    least, most = np.minimum.reduce(grows), np.maximum.reduce(grows)
+    known = ahead.all(axis=0) & (angle[0] > 0) & (least * most > 0)
+    least, most = np.sort(np.abs([least, most]), axis=0)
+    narrow, wide = [], []
+    for array, sensor in zip(cameras.array_size, cameras.sensor_size, strict=True):
+        (array_low, array_high), (sensor_low, sensor_high) = ends(array), ends(sensor)
+        narrow.append(np.where(known, np.minimum(array_low, sensor_low / most), 0.0) / 2)
+        wide.append(np.where(known, np.minimum(array_high, sensor_high / least), array_high) / 2)
+    (a, b), (c, d) = narrow, wide
+    return SensorField((-a, -b), (a, b)), SensorField((-c, -d), (c, d))
+
+
 @lru_cache(maxsize=256)
 def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
     """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
     gaps = np.array([1e-6, 1e-9])
-    values = part.each(base.replace({"aperture.distance": base.d_f * (1 - gaps)}))
+    values = part.each(base.replace({"aperture.distance": base.d_f * (1 - gaps)}), sensor_field(base))
     near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
     if nearer > 30 * near:
         return "pole" if part.quantity.positive else "jump"

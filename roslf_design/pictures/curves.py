@@ -10,9 +10,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..theory.f_number import matched, mismatch_px
-from ..theory.light import half_diagonal
 from ..theory.light_field import SIGMA_DISPARITY, depth_sigma, rim_disparity
-from ..theory.vignetting import room_at
+from ..theory.vignetting import corner_room
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
 from .picture import Panel, Picture, Scale, legend_height, one_panel
 from .theme import SMALL, short, text_width
@@ -139,8 +138,7 @@ def _margin(camera: Camera) -> Floats:
     """Linear in D_F and in d_3, unlike the room itself."""
     parts = [rim.part for rim in (camera.fap, *camera.rims)]
     centred = camera.replace({f"{part}.decentre.{k}": 0.0 for part in parts for k in (0, 1)})
-    rooms = room_at(centred, half_diagonal(camera) * camera.inverse_m)
-    return np.asarray(2 * camera.gap * rooms.min(axis=0))
+    return np.asarray(2 * camera.gap * corner_room(centred).min(axis=0))
 
 
 def _right(camera: Camera) -> float:

@@ -16,7 +16,7 @@ from ..evaluation.fields import field_discs
 from ..lenses.tracer import KEPT
 from ..shapes.discs import intersect
 from ..theory.exit_pupil import pupil_angle
-from ..theory.light import half_diagonal
+from ..theory.light import on_array, sensor_field
 from ..theory.vignetting import field_limit
 from ..traced.camera import camera_of, microlenses, views
 from ..traced.images import FOLDED, measured_bound, real_field
@@ -168,8 +168,7 @@ def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
 
 def on_mla(design: Design, points: ArrayLike) -> Floats:
     """Points against the optical axis in the MLA's own axes [mm]; shape (..., 2)."""
-    c, s = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
-    return np.asarray(np.subtract(points, design.microlens_array.decentre) @ np.array([[c, -s], [s, c]]))
+    return on_array(Camera.of(design), np.subtract(points, design.main_lens.decentre))
 
 
 def _panel(design: Design, size: Point, margins: tuple[float, float, float, float]) -> Panel:
@@ -248,7 +247,7 @@ class LensCurves(NamedTuple):
 def lens_curves(design: Design, points: int = 46) -> LensCurves:
     """Trace a design's real lens along x."""
     camera = Camera.of(design)
-    x = np.linspace(0.0, float(half_diagonal(camera)), points)
+    x = np.linspace(0.0, float(sensor_field(camera).radius), points)
     found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
     cone = float(pupil_angle(camera)) / design.d
     maps, images = found.maps, found.images

@@ -6,11 +6,14 @@ and has 4 N_F independent views per axis whatever the pixel count.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera
-from .exit_pupil import microlens_image_diameter
+from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
 """First zero of the Airy pattern over lambda times f-number, to the three digits that the field quotes."""
@@ -69,23 +72,84 @@ def object_sample(c: Camera) -> Array:
     return product(c.d, c.inverse_m)
 
 
-def half_field(c: Camera) -> tuple[Array, Array]:
-    """Half width and half height of the array that the sensor sees [mm], where array or sensor ends."""
-    x, y = (
-        np.asarray(np.minimum(array, sensor)) / 2 for array, sensor in zip(c.array_size, c.sensor_size, strict=True)
-    )
-    return x, y
+class SensorField(NamedTuple):
+    """The rectangle of the microlens array that the sensor sees."""
+
+    low: tuple[Array, Array]
+    """Its left and lower end, from the main lens's axis [mm]."""
+    high: tuple[Array, Array]
+    """Its right and upper end."""
+
+    @property
+    def half(self) -> tuple[Array, Array]:
+        """Half its width and half its height [mm]."""
+        x, y = ((high - low) / 2 for low, high in zip(*self, strict=True))
+        return x, y
+
+    @property
+    def half_diagonal(self) -> Array:
+        """From its middle to a corner [mm]."""
+        x, y = self.half
+        return np.asarray(np.sqrt(x * x + y * y))  # complex numbers, too: derivatives
+
+    @property
+    def radius(self) -> Array:
+        """From the main lens's axis to its farthest corner [mm]."""
+        x, y = (np.maximum(-low, high) for low, high in zip(*self, strict=True))
+        return np.asarray(np.sqrt(x * x + y * y))
+
+    @property
+    def corners(self) -> Array:
+        """Its corners from the main lens's axis, the upper right one first; shape (..., 4, 2) [mm]."""
+        x, y = zip(*self, strict=True)
+        places = [np.broadcast_arrays(x[i], y[j]) for i, j in ((1, 1), (0, 1), (1, 0), (0, 0))]
+        return np.stack([np.stack(place, -1) for place in places], -2)
 
 
-def half_diagonal(c: Camera) -> Array:
-    """From the axis to the corner of what the sensor sees, on the array [mm]."""
-    x, y = half_field(c)
-    return np.asarray(np.sqrt(x * x + y * y))  # complex numbers, too: derivatives
+def on_array(c: Camera, points: ArrayLike) -> Array:
+    """Points counted from the main lens's axis in the array's own axes: its decentre and rotation undone.
+
+    Parameters
+    ----------
+    c : Camera
+        One build; its tilts are left out.
+    points : array_like, shape (..., 2)
+        [mm].
+    """
+    turn = c["microlens_array.rotation"]
+    cos, sin = np.cos(turn), np.sin(turn)
+    from_centre = np.asarray(points) - np.asarray(c.decentre("microlens_array"))
+    return np.asarray(from_centre @ np.array([[cos, -sin], [sin, cos]]))
 
 
-def lateral_samples(c: Camera) -> Array:
-    """Microlenses across the width that the sensor sees; not rounded."""
-    return ratio(2 * half_field(c)[0], c.d)
+def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
+    """What the sensor sees of the array: microlenses whose image centres lie on the sensor, or up to the array's end.
+
+    Half the sensor over ``1 + d_2/L``, the image pitch over the pitch; decentred parts move it.
+
+    Parameters
+    ----------
+    c : Camera
+        Its tilts and the array's rotation are left out.
+    margin : array_like, optional
+        How far beyond the sensor's edge image centres may lie [mm]; below 0 they lie inside.
+    """
+    grow = 1 + product(c.d_2, c.vergence)
+    backward = np.real(grow) < 0
+    spread = product(c.d_2, stop_angle(c, c.d_3))
+    lows, highs = [], []
+    for pupil, array, sensor, wide, size in zip(
+        *(c.decentre(part) for part in ("aperture", "microlens_array", "sensor")),
+        c.array_size,
+        c.sensor_size,
+        strict=True,
+    ):
+        middle, half = sensor + product(spread, pupil), np.maximum(size / 2 + np.asarray(margin), 0.0)
+        ends = ratio(middle - half, grow), ratio(middle + half, grow)
+        low = np.clip(np.where(backward, ends[1], ends[0]), array - wide / 2, array + wide / 2)
+        lows.append(low)
+        highs.append(np.clip(np.where(backward, *ends), low, array + wide / 2))
+    return SensorField((lows[0], lows[1]), (highs[0], highs[1]))
 
 
 def view_baseline(c: Camera) -> Array:

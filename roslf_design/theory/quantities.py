@@ -10,14 +10,15 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import Array, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
 from . import exit_pupil, f_number, light, light_field, vignetting
+from .light import SensorField
 from .light_field import SIGMA_DISPARITY
 from .stop_images import MicrolensImages
 
@@ -52,6 +53,9 @@ class Quantity:
     bent_in_f: bool = False
     signed: Callable[[Camera, Depth], Array] | None = None
     """Of the magnitude of something of either sign: that something."""
+    over: Callable[[Camera, Depth, SensorField], Array] | None = None
+    """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
+    this then, and the rectangle's ends are further lengths in which it rises or falls."""
 
     def __call__(self, camera: Camera, at: Depth = None) -> Array:
         """Its value for every build; of several values the one that counts.
@@ -126,6 +130,11 @@ def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]
     return lambda c, _: np.asarray(form(c))
 
 
+def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str, Any]:
+    """`Quantity.of` and `Quantity.over` of what hangs on how much of the array the sensor sees."""
+    return {"of": lambda c, at: form(c, at, light.sensor_field(c)), "over": form}
+
+
 def _least(values: Array) -> Array:
     return np.asarray(values.min(axis=0))
 
@@ -198,8 +207,8 @@ register(
         "non_distortion_room_mm",
         "mm",
         "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
-        lambda c, _: vignetting.room_at(c, light.half_diagonal(c) * c.inverse_m),
-        lambda images: images.room,
+        **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
+        local=lambda images: images.room,
         equation="Eqs. 5-6",
         positive=False,
         worst=_least,
@@ -249,14 +258,14 @@ register(
         "field_half_width_mm",
         "mm",
         "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: light.half_field(c)[0] * c.inverse_m * _growth(c, at),
+        **_over_field(lambda c, at, field: field.half[0] * c.inverse_m * _growth(c, at)),
         at="optional",
     ),
     Quantity(
         "field_half_diagonal_mm",
         "mm",
         "the same to the corner",
-        lambda c, at: light.half_diagonal(c) * c.inverse_m * _growth(c, at),
+        **_over_field(lambda c, at, field: field.half_diagonal * c.inverse_m * _growth(c, at)),
         at="optional",
     ),
     Quantity(
@@ -291,7 +300,12 @@ register(
         at="needed",
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
     ),
-    Quantity("lateral_samples", "", "microlenses across the sensor's width", _whole(light.lateral_samples)),
+    Quantity(
+        "lateral_samples",
+        "",
+        "microlenses across the width that the sensor sees",
+        **_over_field(lambda c, _, field: ratio(2 * field.half[0], c.d)),
+    ),
     Quantity("views_geometric", "", "pixels across a microlens image", _whole(light.geometric_views)),
     Quantity("views_independent", "", "4 N_F: views per axis that diffraction leaves", _whole(light.independent_views)),
     Quantity("fresnel_number", "", "N_F = d^2/(4 lambda d_2)", _whole(light.fresnel_number)),

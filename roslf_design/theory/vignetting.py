@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, product, ratio
 from ..camera import Camera
-from .light import half_diagonal
+from .light import SensorField, sensor_field
 
 
 class FieldBound(NamedTuple):
@@ -106,6 +106,11 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     return np.stack(np.broadcast_arrays(*rooms))
 
 
+def corner_room(c: Camera, field: SensorField | None = None) -> Array:
+    """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis."""
+    return room_at(c, (field or sensor_field(c)).radius * c.inverse_m)
+
+
 def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
     """Largest object radius on the focal plane whose pencil each rim leaves whole, in the worst direction [mm].
 
@@ -138,7 +143,7 @@ class FieldLimit(NamedTuple):
     rim: str
     """The rim that ends it or, where none does, the one that leaves the least room."""
     room: float
-    """Smallest room between a pencil and a rim at the field's corner, on that rim's plane [mm]."""
+    """Smallest room between a pencil and a rim at the field's farthest corner, on that rim's plane [mm]."""
 
 
 def field_limit(c: Camera) -> FieldLimit:
@@ -150,6 +155,6 @@ def field_limit(c: Camera) -> FieldLimit:
         One build; its tilts are left out.
     """
     bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
-    rooms = [float(room) for room in room_at(c, half_diagonal(c) * c.inverse_m)]
+    rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     return FieldLimit(bounds[tightest], c.rims[tightest].name, min(rooms))

@@ -4,6 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
@@ -31,8 +33,8 @@ CONTRACT = {
     "non_distortion": {
         "x0_max_mm": 44.4542,
         "x_ml_max_mm": 17.7817,
-        "field_half_width_mm": 27.875,
-        "field_half_diagonal_mm": 33.547,
+        "field_half_width_mm": 27.997,
+        "field_half_diagonal_mm": 33.693,
         "undistorted_in_field": True,
     },
     "microlens_image": {
@@ -53,7 +55,7 @@ CONTRACT = {
     "sampling": {
         "views_geometric": 13.0,
         "views_independent": 3.6,
-        "lateral_samples": 354,
+        "lateral_samples": 355,
         "object_sample_mm": 0.1575,
         "view_baseline_mm": 0.223000,
     },
@@ -96,7 +98,58 @@ def test_the_contracts_example(paper):
 
 def test_default_fields_are_centre_edge_corner(paper):
     places = [field.x_ml_mm for field in roslf.evaluate(paper).fields]
-    assert_allclose(places, [(0, 0), (11.15, 0), (11.15, 7.466)])
+    grow = 1 - 2 * 0.00217391304347826  # 1 + d_2/L
+    edge, corner = (side / 2 / grow - 0.063 / 2 for side in (22.3, 14.932))
+    assert_allclose(places, [(0, 0), (edge, 0), (edge, corner)], rtol=1e-12)
+
+
+@st.composite
+def decentred(draw):
+    """Cameras with array, sensor, lens and pupil aside; the rest of the light's way is centred on the lens or it."""
+    aside = st.tuples(*[st.floats(-8, 8)] * 2)
+    lens = draw(aside)
+    moved = {"main_lens.decentre": lens, "aperture.decentre": lens}
+    moved |= {f"{part}.decentre": draw(aside) for part in ("microlens_array", "sensor")}
+    side = draw(st.floats(5, 20)), draw(st.floats(5, 20))
+    return PAPER.replace(
+        {**moved, "microlens_array.size": side, "sensor.size": (draw(st.floats(5, 20)), draw(st.floats(5, 20)))},
+        d_3=draw(st.floats(20, 320)), D=draw(st.floats(10, 60)), d_2=draw(st.floats(0.5, 4)),
+    )  # fmt: skip
+
+
+@given(decentred())
+@settings(max_examples=40)
+def test_verdict_of_the_field_is_that_of_the_microlenses_on_the_sensor(design):
+    """Of all microlenses whose images' centres lie on the sensor, those at the border the camera's worst."""
+    camera = Camera.of(design)
+    x, y = (np.linspace(-side / 2, side / 2, 161) for side in design.microlens_array.size)
+    images = MicrolensImages(camera, np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
+    at = np.abs(np.stack([np.ravel(p) for p in images.chief]))
+    on_sensor = np.all(at <= np.reshape(design.sensor_size, (2, 1)) / 2, axis=0)
+    if not on_sensor.any():
+        return
+    least = float(np.ravel(images.room)[on_sensor].min())
+    field = roslf.evaluate(design).non_distortion
+    step = 2 * max(x[1] - x[0], y[1] - y[0]) * float(camera.inverse_m) * design.d_3 / float(camera.gap)
+    assert least - step <= field.room_at_corner_mm <= least + 1e-9
+    shown = images.fields[on_sensor]
+    assert_allclose(
+        2 * field.field_half_width_mm / float(camera.inverse_m), np.ptp(shown[:, 0]), atol=2 * (x[1] - x[0])
+    )
+
+
+def test_array_and_sensor_aside_see_past_the_undistorted_field():
+    """8 mm aside on the paper's bench: the corner is dark but for 12 %, and the field is called distorted."""
+    aside = PAPER.replace({"microlens_array.decentre": (8.0, 0.0), "sensor.decentre": (8.0, 0.0)})
+    result = roslf.evaluate(aside)
+    assert [field.kept_fraction for field in result.fields] == pytest.approx([1.0, 0.6, 0.1], abs=0.03)
+    assert not result.non_distortion.undistorted_in_field
+    assert not result.verdicts[1].ok
+    other = {f"{part}.decentre": (-8.0, 0.0) for part in ("microlens_array", "sensor")}
+    mirrored = roslf.evaluate(PAPER.replace(other))
+    assert [field.kept_fraction for field in mirrored.fields] == pytest.approx(
+        [field.kept_fraction for field in result.fields], rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -23,9 +23,11 @@ def test_front_against_its_closed_form():
     assert front.limits_without_design == 0
     sigma, field = np.array([list(point.goals.values()) for point in front.points]).T
     assert (np.diff(sigma[np.argsort(field)]) > 0).all()
-    # sigma_z = Z^2 d s/(D_F A), field = w (d_f - f)/f Z/g = w Z/A: their ratio is fixed at the widest pupil.
-    width = min(PAPER.sensor_size[0], PAPER.microlens_array.size[0]) / 2
-    assert sigma / field == pytest.approx(np.full(len(sigma), 150 * PAPER.d * 0.1 / (3.0 * width)), rel=1e-6)
+    # sigma_z = Z^2 d s/(D_F A), field = w (d_f - f)/f Z/g = w Z/A at the widest pupil, w = half the sensor/(1 + d_2/L).
+    d_f = np.array([point.variables_mm["d_f"] for point in front.points])
+    grow = 1 + PAPER.d_2 * (PAPER.f - PAPER.d_3) * (d_f - PAPER.f) / (PAPER.f**2 * (d_f - PAPER.d_3))
+    assert PAPER.sensor_size[0] / grow.min() < PAPER.microlens_array.size[0]
+    assert sigma / field == pytest.approx(150 * PAPER.d * 0.1 / (3.0 * PAPER.sensor_size[0] / 2 / grow), rel=1e-6)
 
 
 def test_three_goals_give_points_none_of_which_is_better():

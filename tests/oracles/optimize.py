@@ -30,12 +30,15 @@ def eq7_residual(design):
     return ((d_1 * D_F + d_3 * d) / ((d_f - d_3) * d * d_1)) / ((d_1 + d_2) / (d_2 * d_f)) - 1
 
 
-def largest_undistorted_plane(design, half_diagonal):
-    """The farthest d_f at which Eq. 6 holds at the array's corner, for given f, D, D_F and d_3, by mpmath."""
-    f, D, D_F, d_3, c = (mp.mpf(float(x)) for x in (design.f, design.D, design.D_F, design.d_3, half_diagonal))
+def largest_undistorted_plane(design):
+    """The farthest d_f at which Eq. 6 holds at the sensor's corner, for given f, D, D_F, d_2 and d_3, by mpmath."""
+    f, D, D_F, d_2, d_3, *sides = (
+        mp.mpf(float(x)) for x in (design.f, design.D, design.D_F, design.d_2, design.d_3, *design.sensor_size)
+    )
 
     def room(d_f):
-        return ((D - D_F) / d_3 - D / d_f) / 2 - c * (d_f - f) / f / d_f
+        grow = 1 + d_2 * (f - d_3) * (d_f - f) / (f * f * (d_f - d_3))  # image pitch over pitch
+        return ((D - D_F) / d_3 - D / d_f) / 2 - mp.hypot(*sides) / 2 / grow * (d_f - f) / f / d_f
 
     return mp.findroot(room, (mp.mpf(150), mp.mpf(400)), solver="anderson")
 

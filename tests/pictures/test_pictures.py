@@ -28,7 +28,6 @@ from roslf_design.pictures.microlens import (
 )
 from roslf_design.pictures.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
 from roslf_design.shapes.discs import intersect
-from roslf_design.theory.light import half_diagonal
 from roslf_design.theory.vignetting import nondistortion_margin
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER
 
@@ -304,15 +303,15 @@ def test_the_design_point_maps_to_the_design_and_axes_stay_when_told():
 def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
     picture = matching_plane(PAPER)
     region = _mark(picture, "eq6-region")
-    x0 = float(half_diagonal(Camera.of(PAPER))) * PAPER.d_f / PAPER.d_1
     # Others lie on the frame.
     corners = [(x, y) for x, y in zip(region.x, region.y, strict=True) if 0 < y < picture.mapping.y.high and x > 0]
     assert len(corners) > 3
     for d_3, D_F in corners:
-        assert (
-            abs(float(nondistortion_margin(Camera.of(PAPER, {"d_3": d_3, "D_F": D_F}), x0, PAPER.d_f)))
-            < 1e-9 * PAPER.D * PAPER.d_f
-        )
+        camera = Camera.of(PAPER, {"d_3": d_3, "D_F": D_F})
+        x0 = np.hypot(*PAPER.sensor_size) / 2 / (1 + PAPER.d_2 * camera.vergence) * PAPER.d_f / PAPER.d_1
+        # The margin bends a little with the image pitch where it is drawn straight; it falls by d_f per mm of D_F.
+        hundredth_px = 0.01 * picture.mapping.y.high / picture.mapping.box[3]
+        assert abs(float(nondistortion_margin(camera, x0, PAPER.d_f))) < hundredth_px * PAPER.d_f
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():

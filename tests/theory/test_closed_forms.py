@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
+from roslf_design.theory.quantities import QUANTITIES
 from studies.accuracy.forms import CLOSED
 from studies.accuracy.oracles.closed_forms import ORACLES, flat, judge, keywords, microlens_of
 from tests.theory.designs import P1, arguments, random_designs
@@ -246,7 +247,7 @@ PRINTED = {
     "image pitch": (exit_pupil.microlens_image_pitch(paper()), "0.0627261"),
     "centre shift": (exit_pupil.centre_shift_per_microlens(paper()), "0.242152"),
     "independent views": (light.independent_views(paper()), "3.6"),
-    "lateral samples": (light.lateral_samples(paper()), "354"),
+    "lateral samples": (QUANTITIES["lateral_samples"](paper()), "355.51"),
     "object sample": (light.object_sample(paper()), "0.1575"),
     "view baseline": (light.view_baseline(paper()), "0.223000"),
     "disparity rate": (light_field.disparity_rate(paper(), 230.0), "0.080055"),

@@ -100,8 +100,11 @@ def test_room_is_that_of_traced_edge_rays(bored):
 def test_nominal_values_are_those_of_evaluate(name):
     design = load(name)
     result = evaluate(design)
-    width, height = design.sensor_size
-    fields = (*(field.x_ml_mm for field in result.fields), (width / 2, height / 2))
+    grow = result.microlens_image.pitch_mm / design.d
+    corner = [
+        min(*sides) / 2 for sides in zip(design.microlens_array.size, np.divide(design.sensor_size, grow), strict=True)
+    ]
+    fields = (*(field.x_ml_mm for field in result.fields), tuple(corner))
     names = tuple(METRICS)
     question = Question(design, names, fields, design.d_f)
     row = dict(zip([column.label for column in question.columns], evaluate_builds(question, {}, 1)[:, 0], strict=True))
