@@ -43,6 +43,12 @@ def product(left: Array | float, right: Array | float) -> Array:
     return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]
 
 
+def magnitude(value: Array | float) -> Array:
+    """Size of something of either sign; of complex numbers (for derivatives), by their real part."""
+    size: Array = np.where(np.asarray(value).real < 0, np.negative(value), value)[()]
+    return size
+
+
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 """Turn between successive points of the sunflower [rad]."""
 

@@ -166,7 +166,7 @@ def _tables(kind: Any) -> list[type[BaseModel]]:
 
 
 def _tag(table: type[BaseModel]) -> str:
-    return str(table.model_fields[KIND].default) if KIND in table.model_fields else ""
+    return str(get_args(table.model_fields[KIND].annotation)[0]) if KIND in table.model_fields else ""
 
 
 def _missing(at: _Place) -> str:

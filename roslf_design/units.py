@@ -37,10 +37,12 @@ UNITS: dict[str, dict[str, Decimal]] = {
         "°": _PI / 180,
         "arcmin": _PI / 10800,
     },
+    "gradient": {"/mm": Decimal(1), "1/mm": Decimal(1), "mm^-1": Decimal(1), "/m": Decimal("1e-3")},
 }
 """Known units by dimension, in millimetres or radians."""
 
-_EXAMPLE = {"length": "120 mm", "angle": "2 mrad"}
+_EXAMPLE = {"length": "120 mm", "angle": "2 mrad", "gradient": "0.2 /mm"}
+_BASE = {"length": "mm", "angle": "rad", "gradient": "/mm"}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S*)\s*")
 
 
@@ -61,7 +63,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     ValueError
         Says what is wrong and what to write instead.
     """
-    example, base = _EXAMPLE[dimension], "mm" if dimension == "length" else "rad"
+    example, base = _EXAMPLE[dimension], _BASE[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):
@@ -105,8 +107,8 @@ def format_quantity(value: float, dimension: str) -> str:
     dimension : {"length", "angle"}
         Which of the two.
     """
-    if dimension == "angle":
-        unit = "mrad"
+    if dimension != "length":
+        unit = "mrad" if dimension == "angle" else "/mm"
     else:
         size = abs(value)
         unit = "mm" if size == 0 or size >= 0.1 else "um" if size >= 2e-3 else "nm"
@@ -141,3 +143,5 @@ Distance = Annotated[AnyLength, Field(ge=0)]
 """A length that may be zero [mm]."""
 Angle = Annotated[float, BeforeValidator(_validator("angle")), _writer("angle")]
 """An angle of either sign [rad]."""
+Gradient = Annotated[float, BeforeValidator(_validator("gradient")), _writer("gradient"), Field(gt=0)]
+"""A positive inverse length [1/mm]."""

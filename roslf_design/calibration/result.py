@@ -253,8 +253,8 @@ def undistorted_radius(design: Design) -> float:
     from the focal plane to the sensor.
     """
     c = Camera.of(design)
-    bound = field_limit(c).radius
-    return bound * float(c.m) * _pitch(c) / design.d if math.isfinite(bound) else math.inf
+    bound = field_limit(c).mla_radius
+    return bound * _pitch(c) / design.d if math.isfinite(bound) else math.inf
 
 
 def _pitch(c: Camera) -> float:

@@ -6,7 +6,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from types import MappingProxyType
@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, product, ratio
 from ..design import Design, DesignError, Problem
+from ..design.chain import Chain, Plane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from .frames import Frame, Vector, along, dot, frame, minus, plus, times
 
 if TYPE_CHECKING:
+    from ..lenses.glass import Glass
     from ..lenses.prescription import Prescription
 
 FOCAL = PATHS["f"]
@@ -37,11 +39,21 @@ class Rim:
     name: str
     """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
     part: str
-    """Its place in a design: "aperture", "main_lens", "stops.0"."""
+    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"."""
     radius: Number
-    """R_k [mm]."""
+    """R_k as the main lens sees it: through what stands between [mm]."""
     distance: Number
-    """z_k, in front of the main lens [mm]."""
+    """z_k as the main lens sees it, in front of it [mm]."""
+    stands: Number
+    """The same with a ruler."""
+    scale: Number = 1.0
+    """Its own lengths over those that the main lens sees."""
+
+    @property
+    def diameter_place(self) -> str:
+        """Where its diameter stands in a design."""
+        part = self.part.rpartition(".")[0] if self.part.count(".") == 2 else self.part
+        return f"{part}.diameter"
 
 
 class Camera(Symbols[Number]):
@@ -56,6 +68,11 @@ class Camera(Symbols[Number]):
         Dotted place of the design to its number(s); f, d_f and d_1 all there and agreeing.
     layout, lens_shape : str
         Of the microlens array, as in a design file.
+    chain : Chain, optional
+        What light meets beside the main lens; None is air only. The symbols d_3, D_F, d_f, d_1 and d_2 are then those
+        of the camera in air that sees the same, ``camera["aperture.distance"]`` and the like what a ruler says.
+    materials : mapping
+        Place of an index to the material it is of, for other wavelengths.
     lens : Prescription, optional
         The real main lens as it stands in the camera; None is the ideal one.
 
@@ -73,11 +90,18 @@ class Camera(Symbols[Number]):
         layout: Layout = "square",
         lens_shape: str = "square",
         lens: Prescription | None = None,
+        chain: Chain | None = None,
+        materials: Mapping[str, Glass] | None = None,
     ) -> None:
         self._numbers = numbers
         self.layout = layout
         self.lens_shape = lens_shape
         self.lens = lens
+        self.chain = chain
+        self.materials = materials or {}
+
+    def _with(self, numbers: Mapping[str, Number]) -> Camera:
+        return Camera(numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials)
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, ArrayLike] | None = None, /, *, in_focus: bool = False) -> Camera:
@@ -128,10 +152,15 @@ class Camera(Symbols[Number]):
             colours = np.vectorize(partial(focal_length_at, self.lens), otypes=[np.float64])(given[PATHS["wavelength"]])
             given = {**given, FOCAL: colours}
             numbers[FOCAL] = _number(colours)
+        if PATHS["wavelength"] in given:
+            for place in self.materials.keys() - given.keys():
+                index = np.vectorize(self.materials[place].index, otypes=[np.float64])
+                moved = index(given[PATHS["wavelength"]]) - index(self[PATHS["wavelength"]])
+                given[place] = numbers[place] = _number(self[place] + moved)
         key = follower(given)
         if key is not None:
-            numbers[key] = followed(numbers, key)
-        camera = Camera(numbers, self.layout, self.lens_shape, self.lens)
+            numbers[key] = followed(numbers, key) if self.chain is None else self.chain.followed(numbers, key)
+        camera = self._with(numbers)
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.d_2 / (1 + camera.d_2 * camera.vergence)
         return camera
@@ -153,7 +182,7 @@ class Camera(Symbols[Number]):
     def build(self, index: int | tuple[int, ...]) -> Camera:
         """One camera of many."""
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
-        return Camera(numbers, self.layout, self.lens_shape, self.lens)
+        return self._with(numbers)
 
     def spread(self, axes: int) -> Camera:
         """The same builds with `axes` axes of length 1 behind them, where fields, distances or rays shall go."""
@@ -162,14 +191,14 @@ class Camera(Symbols[Number]):
             place: value.reshape(value.shape + behind) if isinstance(value, np.ndarray) and value.ndim else value
             for place, value in self._numbers.items()
         }
-        return Camera(numbers, self.layout, self.lens_shape, self.lens)
+        return self._with(numbers)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        kinds = (self.layout, self.lens_shape, self.lens) == (other.layout, other.lens_shape, other.lens)
+        own, others = ((c.layout, c.lens_shape, c.lens, c.chain) for c in (self, other))
         return (
-            kinds
+            own == others
             and self._numbers.keys() == other._numbers.keys()
             and all(np.array_equal(value, other._numbers[place]) for place, value in self._numbers.items())
         )
@@ -179,7 +208,8 @@ class Camera(Symbols[Number]):
         return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Camera, (dict(self._numbers), self.layout, self.lens_shape, self.lens)
+        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
+        return Camera, (dict(self._numbers), *own)
 
     def __repr__(self) -> str:
         shown = ", ".join(
@@ -188,6 +218,47 @@ class Camera(Symbols[Number]):
             for value in [getattr(self, symbol)]
         )
         return f"Camera({shown})"
+
+    def plane(self, z: Number) -> Plane:
+        """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
+        if self.chain is None:
+            return Plane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
+        return self.chain.plane(self._numbers, z)
+
+    @cached_property
+    def focus(self) -> Plane:
+        """The focal plane."""
+        return self.plane(self._numbers[PATHS["d_f"]])
+
+    @cached_property
+    def d_f(self) -> Number:
+        """Focal plane before the main lens, as that sees it [mm]."""
+        return self.focus.distance
+
+    @cached_property
+    def d_3(self) -> Number:
+        """FAP before the main lens, as that sees it [mm]."""
+        return self.fap.distance
+
+    @cached_property
+    def D_F(self) -> Number:
+        """FAP diameter, as the main lens sees it [mm].
+
+        Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
+        """
+        return self._numbers[PATHS["D_F"]] if self.chain is None else np.copysign(2 * self.fap.radius, self.gap)
+
+    @cached_property
+    def d_1(self) -> Number:
+        """Main lens to microlens array, reduced to air [mm]."""
+        geometric = self._numbers[PATHS["d_1"]]
+        return geometric if self.chain is None else geometric - self.chain.before_array(self._numbers)
+
+    @cached_property
+    def d_2(self) -> Number:
+        """Microlens array to sensor, reduced to air [mm]."""
+        geometric = self._numbers[PATHS["d_2"]]
+        return geometric if self.chain is None else geometric - self.chain.behind_array(self._numbers)
 
     @cached_property
     def inverse_H(self) -> Array:
@@ -235,9 +306,27 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def rims(self) -> tuple[Rim, ...]:
-        """Every opening but the FAP: the main lens, then the further stops in the order of the design file."""
-        lens = Rim("main lens", "main_lens", self.D / 2, 0.0)
-        return (lens, *(self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)))
+        """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
+        lens = Rim("main lens", "main_lens", self.D / 2, 0.0, 0.0)
+        stops = [self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)]
+        return (lens, *stops, *(rim for k in self._apertures for rim in self._faces(k)))
+
+    @cached_property
+    def _apertures(self) -> list[int]:
+        """Elements that have a clear aperture."""
+        every = range(0 if self.chain is None else len(self.chain.elements))
+        return [k for k in every if f"elements.{k}.diameter" in self._numbers]
+
+    def _faces(self, k: int) -> Iterator[Rim]:
+        assert self.chain is not None
+        element, n, part = self.chain.elements[k], self._numbers, f"elements.{k}"
+        start, length = n[f"{part}.distance"], self.chain.length(n, k)
+        radius, name = n[f"{part}.diameter"] / 2, f"{element.kind} {k + 1}"
+        if np.ndim(length) == 0 and length == 0:
+            yield self._rim(name, f"{part}.0", start, radius)
+        else:
+            yield self._rim(f"{name}, back", f"{part}.0", start, radius)
+            yield self._rim(f"{name}, front", f"{part}.1", start + length, radius)
 
     @cached_property
     def in_light_order(self) -> tuple[Rim, ...]:
@@ -246,20 +335,43 @@ class Camera(Symbols[Number]):
         The farthest first, the FAP before what stands with it, the main lens last.
         """
         rims = (self.fap, *self.rims)
-        return tuple(sorted(rims, key=lambda rim: -float(np.ravel(rim.distance)[0])))
+        return tuple(sorted(rims, key=lambda rim: -float(np.ravel(rim.stands)[0])))
 
     @cached_property
     def stops(self) -> int:
         """How many stops there are beside the FAP and the main lens."""
         return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
 
-    def _rim(self, name: str, part: str) -> Rim:
-        return Rim(name, part, self._numbers[f"{part}.diameter"] / 2, self._numbers[f"{part}.distance"])
+    def _rim(self, name: str, part: str, stands: Number | None = None, radius: Number | None = None) -> Rim:
+        stands = self._numbers[f"{part}.distance"] if stands is None else stands
+        radius = self._numbers[f"{part}.diameter"] / 2 if radius is None else radius
+        if self.chain is None:
+            return Rim(name, part, radius, stands, stands)
+        plane = self.plane(stands)
+        scale = np.abs(plane.magnification)
+        return Rim(name, part, radius / scale, plane.distance, stands, scale)
+
+    @cached_property
+    def _rim_of(self) -> dict[str, Rim]:
+        return {rim.part: rim for rim in (self.fap, *self.rims)}
 
     def decentre(self, part: str) -> tuple[Number, Number]:
-        """Offset of a stop (its place in the design) from the main lens's centre, from which an ideal lens images."""
-        n = self._numbers
-        x, y = (n[f"{part}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+        """Offset of a part (its place in the design) from the main lens's centre, as that sees it."""
+        n, place = self._numbers, part.rpartition(".")[0] if part.count(".") == 2 else part
+        x, y = (n[f"{place}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+        if self.chain is None or part not in self._rim_of or part == "main_lens":
+            return x, y
+        plane = self.plane(self._rim_of[part].stands)
+        return (x - plane.aside[0]) / plane.magnification, (y - plane.aside[1]) / plane.magnification
+
+    def tilt(self, part: str) -> tuple[Number, Number]:
+        """Tilt of a part [rad]; of a stop as the main lens sees it."""
+        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
+        if self.chain is None or part not in self._rim_of or part == "main_lens":
+            return tilt
+        plane = self.plane(self._rim_of[part].stands)
+        x, y = (np.arctan(np.tan(angle) / (plane.medium * plane.magnification)) for angle in tilt)
         return x, y
 
     @cached_property
@@ -279,7 +391,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def _poses(self) -> dict[str, Frame]:
         lens = self._placed("main_lens", 0.0)
-        stops = {rim.part: self._placed(rim.part, -rim.distance) for rim in (self.fap, *self.rims[1:])}
+        stops = {rim.part: self._placed(rim.part, -rim.distance) for rim in (self.fap, *self.rims[1:])}  # as seen
         turn = self._numbers["microlens_array.rotation"]
         parts = {
             **stops,
@@ -290,9 +402,12 @@ class Camera(Symbols[Number]):
         return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0)), **poses}
 
     def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
-        n = self._numbers
-        decentre, tilt = ((n[f"{part}.{pose}.0"], n[f"{part}.{pose}.1"]) for pose in ("decentre", "tilt"))
-        return frame(decentre, z, tilt, roll)
+        lens = self._numbers["main_lens.decentre.0"], self._numbers["main_lens.decentre.1"]
+        if self.chain is None:
+            decentre = self._numbers[f"{part}.decentre.0"], self._numbers[f"{part}.decentre.1"]
+        else:
+            decentre = plus(self.decentre(part)[0], lens[0]), plus(self.decentre(part)[1], lens[1])
+        return frame(decentre, z, self.tilt(part), roll)
 
     def microlens(self, x: Number, y: Number) -> Vector:
         """Where the array's point (x, y) [mm, in its own frame] lies in the main lens's frame."""
@@ -333,11 +448,11 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def tip(self) -> Array:
-        """Distance of the bore's outer end from the main lens: the farthest of FAP, stops and `TIP` [mm]."""
-        farthest = np.maximum(self.d_3, self._numbers[TIP])
+        """Distance of the bore's outer end from the main lens: the farthest of FAP, stops, elements and `TIP` [mm]."""
+        farthest = np.maximum(self.fap.stands, self._numbers[TIP])
         for rim in self.rims[1:]:
-            farthest = np.maximum(farthest, rim.distance)
-        return np.asarray(farthest)
+            farthest = np.maximum(farthest, rim.stands)
+        return np.asarray(farthest if self.chain is None else np.maximum(farthest, self.chain.end(self._numbers)))
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -350,15 +465,19 @@ class Camera(Symbols[Number]):
             for place, value in self._numbers.items():
                 part, _, name = place.partition(".")
                 good = good & np.isfinite(value)
-                if ".tilt." in place:
+                if ".tilt." in place or ".wedge." in place:
                     good = good & (np.abs(value) < np.pi / 2)
-                elif place == TIP or (name.endswith("distance") and part in ("aperture", "stops")):
+                elif place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
                     good = good & (np.asarray(value) >= 0)
-                elif ".decentre." not in place and name != "rotation":
+                elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
                     good = good & (np.asarray(value) > 0)
-            good = good & (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
+            good = good & (np.asarray(self.f) > 0) & (np.asarray(self.f_ml) > 0)
+            good = good & (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f) & (np.asarray(self.d_2) > 0)
+            plane = np.asarray(self._numbers[PATHS["d_f"]])
             for rim in (self.fap, *self.rims[1:]):
-                good = good & (np.asarray(rim.distance) < self.d_f)
+                good = good & (np.asarray(rim.stands) < plane)
+            if self.chain is not None:
+                good = good & self.chain.apart(self._numbers) & (plane >= self.chain.end(self._numbers))
         return np.broadcast_to(good, self.shape)
 
 
@@ -379,4 +498,8 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
-    return Camera({**{place: design[place] for place in places}, TIP: 0.0}, array.layout, array.lens_shape, design.lens)
+    numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
+    if chain is None:
+        return Camera(numbers, array.layout, array.lens_shape, design.lens)
+    materials = materials_of(design)
+    return Camera({**numbers, **chain_numbers(design)}, array.layout, array.lens_shape, design.lens, chain, materials)

@@ -20,6 +20,8 @@ from .real_lens import focal_length_at, own_diameter, read_prescription
 FOCAL, PLANE, DISTANCE = CONJUGATES
 RESIDUAL_LIMIT = 1e-6
 """Largest |f/d_f + f/d_1 - 1| at which f, d_f and d_1 count as one set: rounding of printed digits, not an error."""
+MISFIT = "misfit"
+"""Type of the error of a design whose values are each right on their own and do not fit each other."""
 AGREEMENT = 1e-6
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
@@ -62,7 +64,9 @@ def design_problems(
     folder : path-like
         What the path of a lens file counts from.
     """
-    # A fault of the whole (empty place) comes from the cross-check, which is told here with the places it found.
+    for fault in error.errors(include_url=False):
+        if fault["type"] == MISFIT:  # every value was read: what was found between them
+            return tuple(fault["ctx"]["problems"])
     problems = [problem for problem in problems_of(error, model) if problem.key]
 
     def readable(place: str) -> bool:
@@ -72,7 +76,7 @@ def design_problems(
     given = {
         place: at(data, place)
         for place in checked_places(len(stops) if isinstance(stops, (list, tuple)) else 0)
-        if readable(place)
+        if readable(place) and not (place in (PLANE, DISTANCE) and _refracts(data))
     }
     values = {
         place: None if value is None else parse_quantity(value, "length", unit_required=from_file)
@@ -83,6 +87,11 @@ def design_problems(
         return (*problems, *cross_check(values, None, turned=False))
     lens = read_prescription(at(data, "main_lens.prescription"), folder)
     return (*problems, *cross_check(values, lens, turned=at(data, "main_lens.reversed") is True))
+
+
+def _refracts(data: Mapping[str, Any]) -> bool:
+    """Whether light meets more than air and the main lens; conjugates are then told once every element can be read."""
+    return any(at(data, place) for place in ("elements", "sensor.cover", "microlens_array.substrate"))
 
 
 def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool) -> tuple[Problem, ...]:

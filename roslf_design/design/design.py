@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
+from ..lenses.glass import AIR
 from ..units import format_quantity
-from .check import DISTANCE, FOCAL, PLANE, DesignError, at, checked_places, cross_check, design_problems
+from .chain import chain_numbers, chain_of
+from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .conjugates import CONJUGATES, followed, follower
+from .elements import AnyElement, ObjectSpace, about_elements
 from .parts import PATHS, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
@@ -42,6 +46,10 @@ class Design(Part, Symbols[float]):
     """The flexible angular plane (FAP): the system's entrance pupil."""
     stops: tuple[Stop, ...] = ()
     """Further rims of a real bore."""
+    object_space: ObjectSpace = ObjectSpace()
+    """What the scene lies in: air, a liquid."""
+    elements: tuple[AnyElement, ...] = ()
+    """Windows, prisms, lenses before the main lens."""
     microlens_array: MicrolensArray
     """At z = d_1."""
     sensor: Sensor
@@ -61,8 +69,16 @@ class Design(Part, Symbols[float]):
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
-        if problems := cross_check(values, self.main_lens.prescription, turned=self.main_lens.reversed):
-            raise ValueError("\n".join(map(str, problems)))
+        chain = chain_of(self)
+        problems = cross_check(
+            values if chain is None else chain.seen({**chain_numbers(self), **values}),
+            self.main_lens.prescription,
+            turned=self.main_lens.reversed,
+        )
+        if chain is not None or self.object_space.medium is not AIR:
+            problems += about_elements(self, problems)
+        if problems:
+            raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self
 
     @classmethod
@@ -100,8 +116,7 @@ class Design(Part, Symbols[float]):
         wanted = _by_path(changes or {}, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
-        data = _mutable(self.model_dump())
-        data["main_lens"]["prescription"] = self.main_lens.prescription
+        data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
         return build(data, from_file=False)
@@ -124,7 +139,11 @@ class Design(Part, Symbols[float]):
             return own_diameter(lens.prescription)
         # Where all three are given, f and d_1 are the hardware.
         if own is None or (place == PLANE and focal_known and self.microlens_array.distance is not None):
-            return float(followed({key: self[key] for key in CONJUGATES if key != place}, place))
+            others = {key: self[key] for key in CONJUGATES if key != place}
+            chain = chain_of(self)
+            if chain is None:
+                return float(followed(others, place))
+            return float(chain.followed({**chain_numbers(self), **others}, place))
         return float(own)
 
     @property
@@ -148,7 +167,10 @@ class Design(Part, Symbols[float]):
 
     @property
     def aligned(self) -> bool:
-        """True where nothing is tilted: every stop's image on the sensor is then a disc."""
+        """True where nothing is tilted: every stop's image on the sensor is then a disc.
+
+        Tilts of elements before the lens move the images of stops, which stay discs.
+        """
         tilts = [self.main_lens.tilt, self.microlens_array.tilt, self.sensor.tilt]
         tilts += [stop.tilt for stop in self.all_stops]
         return all(tilt == (0.0, 0.0) for tilt in tilts)
@@ -173,7 +195,7 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
     """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
-    changed = [key for key in CONJUGATES if wanted.get(key) is not None]
+    changed = [key for key in wanted if key not in CONJUGATES or wanted[key] is not None]
     if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
         # f is the lens's own: of d_f and d_1 the one that is not changed follows.
         open_ones = [key for key in (PLANE, DISTANCE) if key not in changed]
@@ -194,6 +216,7 @@ def _put(data: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _mutable(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _mutable(inner) for key, inner in value.items()}
+    """Parts as tables and lists, what they hold (lenses, materials) as it is."""
+    if isinstance(value, Part):
+        return {key: _mutable(getattr(value, key)) for key in type(value).model_fields}
     return [_mutable(inner) for inner in value] if isinstance(value, (list, tuple)) else value

@@ -7,7 +7,8 @@ z by t_x about x, then by t_y about y.
 
 from __future__ import annotations
 
-from typing import Annotated, Generic, Literal, TypeVar
+from collections.abc import Iterator
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, f
 from pydantic_core import PydanticCustomError
 
 from ..units import Angle, AnyLength, Distance, Length
+from .material import Material
 from .real_lens import Lens
 
 Number = float | NDArray[np.float64]
@@ -31,6 +33,11 @@ class Part(BaseModel):
     """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """What differs from the defaults."""
+        fields = type(self).model_fields
+        yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
 
 
 class MainLens(Part):
@@ -77,6 +84,22 @@ class Stop(Part):
     """[rad]."""
 
 
+class Cover(Part):
+    """A plane plate on the sensor, or between it and the microlens array."""
+
+    thickness: Length
+    """[mm]."""
+    material: Material
+    """What it is made of."""
+
+
+class Substrate(Cover):
+    """The plate that carries the microlenses."""
+
+    lenslets: Literal["scene", "sensor"] = "scene"
+    """Which way they face: towards the scene the light goes through the plate behind them, else before them."""
+
+
 class MicrolensArray(Part):
     """The microlens array (MLA)."""
 
@@ -92,6 +115,8 @@ class MicrolensArray(Part):
     """How the microlenses are packed."""
     lens_shape: Literal["square", "circular"] = "square"
     """Clear aperture of one microlens, as wide as the pitch."""
+    substrate: Substrate | None = None
+    """The plate that carries them; None where light meets none."""
     rotation: Angle = 0.0
     """About the axis [rad]."""
     tilt: Tilt = (0.0, 0.0)
@@ -111,6 +136,8 @@ class Sensor(Part):
     """Width and height [mm], before the relay."""
     relay_magnification: Annotated[float, Field(gt=0)] = 1.0
     """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
+    cover: Cover | None = None
+    """Glass before the sensor, behind the MLA; None where there is none."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
     decentre: Offset = (0.0, 0.0)

@@ -88,7 +88,7 @@ def evaluate(
         NonDistortion,
         camera,
         x0_max_mm=limit.radius,
-        x_ml_max_mm=limit.radius / float(camera.inverse_m),
+        x_ml_max_mm=limit.mla_radius,
         room_at_corner_mm=limit.room,
         limited_by=limit.rim,
         undistorted_in_field=limit.room >= 0,

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 FORMULAS = ("sellmeier", "schott", "constant")
 COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "constant": ("index",)}
+F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
+"""Wavelengths of Abbe numbers [um]."""
 """The keys of a glass table that hold its formula's coefficients."""
 
 
@@ -35,10 +37,11 @@ class Glass:
     ----------
     name : str
         As the catalogue spells it.
-    formula : {"sellmeier", "schott", "constant"}
-        ``n^2 = 1 + sum b_i L^2/(L^2 - c_i)``; ``n^2 = a_0 + a_1 L^2 + a_2 L^-2 + a_3 L^-4 + ...``; or ``n``.
+    formula : {"sellmeier", "schott", "constant", "abbe"}
+        ``n^2 = 1 + sum b_i L^2/(L^2 - c_i)``; ``n^2 = a_0 + a_1 L^2 + a_2 L^-2 + a_3 L^-4 + ...``; ``n``; or, from
+        index n_d and Abbe number V, ``n_d + (n_d - 1)/V (L^-2 - L_d^-2)/(L_F^-2 - L_C^-2)``.
     coefficients : tuple of float
-        ``(b_1, c_1, b_2, c_2, ...)``, ``(a_0, a_1, ...)`` or ``(n,)``, for L in micrometres.
+        ``(b_1, c_1, b_2, c_2, ...)``, ``(a_0, a_1, ...)``, ``(n,)`` or ``(n_d, V)``, for L in micrometres.
     shortest, longest : float
         Wavelength range of the source [mm].
     source : str
@@ -93,6 +96,10 @@ def _index(formula: str, coefficients: tuple[float, ...], micrometres: Array) ->
     if formula == "constant":
         return np.full(micrometres.shape, coefficients[0])
     square = micrometres * micrometres
+    if formula == "abbe":
+        index, number = coefficients
+        step = (1 / square - D_LINE**-2) / (F_LINE**-2 - C_LINE**-2)
+        return np.asarray(index + (index - 1) / number * step)
     if formula == "sellmeier":
         total = np.ones(square.shape)
         for b, c in zip(coefficients[::2], coefficients[1::2], strict=True):
@@ -145,6 +152,29 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
     hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"
     remedy = "check the spelling or describe it under [glasses] in the lens file"
     raise InputError((Problem("glass", f"'{name}' is not a known glass; {hint}; {remedy}"),))
+
+
+def glass_of_index(table: Mapping[str, Any]) -> Glass:
+    """A medium from its ``index`` at 587.6 nm and, where it has one, its Abbe number ``abbe``.
+
+    Raises
+    ------
+    InputError
+        Other keys, an index outside 1 to 5, an Abbe number that is not positive.
+    """
+    problems = [Problem(key, f"'{key}' is not known of a material; known: index, abbe") for key in table
+                if key not in ("index", "abbe")]  # fmt: skip
+    index, number = table.get("index"), table.get("abbe")
+    if not (_is_number(index) and 1 <= index < 5):  # type: ignore[operator]
+        problems.append(Problem("index", f"an index must be a number from 1 to 5, got {index!r}"))
+    if number is not None and not (_is_number(number) and number > 0):
+        problems.append(Problem("abbe", f"an Abbe number must be positive, got {number!r}"))
+    if problems:
+        raise InputError(tuple(problems))
+    name = f"n = {index:g}" + ("" if number is None else f", V = {number:g}")
+    if number is None:
+        return Glass(name, "constant", (float(index),))  # type: ignore[arg-type]
+    return Glass(name, "abbe", (float(index), float(number)))  # type: ignore[arg-type]
 
 
 def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple[Problem, ...]]:

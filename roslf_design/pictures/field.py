@@ -163,7 +163,7 @@ def _percent(share: float) -> str:
 def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
     x, y = on_mla(design, design.main_lens.decentre).tolist()
-    return x, y, field_limit(Camera.of(design)).radius * design.d_1 / design.d_f
+    return x, y, field_limit(Camera.of(design)).mla_radius
 
 
 def on_mla(design: Design, points: ArrayLike) -> Floats:

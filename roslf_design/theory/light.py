@@ -69,7 +69,12 @@ def microlens_defocus_waves(c: Camera) -> Array:
 
 def object_sample(c: Camera) -> Array:
     """Footprint ``d d_f/d_1`` of one microlens on the focal plane: the lateral sampling step [mm]; inf at d_f = inf."""
-    return product(c.d, c.inverse_m)
+    return product(c.d, object_scale(c))
+
+
+def object_scale(c: Camera) -> Array:
+    """Millimetres on the focal plane per millimetre on the array, ``d_f/d_1`` in air; inf at d_f = inf."""
+    return product(c.inverse_m, np.abs(c.focus.magnification))
 
 
 class SensorField(NamedTuple):
@@ -154,7 +159,7 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
 
 def view_baseline(c: Camera) -> Array:
     """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
-    return ratio(c.q * c.A, c.d_2)
+    return ratio(c.q * c.A, c.d_2) * c.fap.scale
 
 
 def solid_angle(c: Camera) -> Array:

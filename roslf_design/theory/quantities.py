@@ -14,8 +14,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._arrays import Array, ratio
+from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
+from ..design.chain import Plane
 from ..design.parts import PATHS
 from . import exit_pupil, f_number, light, light_field, vignetting
 from .light import SensorField
@@ -117,13 +118,19 @@ def quantity_named(name: str) -> Quantity:
 
 
 def depth_at(c: Camera, at: Depth) -> Array:
-    """Z_F of a point `at` [mm] ahead of the bore's tip; of the focal plane where none is given [mm]."""
-    return c.gap if at is None else np.asarray(at + c.tip - c.d_3)
+    """Z_F of a point `at` [mm] ahead of the bore's tip, or of the focal plane, as the main lens sees it [mm]."""
+    return c.gap if at is None else np.asarray(_plane_at(c, at).distance - c.d_3)
 
 
-def _growth(c: Camera, at: Depth) -> Array | float:
-    """How much larger the field is at a distance than at the focal plane: chief rays meet in the FAP."""
-    return 1.0 if at is None else depth_at(c, at) / c.gap
+def _plane_at(c: Camera, at: Depth) -> Plane:
+    return c.focus if at is None else c.plane(at + c.tip)
+
+
+def _object_scale(c: Camera, at: Depth) -> Array:
+    """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
+    if at is None:
+        return light.object_scale(c)
+    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * np.abs(_plane_at(c, at).magnification))
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -143,8 +150,12 @@ def _defocus_px(c: Camera, _: Depth) -> Array:
     return c.d * light.microlens_defocus(c) / c.q
 
 
+def _behind_lens(c: Camera) -> Number:
+    return c[PATHS["d_1"]] + c[PATHS["d_2"]]
+
+
 def _diameters(c: Camera, _: Depth) -> Array:
-    return np.stack(np.broadcast_arrays(c.D_F, *(2 * rim.radius for rim in c.rims)))
+    return np.stack(np.broadcast_arrays(*(c[rim.diameter_place] for rim in (c.fap, *c.rims))))
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -217,7 +228,7 @@ register(
         "undistorted_field_mm",
         "mm",
         "largest undistorted object radius at the focal plane, in the worst direction",
-        lambda c, _: vignetting.undistorted_radii(c, nearest=1e-12),
+        lambda c, _: vignetting.undistorted_radii(c, nearest=1e-12) * np.abs(c.focus.magnification),
         equation="Eq. 6",
         positive=False,
         worst=_least,
@@ -258,28 +269,28 @@ register(
         "field_half_width_mm",
         "mm",
         "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(lambda c, at, field: field.half[0] * c.inverse_m * _growth(c, at)),
+        **_over_field(lambda c, at, field: field.half[0] * _object_scale(c, at)),
         at="optional",
     ),
     Quantity(
         "field_half_diagonal_mm",
         "mm",
         "the same to the corner",
-        **_over_field(lambda c, at, field: field.half_diagonal * c.inverse_m * _growth(c, at)),
+        **_over_field(lambda c, at, field: field.half_diagonal * _object_scale(c, at)),
         at="optional",
     ),
     Quantity(
         "object_sample_mm",
         "mm",
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: light.object_sample(c) * _growth(c, at),
+        lambda c, at: product(c.d, _object_scale(c, at)),
         at="optional",
     ),
     Quantity(
         "disparity_pitches_per_mm",
         "pitches/mm",
         "disparity between the FAP's rims per depth, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: light_field.disparity_rate(c, depth_at(c, at)),
+        lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / _plane_at(c, at).depth,
         at="optional",
         monotone=False,
     ),
@@ -288,7 +299,7 @@ register(
         "mm",
         f"depth spread for a disparity error of {SIGMA_DISPARITY} pitch, at a distance ahead of the tip or at the "
         "focal plane",
-        lambda c, at: light_field.depth_sigma(c, depth_at(c, at)),
+        lambda c, at: light_field.depth_sigma(c, depth_at(c, at)) * _plane_at(c, at).depth,
         at="optional",
     ),
     Quantity(
@@ -360,11 +371,21 @@ register(
         "working_distance_mm",
         "mm",
         "from the bore's tip to the focal plane",
-        _whole(lambda c: c.d_f - c.tip),
+        _whole(lambda c: c[PATHS["d_f"]] - c.tip),
         positive=False,
     ),
-    Quantity("total_length_mm", "mm", "from the bore's tip to the sensor", _whole(lambda c: c.tip + c.d_1 + c.d_2)),
-    Quantity("camera_length_mm", "mm", "from the main lens to the sensor", _whole(lambda c: c.d_1 + c.d_2)),
+    Quantity(
+        "total_length_mm",
+        "mm",
+        "from the bore's tip to the sensor",
+        _whole(lambda c: c.tip + _behind_lens(c)),
+    ),
+    Quantity(
+        "camera_length_mm",
+        "mm",
+        "from the main lens to the sensor",
+        _whole(_behind_lens),
+    ),
     Quantity(
         "largest_diameter_mm",
         "mm",
@@ -378,7 +399,7 @@ register(
             symbol,
             "mm",
             f"the design's {place}",
-            _whole(lambda c, symbol=symbol: getattr(c, symbol)),  # type: ignore[misc]
+            _whole(lambda c, symbol=symbol, place=place: c.q if symbol == "q" else c[place]),  # type: ignore[misc]
             positive=symbol != "d_3",
         )
         for symbol, place in PATHS.items()

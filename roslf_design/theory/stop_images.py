@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, product
+from .._arrays import Array, floats, magnitude, product
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import dot, minus, plus, times
 from ..shapes.discs import DiscIntersection, intersect
@@ -176,7 +176,7 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         e_x, e_y = c.decentre(rim.part)
         centres[..., k, 0] = product(scale, at_x * bend - e_x)
         centres[..., k, 1] = product(scale, at_y * bend - e_y)
-        radii[..., k] = rim.radius * scale
+        radii[..., k] = rim.radius * magnitude(scale)
     return centres, radii
 
 
@@ -258,7 +258,7 @@ class MicrolensImages:
             crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
             pencil = crossing.ellipse(c.fap.radius)
             off = np.hypot(pencil.x, pencil.y)
-            rooms.append(rim.radius - off - _reach(pencil, off))
+            rooms.append(times(rim.scale, rim.radius - off - _reach(pencil, off)))
         return reduce(np.minimum, rooms)
 
     @cached_property

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
 from .light import SensorField, sensor_field
 
@@ -87,7 +87,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     c : Camera
         Its tilts are left out.
     object_radius : array_like
-        |X_0| on the focal plane [mm].
+        |X_0| on the focal plane, as the main lens sees it [mm].
 
     Returns
     -------
@@ -95,14 +95,15 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         One row a rim of `Camera.rims`; negative where that rim cuts the pencil. With decentres the worst direction
         counts: the field's offset adds to that of the decentres.
     """
-    d_f, d_3, de, radius, gap = *floats(c.d_f, c.d_3, c.D_F, object_radius), c.gap
+    d_f, d_3, de, radius, gap = *floats(c.d_f, c.d_3, 2 * c.fap.radius, object_radius), c.gap
+    room = 2 * magnitude(gap)
     pupil = c.decentre("aperture")
     rooms = []
     for rim in c.rims:
         between = d_f - rim.distance
         offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
-        axial = 2 * rim.radius * gap - de * between
-        rooms.append((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / (2 * gap))
+        axial = rim.radius * room - de * magnitude(between)
+        rooms.append(rim.scale * ((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / room))
     return np.stack(np.broadcast_arrays(*rooms))
 
 
@@ -112,7 +113,9 @@ def corner_room(c: Camera, field: SensorField | None = None) -> Array:
 
 
 def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
-    """Largest object radius on the focal plane whose pencil each rim leaves whole, in the worst direction [mm].
+    """Largest radius on the focal plane whose pencil each rim leaves whole, in the worst direction [mm].
+
+    As the main lens sees it; the object's own is larger by the magnification of `Camera.focus`.
 
     Parameters
     ----------
@@ -127,12 +130,12 @@ def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
     ndarray, shape (K, ...)
         One row a rim of `Camera.rims`; below 0 where even the axis is cut, by as much as it is.
     """
-    rooms = room_at(c, 0.0)
-    d_f, d_3 = floats(c.d_f, c.d_3)
-    between = [np.maximum(np.abs(d_3 - rim.distance), nearest * d_f) for rim in c.rims]
-    return np.stack(
-        np.broadcast_arrays(*(product(ratio(room, b), c.gap) for room, b in zip(rooms, between, strict=True)))
-    )
+    d_f, d_3, gap = *floats(c.d_f, c.d_3), magnitude(c.gap)
+    radii = []
+    for rim, room in zip(c.rims, room_at(c, 0.0), strict=True):
+        between = np.maximum(np.abs(d_3 - rim.distance), nearest * d_f)
+        radii.append(product(ratio(room / rim.scale, between), gap))
+    return np.stack(np.broadcast_arrays(*radii))
 
 
 class FieldLimit(NamedTuple):
@@ -140,6 +143,8 @@ class FieldLimit(NamedTuple):
 
     radius: float
     """Largest undistorted object radius at d_f, in the worst direction [mm]; inf where no field is too large."""
+    mla_radius: float
+    """Where its chief ray meets the array [mm]."""
     rim: str
     """The rim that ends it or, where none does, the one that leaves the least room."""
     room: float
@@ -157,4 +162,6 @@ def field_limit(c: Camera) -> FieldLimit:
     bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
-    return FieldLimit(bounds[tightest], c.rims[tightest].name, min(rooms))
+    seen = bounds[tightest]
+    real, on_array = seen * float(np.abs(c.focus.magnification)), seen / float(c.inverse_m)
+    return FieldLimit(real, on_array, c.rims[tightest].name, min(rooms))

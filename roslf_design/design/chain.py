@@ -1,0 +1,274 @@
+"""Light through what stands before the main lens: every plane of object space as two numbers.
+
+A ray that leaves the main lens with height l and slope o (both against its axis) meets the plane at z at
+``x = A l - B o + E``, and goes on there with index times slope ``-C l + D o + F``. In air A = 1 and B = z. The plane is
+thus seen from the main lens as if it stood in air, B/A before it and 1/A as large: the closed forms, which know air
+only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lenses.prescription import Prescription, first_order
+from .conjugates import CONJUGATES, followed
+from .elements import AnyElement, Block, FieldLens, Grin
+from .parts import PATHS, Number
+
+if TYPE_CHECKING:
+    from ..lenses.glass import Glass
+    from .design import Design
+
+Flags = np.bool_ | NDArray[np.bool_]
+
+FOCAL, PLANE, DISTANCE = CONJUGATES
+FARTHEST = 1e-12
+"""A plane whose image lies at infinity is taken to lie this inverse magnification away: results are off by as much."""
+MEDIUM = "object_space.index"
+COVER, SUBSTRATE = "sensor.cover", "microlens_array.substrate"
+
+
+class Plane(NamedTuple):
+    """A plane of object space as the main lens sees it."""
+
+    a: Number
+    b: Number
+    c: Number
+    d: Number
+    aside: tuple[Number, Number]
+    """E: where the main lens's axis meets it [mm]."""
+    lean: tuple[Number, Number]
+    """F: index times slope of the main lens's axis there."""
+    medium: Number
+    """Index of what lies on its scene's side."""
+
+    @property
+    def magnification(self) -> Number:
+        """A, its lengths over those of its image."""
+        return np.where(np.abs(self.a) < FARTHEST, np.where(self.a < 0, -FARTHEST, FARTHEST), self.a)[()]
+
+    @property
+    def distance(self) -> Number:
+        """B/A, of its image before the main lens [mm]."""
+        return self.b / self.magnification
+
+    @property
+    def depth(self) -> Number:
+        """Millimetres that a point moves there over those that its image moves, ``n A^2``."""
+        return self.medium * self.magnification**2
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Elements before the main lens, the medium before them, and the glass about the microlens array."""
+
+    elements: tuple[AnyElement, ...]
+    lenslets: str = "scene"
+    """Which way those on a substrate face."""
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Elements from the main lens outwards."""
+        return tuple(sorted(range(len(self.elements)), key=lambda k: self.elements[k].distance))
+
+    def length(self, numbers: Mapping[str, Number], k: int) -> Number:
+        """Of an element along the axis [mm]."""
+        element = self.elements[k]
+        return numbers.get(f"elements.{k}.thickness", element.length)
+
+    def plane(self, numbers: Mapping[str, Number], z: Number) -> Plane:
+        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
+        a, b, c, d = 1.0, 0.0, 0.0, 1.0  # type: tuple[Number, Number, Number, Number]
+        shifts: list[tuple[Number, Number]] = [(0.0, 0.0), (0.0, 0.0)]
+        place: Number = 0.0
+        index: Number = 1.0
+        for k in self.order:
+            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
+            inside = np.clip(z - start, 0.0, length)
+            gap = np.minimum(start, z) - place
+            a, b = a + gap * c, b + gap * d
+            shifts = [(e - gap * f, f) for e, f in shifts]
+            passed = np.greater(z, start)
+            if not np.any(passed):
+                return Plane(a, b, c, d, *_turned(shifts), index)
+            p, q, r, s = self._forward(numbers, k, inside, passed)
+            a, b, c, d = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
+            shifts = [self._shifted(numbers, k, axis, (p, q, r, s), inside, *shifts[axis]) for axis in (0, 1)]
+            place = start + length
+            glass = numbers.get(f"elements.{k}.index", 1.0)
+            index = np.where(passed & np.less(z, place), glass, 1.0)[()]
+        medium = numbers.get(MEDIUM, 1.0) if self.elements else 1.0
+        rest = np.maximum(z - place, 0.0) / medium
+        a, b = a + rest * c, b + rest * d
+        shifts = [(e - rest * f, f) for e, f in shifts]
+        return Plane(a, b, c, d, *_turned(shifts), np.where(np.greater_equal(z, place), medium, index)[()])
+
+    def _forward(
+        self, numbers: Mapping[str, Number], k: int, inside: Number, passed: Flags
+    ) -> tuple[Number, Number, Number, Number]:
+        """ABCD of light towards the sensor through as much of an element; slopes times index."""
+        element = self.elements[k]
+        if isinstance(element, Block):
+            return 1.0, inside / numbers[f"elements.{k}.index"], 0.0, 1.0
+        if isinstance(element, FieldLens):
+            return 1.0, 0.0, -np.where(passed, 1 / numbers[f"elements.{k}.focal_length"], 0.0)[()], 1.0
+        if isinstance(element, Grin):
+            n, g = numbers[f"elements.{k}.index"], numbers[f"elements.{k}.gradient"]
+            cos, sin = np.cos(g * inside), np.sin(g * inside)
+            return cos, sin / (n * g), -n * g * sin, cos
+        p, q, r, s = _group(element.lens, numbers[PATHS["wavelength"]])
+        return tuple(np.where(passed, x, y)[()] for x, y in zip((p, q, r, s), (1.0, 0.0, 0.0, 1.0), strict=True))  # type: ignore[return-value]
+
+    def _shifted(
+        self,
+        numbers: Mapping[str, Number],
+        k: int,
+        axis: int,
+        forward: tuple[Number, Number, Number, Number],
+        inside: Number,
+        e: Number,
+        f: Number,
+    ) -> tuple[Number, Number]:
+        """Where the main lens's axis comes out of a decentred, tilted or wedged element, and with what slope."""
+        (p, q, r, s), part = forward, f"elements.{k}"
+        off = numbers[f"{part}.decentre.{axis}"] - numbers[f"main_lens.decentre.{axis}"]
+        # The normal of a part tilted by (t_x, t_y) leans by t_y along x and by -t_x along y.
+        lean = np.tan(numbers[f"{part}.tilt.{1 - axis}"]) * (1 if axis == 0 else -1)
+        wedge = numbers.get(f"{part}.wedge.{1 - axis}", 0.0) * (1 if axis == 0 else -1)
+        e, f = e - off, f - lean
+        if np.any(wedge):
+            f = f + (numbers[f"{part}.index"] - 1) * wedge * (inside > 0)
+        return s * e - q * f + off - lean * inside, -r * e + p * f + lean
+
+    def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
+        """d_f of the focal plane's image in the air before the main lens [mm]."""
+        return self.plane(numbers, numbers[PLANE]).distance if self.elements else numbers[PLANE]
+
+    def seen(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Conjugates as they are seen in air, with what of them is given; other places as they are.
+
+        Where stops stand is left out: the air before the main lens is no place to compare them in.
+        """
+        seen = {place: value for place, value in values.items() if not place.startswith(("aperture.", "stops."))}
+        if values.get(PLANE) is not None:
+            seen[PLANE] = self.seen_plane(values)
+        if (distance := values.get(DISTANCE)) is not None:
+            seen[DISTANCE] = distance - self.before_array(values)
+        return seen
+
+    def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
+        """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
+        if not self.elements:
+            return distance
+        far = self.end(numbers)
+        last = self.plane(numbers, np.nextafter(far, np.inf))
+        return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
+
+    def end(self, numbers: Mapping[str, Number]) -> Number:
+        """The scene's side of the farthest element [mm before the main lens]; 0 where there is none."""
+        if not self.elements:
+            return 0.0
+        k = self.order[-1]
+        return numbers[f"elements.{k}.distance"] + self.length(numbers, k)
+
+    def apart(self, numbers: Mapping[str, Number]) -> Flags:
+        """Whether no element stands in another."""
+        good: Flags = np.True_
+        for k, farther in pairwise(self.order):
+            ends = numbers[f"elements.{k}.distance"] + self.length(numbers, k)
+            good = good & np.less_equal(ends, numbers[f"elements.{farther}.distance"])
+        return good
+
+    def before_array(self, numbers: Mapping[str, Number]) -> Number:
+        """What glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
+        return _shortened(numbers, SUBSTRATE) if self.lenslets == "sensor" else 0.0
+
+    def behind_array(self, numbers: Mapping[str, Number]) -> Number:
+        """What glass behind them takes off d_2 [mm]."""
+        substrate = _shortened(numbers, SUBSTRATE) if self.lenslets == "scene" else 0.0
+        return substrate + _shortened(numbers, COVER)
+
+    def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
+        """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
+        seen = dict(numbers)
+        if key != PLANE:
+            seen[PLANE] = self.seen_plane(numbers)
+        if key != DISTANCE:
+            seen[DISTANCE] = numbers[DISTANCE] - self.before_array(numbers)
+        value = followed(seen, key)
+        if key == PLANE:
+            return self.plane_seen_at(numbers, value)
+        return value + self.before_array(numbers) if key == DISTANCE else value
+
+
+def _turned(shifts: list[tuple[Number, Number]]) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
+    (e_x, f_x), (e_y, f_y) = shifts
+    return (e_x, e_y), (f_x, f_y)
+
+
+def _shortened(numbers: Mapping[str, Number], part: str) -> Number:
+    if f"{part}.thickness" not in numbers:
+        return 0.0
+    index = numbers[f"{part}.index"]
+    return numbers[f"{part}.thickness"] * (index - 1) / index
+
+
+def _group(lens: Prescription, wavelength: Number) -> tuple[Number, Number, Number, Number]:
+    if np.ndim(wavelength) == 0:
+        return _matrix(lens, float(wavelength))
+    every, where = np.unique(wavelength, return_inverse=True)
+    table = np.array([_matrix(lens, float(each)) for each in every])
+    p, q, r, s = np.moveaxis(table[where].reshape(*np.shape(wavelength), 4), -1, 0)
+    return p, q, r, s
+
+
+@lru_cache(maxsize=256)
+def _matrix(lens: Prescription, wavelength: float) -> tuple[float, float, float, float]:
+    p, q, r, s = first_order(lens, wavelength).matrix.ravel().tolist()
+    return p, q, r, s
+
+
+def chain_of(design: Design) -> Chain | None:
+    """What light meets before the main lens and about the array; None where that is air only."""
+    substrate = design.microlens_array.substrate
+    if not design.elements and substrate is None and design.sensor.cover is None:
+        return None
+    return Chain(design.elements, "scene" if substrate is None else substrate.lenslets)
+
+
+def chain_numbers(design: Design) -> dict[str, float]:
+    """Numbers of what light meets, at their places; indices at the design's wavelength."""
+    numbers = {PATHS["wavelength"]: design.wavelength}
+    numbers |= {f"main_lens.decentre.{axis}": design.main_lens.decentre[axis] for axis in (0, 1)}
+    for k, element in enumerate(design.elements):
+        part = f"elements.{k}"
+        for name in ("distance", "diameter", "thickness", "focal_length", "index", "gradient"):  # as far as it has them
+            if (value := getattr(element, name, None)) is not None:
+                numbers[f"{part}.{name}"] = value
+        for pose in ("decentre", "tilt", "wedge"):
+            if (pair := getattr(element, pose, None)) is not None:
+                numbers |= {f"{part}.{pose}.{axis}": pair[axis] for axis in (0, 1)}
+    for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate)):
+        if plate is not None:
+            numbers[f"{part}.thickness"] = plate.thickness
+    return numbers | {place: float(glass.index(design.wavelength)) for place, glass in materials_of(design).items()}
+
+
+def materials_of(design: Design) -> dict[str, Glass]:
+    """Every material before the main lens and about the array, by the place of its index."""
+    every = enumerate(design.elements)
+    materials = {f"elements.{k}": element.material for k, element in every if isinstance(element, Block)}
+    materials |= {"object_space": design.object_space.medium} if design.elements else {}
+    materials |= {
+        part: plate.material
+        for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate))
+        if plate is not None
+    }
+    return {f"{part}.index": glass for part, glass in materials.items()}

@@ -1,0 +1,182 @@
+"""What stands in object space before the main lens: windows, prisms, lenses, rods, liquids.
+
+An element's `distance` is that of its sensor-side vertex from the main lens, as measured with a ruler. Flat faces are
+perpendicular to the axis unless tilted or wedged.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, StrictBool, field_validator
+from pydantic_core import PydanticCustomError
+
+from ..errors import Problem
+from ..lenses.glass import AIR
+from ..lenses.prescription import Prescription
+from ..units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
+from .material import Material
+from .parts import Offset, Part, Tilt
+from .real_lens import Lens, mounted_lens
+
+if TYPE_CHECKING:
+    from .design import Design
+
+
+class Element(Part):
+    """Something transparent before the main lens."""
+
+    distance: Distance
+    """Main lens to the sensor-side vertex [mm]."""
+    diameter: Length | None = None
+    """Clear aperture, of both faces [mm]; None lets everything through."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad], about the sensor-side vertex."""
+
+    @property
+    def length(self) -> float:
+        """From its sensor-side vertex to the one that faces the scene [mm]."""
+        return float(getattr(self, "thickness", 0.0))
+
+
+class Block(Element):
+    """Glass between two flat faces."""
+
+    thickness: Length
+    """Along the axis [mm]; of a prism the axis's whole way through the glass."""
+    material: Material
+    """What it is made of."""
+    wedge: Tilt = (0.0, 0.0)
+    """How far its sensor-side face is turned out of parallel [rad]."""
+
+
+class Plate(Block):
+    """A plane-parallel plate: a window."""
+
+    kind: Literal["plate"]
+
+
+class Prism(Block):
+    """A prism, unfolded into a block."""
+
+    kind: Literal["prism"]
+    deviation: Angle = 0.0
+    """By how much it turns the axis, for the drawing and the direction of view [rad]."""
+
+
+class FieldLens(Element):
+    """An ideal thin lens before the main lens: an objective, a relay, a field lens."""
+
+    kind: Literal["lens"]
+    focal_length: AnyLength
+    """[mm]; below 0 it diverges."""
+
+    @field_validator("focal_length", mode="after")
+    @classmethod
+    def _bends(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("0 is no focal length; give one of either sign")
+        return value
+
+
+class Grin(Element):
+    """A gradient-index rod with flat faces, ``n(r) = n_0 (1 - g^2 r^2/2)``."""
+
+    kind: Literal["grin"]
+    thickness: Length
+    """Its length [mm]; a quarter pitch is pi/(2 g)."""
+    index: Annotated[float, Field(ge=1, lt=5)]
+    """n_0, on its axis."""
+    gradient: Gradient
+    """g [1/mm]."""
+
+
+class LensGroup(Element):
+    """A real objective or relay by its prescription; its first order counts."""
+
+    kind: Literal["prescription"]
+    prescription: Lens
+    """A lens that ships, a lens file, or the lens as a table."""
+    reversed: StrictBool = False
+    """Whether it stands the other way round than its prescription says."""
+
+    @property
+    def lens(self) -> Prescription:
+        """As it stands in the camera."""
+        assert self.prescription is not None
+        return mounted_lens(self.prescription, self.reversed, self.diameter)
+
+    @property
+    def length(self) -> float:
+        """From vertex to vertex [mm]."""
+        return self.lens.length
+
+    @field_validator("prescription", mode="after")
+    @classmethod
+    def _given(cls, value: Prescription | None) -> Prescription:
+        if value is None:
+            raise PydanticCustomError("missing", "Field required")
+        return value
+
+
+AnyElement = Annotated[Plate | Prism | FieldLens | Grin | LensGroup, Field(discriminator="kind")]
+"""One of `[[elements]]`."""
+
+
+class ObjectSpace(Part):
+    """What the scene lies in."""
+
+    medium: Material = AIR
+    """In front of the farthest element, which seals it off."""
+
+
+def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
+    """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
+    spans = [(f"elements.{k}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
+    problems = []
+    if not spans and design.object_space.medium is not AIR:
+        name = design.object_space.medium.name
+        message = (
+            f"nothing keeps {name} from the main lens; add the window that seals it off to [[elements]], or drop it"
+        )
+        problems.append(Problem("object_space.medium", message))
+    ordered = sorted(spans, key=lambda span: span[1:])
+    for (_, near, far), (place, start, _) in pairwise(ordered):
+        if start < far:
+            message = (
+                f"{_shown(start)} lies inside the element that reaches from {_shown(near)} to {_shown(far)}; move one"
+            )
+            problems.append(Problem(f"{place}.distance", message))
+    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops)}}
+    for place, stop in stops.items():
+        for element, near, far in spans:
+            if near < stop.distance < far:
+                span = f"{element}, from {_shown(near)} to {_shown(far)}"
+                problems.append(
+                    Problem(f"{place}.distance", f"{_shown(stop.distance)} lies inside {span}; move it out")
+                )
+    if problems or known:
+        return tuple(problems)
+    d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
+    if not tip <= d_f < math.inf:
+        message = (
+            f"{_shown(d_f)} is not in front of the farthest element, which ends at {_shown(tip)}; focus farther out"
+        )
+        problems.append(Problem("main_lens.focal_plane", message))
+    for place, stop in stops.items():
+        if stop.distance >= d_f:
+            message = (
+                f"{_shown(stop.distance)} is not less than the focal-plane distance d_f = {_shown(d_f)}: the object "
+                "plane would lie inside the bore; move this stop closer to the lens or focus farther out"
+            )
+            problems.append(Problem(f"{place}.distance", message))
+    return tuple(problems)
+
+
+def _shown(value: float) -> str:
+    return format_quantity(float(f"{value:.8g}"), "length")
