@@ -83,6 +83,7 @@ def build_app() -> App:
         help="Design and tolerance explorer for light-field cameras that look through a restricted object space.",
         help_epilogue=f"Example: {COMMANDS['evaluate'].example}",
         version=__version__,
+        suppress_keyboard_interrupt=False,
         help_format="plaintext",
     )
     for name, command in COMMANDS.items():
