@@ -41,7 +41,7 @@ from typing import Any
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
-from ..units import FARTHEST, format_quantity, parse_quantity, within_reach
+from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
 from .glass import AIR, Glass, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 
@@ -171,7 +171,11 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
     diameter = row.length("diameter")
     if diameter <= 0:
         row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
+    elif diameter < SHORTEST:
+        row.fault("diameter", f'"{values["diameter"]}" is too small for any lens')
     conic, offset = row.number("conic"), row.number("index_offset")
+    if abs(offset) >= 1:
+        row.fault("index_offset", f"{offset:g} is no melt's departure from the catalogue; write one such as 0.0005")
     terms = _Table(values.get("asphere", {}), f"{row.place}.asphere", POWERS, row.problems)
     asphere = [terms.inverse_length(key, 1 - 2 * i) for i, key in enumerate(POWERS, start=1)]
     while asphere and asphere[-1] == 0:
