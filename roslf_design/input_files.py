@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import stat
+import struct
+import warnings
+import zlib
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError, Problem
 
@@ -15,6 +23,13 @@ MOST_TEXT = 4 << 20
 """Bytes of a file written by hand."""
 MOST_BYTES = 1 << 30
 """Bytes of any other file, as of a picture."""
+MOST_SAMPLES = 200_000_000
+"""Numbers of a picture: pixels times channels."""
+DAMAGED = (
+    OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, SyntaxError,
+    MemoryError, struct.error, zlib.error,
+)  # fmt: skip
+"""What readers of pictures end in where one is damaged."""
 DEEPEST = 32
 """Tables and lists within each other."""
 LONGEST = 10_000
@@ -51,10 +66,25 @@ def read_bytes(
     InputError
         Missing, a folder, a pipe or a device (which may never end), too large, not readable.
     """
+    check_file(path, origin, missing, most=most, refusal=refusal)
+    return path.read_bytes()
+
+
+def check_file(
+    path: Path,
+    origin: str,
+    missing: str = "check the path",
+    *,
+    most: int = MOST_BYTES,
+    refusal: type[InputError] = InputError,
+) -> None:
+    """Refuse a file that `read_bytes` would not read; arguments and errors as there."""
     try:
         kind = path.stat()
+        with open(path, "rb") if stat.S_ISREG(kind.st_mode) else nullcontext():
+            pass
         if stat.S_ISREG(kind.st_mode) and kind.st_size <= most:
-            return path.read_bytes()
+            return
     except (FileNotFoundError, NotADirectoryError):
         message = f"no such file; {missing}"
     except OSError as error:
@@ -109,6 +139,56 @@ def read_json(path: Path, origin: str, remedy: str, *, most: int = MOST_BYTES) -
     if fault:
         raise InputError((Problem("", f"is damaged, or no JSON ({fault}); {remedy}"),), origin)
     return data
+
+
+def read_pixels(path: Path, origin: str) -> tuple[NDArray[Any], str]:
+    """Pixels of a picture as they are stored, (rows, columns) or (rows, columns, channels), and its description.
+
+    TIFF by its ending, else whatever Pillow reads: its palette as the colours that it stands for, without opacity.
+
+    Raises
+    ------
+    InputError
+        As for `read_bytes`; no picture, damaged, or larger than any sensor.
+    """
+    from PIL import Image
+
+    check_file(path, origin)
+    reader = _tiff if path.suffix.lower() in (".tif", ".tiff") else _picture
+    try:
+        pixels, note = reader(path)
+    except (*DAMAGED, Image.DecompressionBombError) as error:
+        detail = " ".join(str(error).split()) or type(error).__name__
+        raise InputError((Problem("", f"cannot be read as an image ({detail}); save it again"),), origin) from None
+    return pixels, note
+
+
+def _tiff(path: Path) -> tuple[NDArray[Any], str]:
+    import tifffile
+
+    tifffile.logger().setLevel(logging.CRITICAL + 1)  # what is damaged is told once, by us
+    with tifffile.TiffFile(path) as file:
+        _bearable(file.series[0].size)
+        note = file.pages[0].tags.get("ImageDescription")  # type: ignore[union-attr]
+        return np.asarray(file.asarray()), "" if note is None else str(note.value)
+
+
+def _picture(path: Path) -> tuple[NDArray[Any], str]:
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        picture = Image.open(path)
+    with picture:
+        _bearable(math.prod(picture.size) * len(picture.getbands()))
+        picture.load()
+        plain = {"P": "RGB", "RGBA": "RGB", "LA": "L"}.get(picture.mode, picture.mode)
+        return np.asarray(picture.convert(plain)), str(picture.info.get("Description", ""))
+
+
+def _bearable(samples: int) -> None:
+    if samples > MOST_SAMPLES:
+        raise ValueError(f"{samples / 1e6:.0f} million numbers, at most {MOST_SAMPLES / 1e6:.0f}")
 
 
 def strange(data: Any, longest: int | None = LONGEST) -> str:
