@@ -47,12 +47,6 @@ def test_float_tiff_keeps_every_bit_and_says_how_it_was_made(image, tmp_path):
 @pytest.mark.parametrize("depth", ["float", "16"])
 @pytest.mark.parametrize("told", [{"glasses": {"shape": [3, 4]}}, {"shape": "square"}, {"name": '"shape":'}])
 def test_a_tiff_whose_description_speaks_of_a_shape_is_read_by_others(image, tmp_path, monkeypatch, told, depth):
-    told = {
-        "schema": "roslf.render/1",
-        "glasses": {"shape": [3, 4], "mibi.": 1},
-        "shape": [9, 9, 9],
-        "name": '"shape":',
-    }
     monkeypatch.setattr(RawImage, "metadata", lambda _: dict(told))
     beside = write_image(image, tmp_path / "raw.tif", depth)
     assert tifffile.imread(tmp_path / "raw.tif").shape == image.pixels.shape
