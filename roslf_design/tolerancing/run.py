@@ -8,10 +8,12 @@ a pilot run. A value at nominal (an unclipped image keeps exactly 1) has a bin o
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import io
 import json
+import logging
 import multiprocessing
 import os
 import threading
@@ -45,7 +47,7 @@ STRETCH = 8 * BLOCK
 """Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
 ATTEMPTS = 4
 """Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
-CONNECT = 10
+CONNECT = 2
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
 SCHEMA = "roslf.tolerance-run/1"
@@ -245,13 +247,9 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
                 n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
             )
             stack.enter_context(cluster)
-        try:
-            client = stack.enter_context(untyped.Client(cluster, timeout=CONNECT, set_as_default=False))
-        except (OSError, ValueError) as error:
-            raise InputError(
-                (Problem("--scheduler", f"no Dask scheduler answers at {address} ({type(error).__name__}); check it"),)
-            ) from None
-
+        else:
+            _ask(address)
+        client = stack.enter_context(untyped.Client(cluster, set_as_default=False))
         # Keys of its own: a scheduler that remembers an earlier run must not hand out that run's results.
         own = f"roslf-tolerance-{uuid4().hex}"
         futures = [client.submit(work, index, key=f"{own}-{index}", pure=False, retries=0) for index in indices]
@@ -263,6 +261,31 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
                 raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with --resume") from None
             future.release()
             yield index, content
+
+
+def _ask(address: str) -> None:
+    """Refuse an address where no scheduler answers; a Client would take 20 s to give it up, and log why at length."""
+    import distributed
+
+    untyped: Any = distributed
+
+    async def identity() -> Any:
+        arguments = untyped.Security().get_connection_args("client")
+        async with untyped.rpc(address, timeout=CONNECT, connection_args=arguments) as scheduler:
+            return await asyncio.wait_for(scheduler.identity(), CONNECT)
+
+    log = logging.getLogger("distributed")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        kind = asyncio.run(identity()).get("type", "no scheduler")
+    except (OSError, ValueError, TypeError, RuntimeError, ImportError, MemoryError) as error:
+        kind = type(error).__name__
+    finally:
+        log.setLevel(level)
+    if kind != "Scheduler":
+        message = f'no Dask scheduler answers at {address} ({kind}); give one such as "tcp://host:8786"'
+        raise InputError((Problem("--scheduler", message),))
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -108,11 +110,24 @@ def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, exp
     assert fingerprint(tmp_path) == expected
 
 
-def test_no_scheduler_there_is_one_clear_error(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runs, "CONNECT", 1)
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "ucx://x:1", "http://127.0.0.1:9", ""])
+def test_no_scheduler_there_is_one_clear_error_soon(plan, tmp_path, address):
     pytest.importorskip("distributed", reason="Dask is not installed")
-    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        run_trials(plan, tmp_path, Where(1, "tcp://127.0.0.1:9"))
+    began = time.monotonic()
+    with pytest.raises(InputError, match=f"no Dask scheduler answers at {re.escape(address)}"):
+        run_trials(plan, tmp_path, Where(1, address))
+    assert time.monotonic() - began < 5
+
+
+def test_a_server_that_is_no_scheduler_is_told_in_one_line(tmp_path):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    with socket.create_server(("127.0.0.1", 0)) as server:  # it takes calls, and says nothing
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        process = roslf(write_study(tmp_path), "-o", tmp_path / "out", "--scheduler", address)
+        out, errors = process.communicate(timeout=60)
+    assert (process.returncode, out) == (2, "")
+    assert len(errors.splitlines()) == 1
+    assert f"no Dask scheduler answers at {address}" in errors
 
 
 def test_dask_missing_says_what_to_install(plan, tmp_path, monkeypatch):
