@@ -1,5 +1,11 @@
 """`python -m roslf_design` is `roslf`."""
 
-from .cli import run
+import sys
+
+try:
+    from .cli import run
+except KeyboardInterrupt:
+    print("roslf: stopped", file=sys.stderr)
+    sys.exit(130)
 
 run()

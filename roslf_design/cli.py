@@ -6,15 +6,20 @@ so that `roslf --help` stays quick.
 
 from __future__ import annotations
 
+import io
 import os
+import signal
 import sys
-from typing import NamedTuple
-
-from cyclopts import App
-from cyclopts.exceptions import CycloptsError
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import __version__
-from .errors import InputError
+from .errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+LISTED = 40
+"""Faults that are told one by one."""
 
 
 class Command(NamedTuple):
@@ -71,11 +76,14 @@ GROUPS = frozenset({"accuracy"})
 
 def build_app() -> App:
     """The command-line application, its commands not yet imported."""
+    from cyclopts import App  # within, as what Ctrl-C does while it is imported is told by `main`
+
     app = App(
         name="roslf",
         help="Design and tolerance explorer for light-field cameras that look through a restricted object space.",
         help_epilogue=f"Example: {COMMANDS['evaluate'].example}",
         version=__version__,
+        suppress_keyboard_interrupt=False,
         help_format="plaintext",
     )
     for name, command in COMMANDS.items():
@@ -87,34 +95,54 @@ def build_app() -> App:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code, after one line on stderr for each thing wrong."""
     try:
-        result = build_app()(
-            sys.argv[1:] if arguments is None else arguments,
-            exit_on_error=False,
-            print_error=False,
-            result_action="return_value",
-        )
-    except CycloptsError as error:
-        return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
+        result = _run(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()
     except InputError as error:
         return _complain(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has what it wanted; keep the interpreter from complaining when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich has done the same, and calls it a failure
+            return 0
+        raise
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         return _complain(f"{place}{error.strerror or error}", 1)
+    except (ArithmeticError, MemoryError) as error:
+        told = " ".join(str(error).split()) or type(error).__name__
+        what = "there is not enough memory" if isinstance(error, MemoryError) else "a number went out of bounds"
+        return _complain(f"{what} ({told}); check the input for values far from any camera's", 1)
     except KeyboardInterrupt:
         return _complain("stopped", 130)
     return result if isinstance(result, int) else 0
 
 
+def _run(arguments: list[str]) -> Any:
+    from cyclopts.exceptions import CycloptsError
+
+    try:
+        return build_app()(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
+
+
 def _complain(message: str, code: int) -> int:
-    for line in message.splitlines():
-        print(f"roslf: {line}", file=sys.stderr)
+    lines = message.splitlines()
+    for line in lines[:LISTED]:
+        print(f"roslf: {one_line(line)}", file=sys.stderr)
+    if len(lines) > LISTED:
+        print(f"roslf: and {len(lines) - LISTED} more faults", file=sys.stderr)
     return code
 
 
 def run() -> None:
     """Entry point of the `roslf` script."""
-    sys.exit(main())
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal, or a file's name, may not know every letter
+    code = main()
+    # Ctrl-C while the interpreter ends would print a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(code)

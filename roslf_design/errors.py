@@ -2,7 +2,36 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
+
+LONGEST = 1600
+"""Letters of one line; of what is longer the middle is left out."""
+
+
+def printable(text: str, kept: str = "") -> str:
+    """Text as a terminal may show it: what would steer it (escapes, other lines, reversed writing) is spelled out.
+
+    Parameters
+    ----------
+    text : str
+        As a user, or a file, gave it.
+    kept : str
+        Letters that stay as they are, such as a newline.
+    """
+    if text.isprintable():
+        return text
+    spaces = (unicodedata.category(c) == "Zs" for c in text)
+    return "".join(
+        c if c.isprintable() or space or c in kept else c.encode("unicode_escape").decode()
+        for c, space in zip(text, spaces, strict=True)
+    )
+
+
+def one_line(text: str) -> str:
+    """Text as one line of an error, cut where it is very long."""
+    text = printable(text)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 200]} [...] {text[-200:]}"
 
 
 @dataclass(frozen=True)
@@ -39,4 +68,4 @@ class InputError(ValueError):
 
     def __str__(self) -> str:
         start = f"{self.origin}: " if self.origin else ""
-        return "\n".join(f"{start}{problem}" for problem in self.problems)
+        return "\n".join(one_line(f"{start}{problem}") for problem in self.problems)

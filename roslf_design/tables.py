@@ -7,8 +7,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from .errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
 NUMBER = re.compile(r"([-+−]?\d[\d ]*|[-−]?∞)(.*)", re.DOTALL)
 """What stands before the decimal point, and the rest with its unit."""
@@ -92,6 +95,13 @@ class Table:
         )
 
 
+def plain_text(text: str, style: str = "") -> Text:
+    """Text for rich as it stands, whatever a file says: no markup, and nothing that steers the terminal."""
+    from rich.text import Text
+
+    return Text(printable(text, kept="\n"), style)
+
+
 def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> None:
     """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
 
@@ -103,11 +113,10 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
         Characters that columns take at least; aligns tables below each other.
     """
     from rich.table import Table as Grid
-    from rich.text import Text
 
     headings = block.headings or ("",) * len(block.align)
     grid = Grid(
-        title=block.title or None,
+        title=plain_text(block.title) if block.title else None,
         title_justify="left",
         box=None,
         header_style="bold",
@@ -123,9 +132,9 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
         longest = max(map(len, [*words, *heading.split()]), default=1)
         narrowest = max(longest, min(widest, LEAST_WORDS), *least[index : index + 1])
         side: Literal["left", "right"] = "left" if align == "l" else "right"
-        grid.add_column(Text(heading), justify=side, min_width=narrowest)
+        grid.add_column(plain_text(heading), justify=side, min_width=narrowest)
         needed += narrowest
     for number, row in enumerate(block.rows):
-        grid.add_row(*map(Text, row), style="dim" if number in block.faint else None)
+        grid.add_row(*map(plain_text, row), style="dim" if number in block.faint else None)
     console.print()
     console.print(grid, width=max(console.width, needed), crop=False)

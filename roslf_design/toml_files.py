@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from .errors import InputError, Problem
+from .input_files import read_text, strange
 
 FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": "must not be negative"}
 """What is said of a value below its least, where that is 0."""
@@ -42,31 +43,26 @@ def read_toml(
     Raises
     ------
     InputError
-        Missing, not a file, not readable, not UTF-8, not TOML.
+        As for `read_text`; not TOML, or with values that nothing means: see `strange`.
     """
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        message = f"no such file; {missing}"
-    except IsADirectoryError:
-        message = "is a folder; name the file inside it"
-    except UnicodeDecodeError as error:
-        message = f"is not UTF-8 text (byte {error.start}); expected a TOML file"
-    except OSError as error:
-        message = f"cannot be read: {error.strerror}; check its permissions"
-    else:
-        return parse_toml(text, origin, refusal=refusal)
-    raise refusal((Problem("", message),), origin)
+    return parse_toml(read_text(path, origin, "TOML", missing, refusal=refusal), origin, refusal=refusal)
 
 
 def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError) -> dict[str, Any]:
     """The nested values of TOML text; `origin` is what errors call it, `refusal` what is raised where it is no TOML."""
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
+        message = strange(data)
     except tomllib.TOMLDecodeError as error:
         detail = str(error)
         message = f"is not valid TOML: {detail[:1].lower()}{detail[1:]}; mend the line named"
-        raise refusal((Problem("", message),), origin) from None
+    except ValueError:  # Python reads no whole number of more than 4300 digits
+        message = "is not valid TOML: a whole number has thousands of digits; write a smaller one"
+    except RecursionError:
+        message = "is not valid TOML: its tables or lists lie too deep within each other; leave the inner ones out"
+    if message:
+        raise refusal((Problem("", message),), origin)
+    return data
 
 
 def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:

@@ -14,7 +14,7 @@ from decimal import Decimal
 from numbers import Real
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, ValidationInfo
 
 _PI = Decimal("3.14159265358979323846264338327950288")
 
@@ -40,6 +40,11 @@ UNITS: dict[str, dict[str, Decimal]] = {
     "gradient": {"/mm": Decimal(1), "1/mm": Decimal(1), "mm^-1": Decimal(1), "/m": Decimal("1e-3")},
 }
 """Known units by dimension, in millimetres or radians."""
+
+FARTHEST = {"length": 1e15, "angle": 1e3, "gradient": 1e6}
+"""What no length [mm] or angle [rad] of a camera exceeds: a plane in focus at infinity may be written as 1e12 m."""
+SHORTEST = 1e-12
+"""What no length that must be positive falls below [mm]: a thousandth of a proton."""
 
 _EXAMPLE = {"length": "120 mm", "angle": "2 mrad", "gradient": "0.2 /mm"}
 _BASE = {"length": "mm", "angle": "rad", "gradient": "/mm"}
@@ -82,10 +87,35 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     factor = UNITS[dimension].get(unit)
     if factor is None:
         raise ValueError(f'"{text}": {_about_unit(unit, dimension)}')
-    value = float(Decimal(number) * factor)
+    value = float(number)
+    if math.isfinite(value) and value:  # decimals reach no further than floats
+        value = float(Decimal(number) * factor)
     if not math.isfinite(value):
         raise ValueError(f'"{text}" is not a finite number')
     return value + 0.0
+
+
+def within_reach(value: float, dimension: str, text: object = None) -> float:
+    """A length or angle as it is, where it can belong to a camera: what is computed from it is then finite.
+
+    Parameters
+    ----------
+    value : float
+        [mm] or [rad].
+    dimension : {"length", "angle"}
+        Which of the two.
+    text : object
+        How it was written.
+
+    Raises
+    ------
+    ValueError
+        Beyond `FARTHEST`.
+    """
+    if abs(value) <= FARTHEST[dimension]:
+        return value
+    most = format_quantity(FARTHEST[dimension], dimension)
+    raise ValueError(f'"{text or format_quantity(value, dimension)}" is beyond {most}; write what the camera has')
 
 
 def _about_unit(unit: str, dimension: str) -> str:
@@ -126,7 +156,7 @@ def _plain(number: Decimal) -> str:
 def _validator(dimension: str) -> Callable[[Any, ValidationInfo], float]:
     def validate(value: Any, info: ValidationInfo) -> float:
         from_file = bool(info.context and info.context.get("from_file"))
-        return parse_quantity(value, dimension, unit_required=from_file)
+        return within_reach(parse_quantity(value, dimension, unit_required=from_file), dimension, value)
 
     return validate
 
@@ -135,9 +165,16 @@ def _writer(dimension: str) -> PlainSerializer:
     return PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str, when_used="json")
 
 
+def _no_nothing(value: float) -> float:
+    if 0 < value < SHORTEST:
+        least = format_quantity(SHORTEST, "length")
+        raise ValueError(f'"{format_quantity(value, "length")}" is less than {least}; write what the camera has')
+    return value
+
+
 AnyLength = Annotated[float, BeforeValidator(_validator("length")), _writer("length")]
 """A length of either sign [mm]."""
-Length = Annotated[AnyLength, Field(gt=0)]
+Length = Annotated[AnyLength, AfterValidator(_no_nothing), Field(gt=0)]
 """A positive length [mm]."""
 Distance = Annotated[AnyLength, Field(ge=0)]
 """A length that may be zero [mm]."""

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InputError
+from ..input_files import read_pixels
+
 Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
 Image = NDArray[Any]
@@ -95,36 +98,18 @@ def read_image(path: Path) -> Image:
         Naming the file, where it is no image that can be read.
     """
     try:
-        pixels, note = _png(path) if path.suffix.lower() == ".png" else _tiff(path)
-    except (OSError, ValueError, RuntimeError, SyntaxError, LookupError) as error:
-        detail = " ".join(str(error).split()) or type(error).__name__
-        raise CalibrationError(f"{path.name} cannot be read as an image ({detail}); save it again") from None
+        pixels, note = read_pixels(path, path.name)
+    except InputError as error:
+        raise CalibrationError(f"{path.name} {error.problems[0].message}") from None
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
         raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
     try:
         scale = json.loads(note).get("full_scale") if '"full_scale"' in note else None
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         scale = None
-    if isinstance(scale, (int, float)) and pixels.dtype.kind == "u":
+    if isinstance(scale, (int, float)) and 0 < scale < np.finfo(np.float32).max and pixels.dtype.kind == "u":
         return (pixels * np.float32(scale / 65535)).astype(np.float32)
     return pixels
-
-
-def _tiff(path: Path) -> tuple[Image, str]:
-    import tifffile
-
-    with tifffile.TiffFile(path) as file:
-        note = file.pages[0].tags.get("ImageDescription")  # type: ignore[union-attr]
-        return np.asarray(file.asarray()), "" if note is None else str(note.value)
-
-
-def _png(path: Path) -> tuple[Image, str]:
-    from PIL import Image as Pictures
-
-    with Pictures.open(path) as picture:
-        picture.load()
-        pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA") else picture)
-        return pixels, str(picture.info.get("Description", ""))
 
 
 def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:

@@ -30,6 +30,7 @@ from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.printers import render_html
+from ..tables import plain_text
 from ..toml_files import problems_of
 from .terminal import (
     Flag,
@@ -163,7 +164,7 @@ def calibrate(
     from rich.console import Console
 
     console = Console()
-    console.print(report.title, style="bold", highlight=False, markup=False)
+    console.print(plain_text(report.title, "bold"))
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
     print(f"\nWritten to {output}: {', '.join((*files, 'index.html'))}\n{seconds:.1f} s")
@@ -269,5 +270,5 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: b
     from rich.console import Console
 
     console = Console()
-    console.print(f"[bold]Plan of a calibration of {loaded.name}[/bold]", highlight=False)
+    console.print(plain_text(f"Plan of a calibration of {loaded.name}", "bold"))
     print_blocks(pages.plan_blocks(loaded, plan, asked.f_sigma), console)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from ..errors import printable
 from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Flag, json_text
@@ -70,7 +71,7 @@ def catalogue(
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
     print()
     for number, note in enumerate(notes, 1):
-        print(f"{number}  {note}")
+        print(f"{number}  {printable(note)}")
     print(f"\n{len(found)} parts. Add your own with --file, or in a study.")
 
 

@@ -11,6 +11,7 @@ from ..optimization.search import QUICK
 from ..optimization.study import designs, load_study, run, to_dict
 from ..reporting.optimization import optimisation_pictures, optimization_report
 from ..reporting.printers import render_html
+from ..tables import plain_text
 from .terminal import Flag, Output, StatusLine, check_options, json_text, print_blocks, typed, write_files
 
 
@@ -62,6 +63,6 @@ def optimize(
     from rich.console import Console
 
     console = Console()
-    console.print(report.title, style="bold", highlight=False, markup=False)
+    console.print(plain_text(report.title, "bold"))
     print_blocks(report.sections[0].blocks, console)
     print(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(files)}")

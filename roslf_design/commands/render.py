@@ -14,7 +14,7 @@ from ..accuracy.picture import settle, stated
 from ..design import load
 from ..design.files import write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, printable
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..pictures.microlens import preview as zooms
@@ -104,7 +104,7 @@ def render(
         print(json_text({"schema": "roslf.plan/1", "plans": rows}))
     elif plan_only:
         for each, effects_on in zip(scenes, plans, strict=True):
-            print(f"Effects for {each.name or 'the scene'}")
+            print(f"Effects for {printable(each.name) or 'the scene'}")
             _print_plan(effects_on)
     if plan_only:
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 import time
@@ -14,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..design.files import write_atomically
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, printable
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
-from ..tables import print_table
+from ..tables import plain_text, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,7 +51,7 @@ class StatusLine:
     def tell(self, what: str) -> None:
         """Replace the line."""
         if self._shown:
-            print(f"\r\x1b[2K{self._command}: {what} ...", end="", file=sys.stderr, flush=True)
+            print(f"\r\x1b[2K{self._command}: {printable(what)} ...", end="", file=sys.stderr, flush=True)
 
     def __exit__(self, *_: object) -> None:
         if self._shown:
@@ -75,8 +76,9 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
     started = time.monotonic()
     counted = TextColumn("{task.completed:.0f} of {task.total:.0f}") if total > 1 else TaskProgressColumn()
     console = Console(stderr=True)
-    shown = Progress(TextColumn(name), BarColumn(), counted, TimeRemainingColumn(), console=console, transient=True)
-    task = shown.add_task(name, total=total)
+    named = TextColumn("{task.description}", markup=False)
+    shown = Progress(named, BarColumn(), counted, TimeRemainingColumn(), console=console, transient=True)
+    task = shown.add_task(printable(name), total=total)
 
     def tell(done: float) -> None:
         shown.update(task, completed=done)
@@ -91,27 +93,26 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
 
 def print_blocks(blocks: Iterable[Block], console: Console) -> None:
     """What of a report a terminal can show: all but figures and code."""
-    from rich.text import Text
-
     for block in blocks:
         match block:
             case Paragraph():
-                console.print(block.text, highlight=False, markup=False, soft_wrap=True)
+                console.print(plain_text(block.text), soft_wrap=True)
             case Statements():
                 for item in block.items:
-                    mark = Text(f"{MARKS[item.tone][0]} ", style=COLOURS[item.tone])
-                    console.print(mark + Text(f"{item.text} {item.remedy}".strip()), soft_wrap=True)
+                    mark = plain_text(f"{MARKS[item.tone][0]} ", COLOURS[item.tone])
+                    console.print(mark + plain_text(f"{item.text} {item.remedy}".strip()), soft_wrap=True)
             case Table():
                 print_table(block, console)
             case Bullets():
                 console.print()
                 for line in block.items:
-                    console.print(line, highlight=False, soft_wrap=True)
+                    console.print(plain_text(line), soft_wrap=True)
 
 
 def json_text(data: Any) -> str:
-    """JSON as commands print and write it."""
-    return json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
+    """JSON as commands print and write it; what steers a terminal is spelled out, as JSON itself does below 0x20."""
+    text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
+    return re.sub("[\x7f-\x9f\ud800-\udfff]", lambda letter: f"\\u{ord(letter[0]):04x}", text)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:

@@ -16,6 +16,7 @@ from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import render_html
 from ..reporting.tolerance import headline, tables, tolerance_pictures, tolerance_report
+from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import load_plan
@@ -68,7 +69,7 @@ def tolerance(
     """
     counts = {"--trials": trials, "--workers": workers}
     wrong = [Problem(k, "must be a positive whole number") for k, n in counts.items() if n is not None and n < 1]
-    check_options(seed, None, *wrong)
+    check_options(seed, output, *wrong)
     if accuracy is not None and trials is not None:
         raise refusal("--accuracy", "says how many trials there are, as does --trials; give one of them")
     started = time.perf_counter()
@@ -106,7 +107,7 @@ def tolerance(
 
 def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
     """Answers and tables for a terminal; `times`: with how long it took, which differs from run to run."""
-    console.print(f"[bold]{result.plan.name}[/bold] ({result.plan.question.design.name})", highlight=False)
+    console.print(plain_text(result.plan.name, "bold") + plain_text(f" ({result.plan.question.design.name})"))
     print_blocks(_blocks(result, times), console)
 
 

@@ -117,7 +117,7 @@ def load(path: str | os.PathLike[str]) -> Design:
     """
     origin = os.fspath(path)
     place = Path(path)
-    if not place.exists() and origin in preset_names():
+    if origin in preset_names() and not place.exists():
         place = preset_path(origin)
     missing = "check the path, or see `roslf presets` for the designs that ship"
     data = read_toml(place, origin, missing, refusal=DesignError)

@@ -47,7 +47,7 @@ def read_prescription(value: Any, folder: str | Path = "") -> Prescription | Non
         known = ", ".join(name.upper() for name in shipped_names())
         raise ValueError(f"expected a lens file (.toml or .zmx) or a lens that ships ({known}), got {value!r}")
     place = Path(folder) / value
-    return load_lens(value if not place.exists() and value.lower() in shipped_names() else place)
+    return load_lens(value if value.lower() in shipped_names() and not place.exists() else place)
 
 
 def _validated(value: Any, info: ValidationInfo) -> Any:

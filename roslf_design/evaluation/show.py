@@ -6,7 +6,7 @@ import io
 from html import escape
 from typing import TYPE_CHECKING
 
-from ..tables import Table, print_table
+from ..tables import Table, plain_text, print_table
 from ..words import number, spaced
 
 if TYPE_CHECKING:
@@ -178,18 +178,18 @@ def _tables(result: Evaluation) -> list[Table]:
 
 def print_evaluation(result: Evaluation, console: Console) -> None:
     """Print the verdicts, then the tables."""
-    console.print(f"[bold]{result.design}[/bold]\n")
+    console.print(plain_text(f"{result.design}\n", "bold"))
     for verdict in result.verdicts:
-        mark = f"[{COLOURS[verdict.level]}]{MARKS[verdict.level]}[/]"
-        console.print(f"{mark} {verdict.text}", highlight=False)
+        mark = plain_text(MARKS[verdict.level], COLOURS[verdict.level])
+        console.print(mark, plain_text(verdict.text))
         if verdict.remedy:
-            console.print(f"  → {verdict.remedy}", highlight=False)
+            console.print(plain_text(f"  → {verdict.remedy}"))
     for warning in result.warnings:
-        console.print(f"[yellow]! {warning}[/yellow]", highlight=False)
+        console.print(plain_text(f"! {warning}", "yellow"))
     for table in _tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
-    console.print(f"[dim]{absent_effects(result)}[/dim]", highlight=False)
-    console.print(f"\n[dim]{result.method}[/dim]", highlight=False)
+    console.print(plain_text(absent_effects(result), "dim"))
+    console.print(plain_text(f"\n{result.method}", "dim"))
 
 
 def as_text(result: Evaluation) -> str:

@@ -78,6 +78,8 @@ def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:
     else:
         import tifffile
 
+        # The same JSON: of a key spelled "shape" tifffile takes the picture's own shape, and fails where it is none.
+        description = description.replace('"shape":', '"sh\\u0061pe":')
         tifffile.imwrite(
             content, pixels, photometric="minisblack", description=description, metadata=None, software="roslf"
         )

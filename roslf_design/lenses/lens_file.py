@@ -39,8 +39,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
+from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
-from ..units import format_quantity, parse_quantity
+from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
 from .glass import AIR, Glass, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 
@@ -59,7 +60,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
         Names the file and every fault in it.
     """
     place, origin = Path(path), os.fspath(path)
-    if not place.exists() and origin.lower() in shipped_names():
+    if origin.lower() in shipped_names() and not place.exists():
         return loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
         return read_zmx(place)
@@ -129,7 +130,7 @@ class _Table:
     def quantity(self, key: str, value: Any, dimension: str = "length") -> float:
         """A quantity with its unit [mm or rad]."""
         try:
-            return parse_quantity(value, dimension)
+            return within_reach(parse_quantity(value, dimension), dimension, value)
         except ValueError as error:
             return self.fault(key, str(error))
 
@@ -170,7 +171,11 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
     diameter = row.length("diameter")
     if diameter <= 0:
         row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
+    elif diameter < SHORTEST:
+        row.fault("diameter", f'"{values["diameter"]}" is too small for any lens')
     conic, offset = row.number("conic"), row.number("index_offset")
+    if abs(offset) >= 1:
+        row.fault("index_offset", f"{offset:g} is no melt's departure from the catalogue; write one such as 0.0005")
     terms = _Table(values.get("asphere", {}), f"{row.place}.asphere", POWERS, row.problems)
     asphere = [terms.inverse_length(key, 1 - 2 * i) for i, key in enumerate(POWERS, start=1)]
     while asphere and asphere[-1] == 0:
@@ -245,7 +250,7 @@ def _radius_text(curvature: float) -> dict[str, Any]:
         return {"radius": "inf"}
     for digits in range(1, 18):
         radius = float(f"{1 / curvature:.{digits}g}")
-        if 1 / radius == curvature:
+        if abs(radius) <= FARTHEST["length"] and 1 / radius == curvature:
             return {"radius": format_quantity(radius, "length")}
     return {"curvature": f"{Decimal(repr(curvature))} mm^-1"}
 
@@ -305,12 +310,7 @@ def read_zmx(path: str | os.PathLike[str]) -> Prescription:
         Names the file and each line that is not understood.
     """
     origin = os.fspath(path)
-    try:
-        content = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise _failed(origin, "no such file; check the path") from None
-    except OSError as error:
-        raise _failed(origin, f"cannot be read: {error.strerror}; name a .zmx file and check its permissions") from None
+    content = read_bytes(Path(path), origin, most=MOST_TEXT, refusal=LensError)
     return parse_zmx(_decode(content, origin), origin)
 
 

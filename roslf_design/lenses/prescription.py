@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
+from ..units import FARTHEST
 from .glass import AIR, Glass
 from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
 
@@ -236,13 +237,18 @@ def _surface_faults(surface: Surface) -> Iterator[tuple[str, str]]:
         yield "thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"
     if len(surface.asphere) > ASPHERE_TERMS:
         yield "asphere", f"has {len(surface.asphere)} terms; at most {ASPHERE_TERMS} (r^2 to r^16)"
-    bend = (1 + surface.conic) * surface.curvature**2
-    if bend * semi**2 >= 1:
-        widest = 2 / math.sqrt(bend)
+    steepness = abs(surface.curvature * semi)
+    if (1 + surface.conic) * steepness * steepness >= 1:
+        widest = 2 * semi / math.sqrt(1 + surface.conic) / steepness
         yield (
             "diameter",
             f"{2 * semi:g} mm is not less than the {widest:g} mm at which the surface turns back; reduce it",
         )
+        return
+    with np.errstate(all="ignore"):
+        farthest = np.max(np.abs(surface.sag(np.linspace(0, semi, 65))))
+    if not farthest <= FARTHEST["length"]:
+        yield "diameter", f"{2 * semi:g} mm: the surface has no height at its rim; check radius, conic and asphere"
 
 
 def _gap_faults(number: int, front: Surface, rear: Surface) -> list[Problem]:

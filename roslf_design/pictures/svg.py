@@ -5,11 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import math
+import re
 from collections.abc import Iterable
 from html import escape
 from itertools import groupby
 from re import Match
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -20,6 +22,8 @@ from .theme import PLAIN, SMALL, Theme, text_width
 if TYPE_CHECKING:
     from .picture import Panel
 
+NAMESPACE = "http://www.w3.org/2000/svg"
+PIXELATED = "image-rendering:pixelated"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 """Fonts that a machine has already."""
 SHAPES: dict[str, tuple[Point, ...]] = {
@@ -77,7 +81,7 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
         tag("title", escape(title, quote=False), id=f"{name}-title")
         + tag("rect", width=width, height=height, fill=theme.ground)
         + body,
-        xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {px(width)} {px(height)}", width=width, height=height,
+        xmlns=NAMESPACE, viewBox=f"0 0 {px(width)} {px(height)}", width=width, height=height,
         role="img", aria_labelledby=f"{name}-title", data_testid=f"picture-{name}", font_family=FONT,
         font_size=PLAIN,
     )  # fmt: skip
@@ -86,6 +90,73 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
 def file_of(content: str | bytes) -> bytes:
     """A picture's SVG text as a file of its own; the bytes of another picture as they are."""
     return content if isinstance(content, bytes) else f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n'.encode()
+
+
+DRAWN = {
+    "svg": "viewBox width height role aria-labelledby data-testid font-family font-size",
+    "title": "id",
+    "g": "clip-path",
+    "defs": "",
+    "clipPath": "id",
+    "pattern": "id width height patternUnits patternTransform",
+    "rect": "x y width height fill fill-opacity",
+    "line": "x1 y1 x2 y2 stroke stroke-width",
+    "path": "d fill fill-opacity fill-rule stroke stroke-width stroke-dasharray opacity cursor data-testid",
+    "circle": "cx cy r fill fill-opacity stroke stroke-width stroke-dasharray opacity cursor data-testid",
+    "text": "x y fill font-size font-weight text-anchor transform stroke stroke-width stroke-linejoin paint-order "
+    "data-testid",
+    "tspan": "dy font-size font-style",
+    "image": "x y width height preserveAspectRatio style href data-testid",
+}
+"""Every element that `document` writes, and its attributes."""
+HARMLESS = re.compile(r"(?:url\(#[\w-]++\)|(?:rotate|rgba?)\([\d\s.,%-]*+\)|[\w\s.,:#%'+-])*+")
+"""Values of attributes: nothing from elsewhere, nothing that a browser runs."""
+PIXELS = re.compile(r"data:image/png;base64,[A-Za-z0-9+/=]*+")
+DEEPEST = 16
+"""Elements within each other."""
+
+
+def redrawn(text: str, name: str) -> str:
+    """A picture that `document` once wrote, written anew from what it shows: the same text.
+
+    Parameters
+    ----------
+    text : str
+        As it lay in a file, where anybody may have changed it.
+    name : str
+        The picture's.
+
+    Raises
+    ------
+    ValueError
+        It holds something that `document` never writes, such as a script.
+    """
+    if "<!" in text:
+        raise ValueError("holds a declaration, a comment or raw text")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"is no SVG ({error})") from None
+    if root.tag != f"{{{NAMESPACE}}}svg":
+        raise ValueError("is no SVG")
+    return _again(root, name, DEEPEST)
+
+
+def _again(element: ElementTree.Element, name: str, depth: int) -> str:
+    kind = element.tag.removeprefix(f"{{{NAMESPACE}}}")
+    if kind not in DRAWN:
+        raise ValueError(f"holds <{kind}>")
+    if depth == 0:
+        raise ValueError(f"holds elements more than {DEEPEST} deep")
+    own = {"href": PIXELS, "style": re.compile(PIXELATED), "id": re.compile(f"{re.escape(name)}[\\w-]*")}
+    for key, value in element.attrib.items():
+        if key not in DRAWN[kind].split() or not own.get(key, HARMLESS).fullmatch(value):
+            raise ValueError(f'holds {key}="{value[:60]}" on <{kind}>')
+    inside = escape(element.text or "", quote=False) + "".join(
+        _again(part, name, depth - 1) + escape(part.tail or "", quote=False) for part in element
+    )
+    space = {"xmlns": NAMESPACE} if kind == "svg" else {}
+    return tag(kind, inside, **space, **element.attrib)
 
 
 def _panel(panel: Panel, theme: Theme, name: str) -> str:
@@ -303,5 +374,5 @@ def _image(mark: Image, panel: Panel, theme: Theme) -> str:
     (left, low), (right, high) = panel.at(mark.box[0], mark.box[2]), panel.at(mark.box[1], mark.box[3])
     return tag(
         "image", x=left, y=high, width=right - left, height=low - high, preserveAspectRatio="none",
-        style="image-rendering:pixelated", href=f"data:image/png;base64,{data}", data_testid=mark.testid,
+        style=PIXELATED, href=f"data:image/png;base64,{data}", data_testid=mark.testid,
     )  # fmt: skip

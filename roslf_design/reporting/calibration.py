@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from .. import __version__
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
@@ -18,9 +18,12 @@ from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..errors import InputError, Problem
+from ..input_files import read_bytes, read_json
 from ..pictures import calibration as pictures
 from ..pictures.picture import Picture
+from ..pictures.svg import redrawn
 from ..tolerancing.study import StrictTable
+from ..toml_files import problems_of
 from ..units import Angle, Distance, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     from ..design import Design
 
 FILE, SCHEMA = "calibration.json", "roslf.calibration/"
+REMEDY = "name the folder that roslf calibrate wrote"
 SOURCES: dict[str, tuple[str, str, str]] = {
     "images": ("images", "the images", "show more boards, tilted further and over more distances"),
     "f": ("f", "the data sheet's f", "have the focal length measured"),
@@ -112,6 +116,53 @@ class CalibrationPart(StrictTable):
         return self
 
 
+class LenientTable(BaseModel):
+    """Base of what a calibration.json must hold for a report; it may hold more."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class FoundQuantity(LenientTable):
+    """What was found of one quantity."""
+
+    estimate: float
+    unit: str
+    sigma: Annotated[float, Field(ge=0)]
+    interval_68: tuple[float, float]
+    interval_95: tuple[float, float]
+    variance_shares: dict[str, float]
+    r_hat: float | None = None
+    ess: float | None = None
+
+
+class FoundPosterior(LenientTable):
+    """How its sampling ended."""
+
+    message: str
+
+
+class FoundTable(LenientTable):
+    """A whole calibration.json."""
+
+    schema_: Annotated[str, Field(alias="schema", pattern=f"^{re.escape(SCHEMA)}")]
+    design: str
+    quantities: dict[str, FoundQuantity]
+    posterior: FoundPosterior | None = None
+    converged: bool | None = None
+    images_used: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _enough(self) -> FoundTable:
+        lacking = [name for name in ("H", "d_3") if name not in self.quantities]
+        if lacking:
+            raise ValueError(f"quantities lacks {', '.join(lacking)}")
+        bare = [name for name, row in self.quantities.items() if None in (row.r_hat, row.ess)]
+        if bare and self.posterior is not None:
+            raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
+        return self
+
+
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """What the folder of a calibration holds."""
@@ -128,28 +179,31 @@ def read_calibration(place: Path) -> Calibrated:
     Raises
     ------
     InputError
-        It is not there, or is something else.
+        It is not there, or is something else; a drawing in it holds what none of ours does, such as a script.
     """
     file = place / FILE if place.is_dir() else place
-    data: dict[str, Any] = {}
-    message = ""
     try:
-        data = json.loads(file.read_bytes())
-    except FileNotFoundError:
-        message = f"{file}: no such file; name the folder that roslf calibrate wrote"
-    except OSError as error:
-        message = f"{file} cannot be read: {error.strerror}"
-    except ValueError:
-        message = f"{file} is no JSON; roslf calibrate writes it anew"
-    else:
-        schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
-        if not schema.startswith(SCHEMA) or not isinstance(data.get("quantities"), dict):
-            message = f"{file} is no calibration (schema {schema!r}); name the folder that roslf calibrate wrote"
-    if message:
-        raise InputError((Problem("calibration", message),))
-    files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
-    texts = {name: path.read_text() for name, path in files.items() if path.is_file()}
-    return Calibrated(data, {name: text[text.index("<svg") :].strip() for name, text in texts.items()})
+        data = read_json(file, str(file), REMEDY)
+        FoundTable.model_validate(data)
+        files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
+        drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
+    except ValidationError as error:
+        fault = problems_of(error, FoundTable)[0]
+        message = f"{file} is no calibration, or is damaged ({fault}); {REMEDY}"
+        raise InputError((Problem("calibration", message),)) from None
+    except InputError as error:
+        raise InputError((Problem("calibration", str(error)),)) from None
+    return Calibrated(data, drawings)
+
+
+def _drawing(path: Path, name: str) -> str:
+    """A picture of the folder, refused where it is not as `calibration_pictures` draws it."""
+    text = read_bytes(path, str(path)).decode("utf-8", errors="replace")
+    try:
+        return redrawn(text[max(text.find("<svg"), 0) :].strip(), f"calibration-{name}")
+    except ValueError as error:
+        message = f"{error}, which roslf calibrate does not draw; delete the file, or calibrate again"
+        raise InputError((Problem("", message),), str(path)) from None
 
 
 def calibrated_finding(design: Design, found: Calibrated) -> Finding:

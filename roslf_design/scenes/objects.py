@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ..design.parts import Offset, Part, Size, Tilt
+from ..errors import InputError, Problem
+from ..input_files import check_file, read_pixels
 from ..units import Angle, AnyLength, Length
 
 Level = Annotated[float, Field(ge=0)]
@@ -77,19 +79,17 @@ class PictureTexture(Part):
 
         Raises
         ------
-        OSError, ValueError
+        InputError
             The file is missing, or no image that can be read.
         """
+        check_file(Path(self.file), self.file)
         stat = Path(self.file).stat()
         return _loaded(self.file, stat.st_mtime_ns, stat.st_size)
 
 
 @functools.lru_cache(maxsize=8)  # reading a picture again for every tile would cost more than the rays
 def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
-    from PIL import Image
-
-    with Image.open(file) as image:
-        values = np.asarray(image)
+    values, _ = read_pixels(Path(file), file)
     if values.dtype == np.bool_ or values.dtype.kind not in "uf":
         values = values.astype(np.float32)
         peak = 1.0 if values.max(initial=0) <= 1 else 255.0 if values.max() <= 255 else 65535.0
@@ -98,9 +98,9 @@ def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     grey = values[..., :3].mean(-1) if values.ndim == 3 else values
     array = np.ascontiguousarray(grey / peak, np.float32)
     if array.ndim != 2 or array.size == 0:
-        raise ValueError("holds no two-dimensional image")
+        raise InputError((Problem("", "holds no two-dimensional image; give a PNG or TIFF file"),), file)
     if not (np.isfinite(array).all() and array.min() >= 0):
-        raise ValueError("holds values that are negative or not finite")
+        raise InputError((Problem("", "holds values that are negative or not finite; mend the picture"),), file)
     array.setflags(write=False)
     return array
 

@@ -138,10 +138,8 @@ def _unreadable(scene: Scene) -> Iterator[Problem]:
         if isinstance(texture, PictureTexture):
             try:
                 texture.load()
-            except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-                message = f'cannot read "{texture.file}" as an image: {reason}; give a PNG or TIFF file'
-                yield Problem(f"objects.{index}.texture.file", message)
+            except InputError as error:
+                yield Problem(f"objects.{index}.texture.file", str(error))
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:

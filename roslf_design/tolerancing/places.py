@@ -257,13 +257,25 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     if not isinstance(names, dict) or not names:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
     wanted = ("place", *names, "provenance")
-    problems, lines = [], data.get("line", [])
+    lines = data.get("line", [])
+    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
+        raise InputError((Problem("line", "must be tables, each headed [[line]]"),), str(path))
+    problems = [
+        Problem(f"grades.{name}", f"must be a sentence on what it means, got {meaning!r}")
+        for name, meaning in names.items()
+        if not isinstance(meaning, str)
+    ]
     for index, line in enumerate(lines):
-        missing = [key for key in wanted if not isinstance(line.get(key), (str, int, float))]
+        missing = [key for key in wanted if key not in line]
         unknown = [key for key in line if key not in wanted]
+        problems += [
+            Problem(f"line.{index}.{key}", f"must be text, got {line[key]!r}")
+            for key in wanted
+            if key in line and not isinstance(line[key], (str, int, float) if key in names else str)
+        ]
         problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
         problems += [Problem(f"line.{index}.{key}", f"is not known; known are {', '.join(wanted)}") for key in unknown]
     if problems:
         raise InputError(tuple(problems), str(path))
     rows = (GradeLine(line["place"], tuple(str(line[n]) for n in names), line["provenance"]) for line in lines)
-    return Grades(tuple(names), tuple(map(str, names.values())), tuple(rows))
+    return Grades(tuple(names), tuple(names.values()), tuple(rows))

@@ -8,9 +8,12 @@ a pilot run. A value at nominal (an unclipped image keeps exactly 1) has a bin o
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import hashlib
 import io
 import json
+import logging
 import multiprocessing
 import os
 import threading
@@ -29,6 +32,7 @@ from numpy.typing import NDArray
 
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
+from ..input_files import read_json
 from .study import TolerancePlan
 from .trials import BLOCK, MeasuredTrials, measure_uniforms
 
@@ -43,7 +47,7 @@ STRETCH = 8 * BLOCK
 """Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
 ATTEMPTS = 4
 """Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
-CONNECT = 10
+CONNECT = 2
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
 SCHEMA = "roslf.tolerance-run/1"
@@ -107,7 +111,7 @@ def run_trials(
     report = progress or (lambda done, total: None)
     digest, paths = plan.digest(), [folder / "chunks" / f"{index:06d}.npz" for index in range(plan.chunks)]
     _claim(plan, digest, folder, resume)
-    missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest)]
+    missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest, index)]
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
     report(done, plan.trials)
     with contextlib.closing(anywhere(partial(run_chunk, plan), missing, where)) as finished:
@@ -115,25 +119,26 @@ def run_trials(
             write_atomically(paths[index], content)
             done += plan.chunk_trials(index)
             report(done, plan.trials)
-    return merged(unpack(path.read_bytes(), digest) for path in paths)
+    return merged(unpack(path.read_bytes(), digest, index) for index, path in enumerate(paths))
 
 
 def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None:
     """Write the manifest that says what runs, unless another run, or an earlier one of this plan, lies there."""
-    manifest, chunks, fault = folder / MANIFEST, folder / "chunks", ""
-    chunks.mkdir(parents=True, exist_ok=True)
+    manifest, chunks = folder / MANIFEST, folder / "chunks"
+    remedy = "delete it or choose another folder"
+    wrong = [f"{place} is a file, not a folder" for place in (folder, chunks) if place.exists() and not place.is_dir()]
+    wrong += [f"{place} is a folder, not a chunk of results" for place in chunks.glob("*.npz") if place.is_dir()]
+    if wrong:
+        raise InputError((Problem("", f"{wrong[0]}; {remedy}"),))
     if manifest.exists():
-        try:
-            same = json.loads(manifest.read_text())["digest"] == digest
-        except (ValueError, KeyError, TypeError):
-            fault = f"{manifest} is damaged; delete it or choose another folder"
-        else:
-            if not same:
-                fault = f"{folder} holds another study, seed or trial count; delete it or choose another folder"
-            elif not resume and any(chunks.glob("*.npz")):
-                fault = f"{folder} holds this run already; pass --resume to go on with it"
-    if fault:
-        raise InputError((Problem("", fault),))
+        held = read_json(manifest, str(manifest), remedy)
+        if not isinstance(held, dict) or "digest" not in held:
+            raise InputError((Problem("", f"{manifest} is damaged; {remedy}"),))
+        if held["digest"] != digest:
+            raise InputError((Problem("", f"{folder} holds another study, seed or trial count; {remedy}"),))
+        if not resume and any(chunks.glob("*.npz")):
+            raise InputError((Problem("", f"{folder} holds this run already; pass --resume to go on with it"),))
+    chunks.mkdir(parents=True, exist_ok=True)
     content = {
         "schema": SCHEMA,
         "study": plan.name,
@@ -146,18 +151,14 @@ def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None
     write_atomically(manifest, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def _is_whole(path: Path, digest: str) -> bool:
-    """Whether a chunk has a file, undamaged and of this run."""
-    try:
-        unpack(path.read_bytes(), digest)
-    except (FileNotFoundError, ValueError):
-        return False
-    return True
+def _is_whole(path: Path, digest: str, index: int) -> bool:
+    """Whether a chunk has a file, as this run wrote it."""
+    return path.is_file() and is_sealed(path.read_bytes(), digest, index)
 
 
 def run_chunk(plan: TolerancePlan, index: int) -> bytes:
     """Run one chunk and pack its results; a function of its arguments alone."""
-    return pack(tally_chunk(plan, index), plan.digest())
+    return pack(tally_chunk(plan, index), plan.digest(), index)
 
 
 def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
@@ -246,13 +247,9 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
                 n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
             )
             stack.enter_context(cluster)
-        try:
-            client = stack.enter_context(untyped.Client(cluster, timeout=CONNECT, set_as_default=False))
-        except (OSError, ValueError) as error:
-            raise InputError(
-                (Problem("--scheduler", f"no Dask scheduler answers at {address} ({type(error).__name__}); check it"),)
-            ) from None
-
+        else:
+            _ask(address)
+        client = stack.enter_context(untyped.Client(cluster, set_as_default=False))
         # Keys of its own: a scheduler that remembers an earlier run must not hand out that run's results.
         own = f"roslf-tolerance-{uuid4().hex}"
         futures = [client.submit(work, index, key=f"{own}-{index}", pure=False, retries=0) for index in indices]
@@ -264,6 +261,31 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
                 raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with --resume") from None
             future.release()
             yield index, content
+
+
+def _ask(address: str) -> None:
+    """Refuse an address where no scheduler answers; a Client would take 20 s to give it up, and log why at length."""
+    import distributed
+
+    untyped: Any = distributed
+
+    async def identity() -> Any:
+        arguments = untyped.Security().get_connection_args("client")
+        async with untyped.rpc(address, timeout=CONNECT, connection_args=arguments) as scheduler:
+            return await asyncio.wait_for(scheduler.identity(), CONNECT)
+
+    log = logging.getLogger("distributed")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        kind = asyncio.run(identity()).get("type", "no scheduler")
+    except (OSError, ValueError, TypeError, RuntimeError, ImportError, MemoryError) as error:
+        kind = type(error).__name__
+    finally:
+        log.setLevel(level)
+    if kind != "Scheduler":
+        message = f'no Dask scheduler answers at {address} ({kind}); give one such as "tcp://host:8786"'
+        raise InputError((Problem("--scheduler", message),))
 
 
 @dataclass(frozen=True)
@@ -382,42 +404,64 @@ def _both(first: Tally, second: Tally) -> Tally:
     )
 
 
-def pack(tally: Tally, digest: str) -> bytes:
-    """As the bytes of an .npz file; the same results give the same bytes. Histograms are stored sparsely."""
+SEAL = 64
+"""Hexadecimal digits at the end of a chunk (a .zip's comment): a digest of the run, the chunk's index and its bytes."""
+
+
+def _seal(content: bytes, digest: str, index: int) -> bytes:
+    return hashlib.sha256(f"{digest} {index} ".encode() + content).hexdigest().encode()
+
+
+def is_sealed(content: bytes, digest: str, index: int) -> bool:
+    """Whether these are the bytes that `pack` made of a run's chunk."""
+    return content[-SEAL:] == _seal(content[:-SEAL], digest, index)
+
+
+def pack(tally: Tally, digest: str, index: int) -> bytes:
+    """As the bytes of an .npz file, sealed; the same results give the same bytes. Histograms are stored sparsely.
+
+    Parameters
+    ----------
+    tally : Tally
+        Results of a chunk.
+    digest : str
+        Of the plan.
+    index : int
+        Of the chunk.
+    """
     arrays = {item.name: np.asarray(getattr(tally, item.name)) for item in fields(tally)}
     counts = arrays.pop("counts")
     filled = np.flatnonzero(counts)
     sparse = {"filled": filled.astype(np.int32), "filled_counts": counts.ravel()[filled], "shape": counts.shape}
-    return npz_bytes({"digest": np.array(digest), **arrays, **{k: np.asarray(v) for k, v in sparse.items()}})
+    content = npz_bytes({**arrays, **{k: np.asarray(v) for k, v in sparse.items()}}, comment=SEAL * b"0")[:-SEAL]
+    return content + _seal(content, digest, index)
 
 
-def unpack(content: bytes, digest: str) -> Tally:
-    """The results in a chunk's bytes.
+def unpack(content: bytes, digest: str, index: int) -> Tally:
+    """The results in a chunk's bytes; arguments as for `pack`.
 
     Raises
     ------
     ValueError
-        Not such a file, damaged, or of another study.
+        Not as `pack` wrote them: damaged, changed, or of another study or chunk.
     """
-    try:
-        with np.load(io.BytesIO(content)) as archive:
-            arrays = dict(archive)
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
-        raise ValueError(f"is damaged ({error})") from None
-    if str(arrays.pop("digest", "")) != digest:
-        raise ValueError("belongs to another study, seed or version")
+    if not is_sealed(content, digest, index):
+        raise ValueError(f"chunk {index} is damaged, or of another study, seed or version")
+    with np.load(io.BytesIO(content)) as archive:
+        arrays = dict(archive)
     counts = np.zeros(arrays.pop("shape"), np.int64)
     counts.ravel()[arrays.pop("filled")] = arrays.pop("filled_counts")
     return Tally(trials=int(arrays.pop("trials")), counts=counts, **arrays)
 
 
-def npz_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """The bytes of an .npz file, which has no dates: the same for the same arrays."""
+def npz_bytes(arrays: Mapping[str, NDArray[Any]], comment: bytes = b"") -> bytes:
+    """The bytes of an .npz file, which has no dates: the same for the same arrays; they end in the comment."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w") as file:
                 np.lib.format.write_array(file, array, allow_pickle=False)
+        archive.comment = comment
     return buffer.getvalue()
 
 

@@ -463,10 +463,11 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
     missed = partial(Perturbation, distribution=study.distribution, truncation=study.truncate)
     graded = {}
     if study.grade:
+        widths = grades.tolerances(study.grade, design)
         words = grades.provenance(design)
         graded = {
             place: missed(place, nominal[place], width, source=f"{study.grade}: {words[place]}")
-            for place, width in grades.tolerances(study.grade, design).items()
+            for place, width in widths.items()
         }
     if design.sensor.relay_magnification == 1:
         graded.pop("sensor.relay_magnification", None)  # there is no relay to be wrong

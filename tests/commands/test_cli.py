@@ -1,12 +1,14 @@
 """The command line as a script sees it: output, exit code, one line for each thing wrong."""
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
 
 from roslf_design.cli import COMMANDS, main
+from roslf_design.errors import printable
 
 
 def run(capsys, *arguments):
@@ -105,3 +107,77 @@ def test_evaluate_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["a [/bold] design", "a [red]design", "\x1b[31mred\x9b0m", "{x} :smile:"])
+def test_names_are_shown_as_they_are_written(name, capsys, tmp_path, root):
+    text = (root / "designs" / "paper.toml").read_text().replace("Zhou 2023 bench system", "NAME")
+    design = tmp_path / "design.toml"
+    design.write_text(text.replace('"NAME"', json.dumps(name)))
+    code, out, err = run(capsys, "evaluate", design)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[0] == printable(name)
+    code, out, _ = run(capsys, "evaluate", design, "--json")
+    assert json.loads(out)["design"] == name
+    assert out.replace("\n", "").isprintable()
+
+
+def test_many_faults_are_told_in_a_few_lines(capsys, tmp_path, root):
+    design = tmp_path / "design.toml"
+    design.write_text((root / "designs" / "paper.toml").read_text() + "".join(f"k{n} = 1\n" for n in range(5000)))
+    code, out, err = run(capsys, "evaluate", design)
+    assert (code, out) == (2, "")
+    lines = err.splitlines()
+    assert len(lines) == 41
+    assert lines[-1] == "roslf: and 4960 more faults"
+
+
+def test_what_cannot_be_computed_with_is_one_line(capsys, monkeypatch):
+    def fails(*_):
+        raise OverflowError("(34, 'Numerical result out of range')")
+
+    monkeypatch.setattr("roslf_design.cli._run", fails)
+    code, _, err = run(capsys, "evaluate", "paper")
+    assert code == 1
+    assert len(err.splitlines()) == 1
+    assert "a number went out of bounds" in err
+
+
+COMMAND = [sys.executable, "-m", "roslf_design"]
+
+
+@pytest.mark.parametrize("arguments", [["presets"], ["evaluate", "paper", "--json"], ["catalogue"], ["--help"]])
+def test_a_reader_that_has_enough_ends_it_quietly(arguments):
+    with subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as done:
+        assert done.stdout is not None
+        assert done.stderr is not None
+        done.stdout.close()  # before anything is written
+        assert done.stderr.read() == b""
+        assert done.wait() in (0, 141)
+
+
+@pytest.mark.parametrize(
+    "module", ["roslf_design.cli", "cyclopts", "roslf_design.commands.evaluate", "numpy", "pydantic", "rich.console"]
+)
+def test_ctrl_c_is_one_quiet_line_even_while_modules_are_imported(module):
+    probe = (
+        "import runpy, sys\n"
+        "class Interrupted:\n"
+        "    @staticmethod\n"
+        "    def find_spec(name, *_):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted)\n"
+        "sys.argv = ['roslf', 'evaluate', 'paper']\n"
+        "runpy.run_module('roslf_design', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "roslf: stopped\n")
+
+
+def test_letters_that_a_terminal_does_not_know_are_spelled_out():
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, "evaluate", "paper"], capture_output=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, b"")
+    done = subprocess.run([*COMMAND, "evaluate", b"\xff.toml"], capture_output=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1

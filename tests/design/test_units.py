@@ -3,8 +3,9 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 
-from roslf_design.units import format_quantity, parse_quantity
+from roslf_design.units import Angle, AnyLength, Length, format_quantity, parse_quantity
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
 
@@ -68,3 +69,43 @@ def test_writing_and_reading_keeps_every_bit(value, dimension):
 )
 def test_lengths_read_well(value, text):
     assert format_quantity(value, "length") == text
+
+
+@pytest.mark.parametrize("text", ["1e9999999 mm", "-1e9999999 m", "1" * 5000 + " mm", "1e999999999999999999999 um"])
+def test_numbers_that_no_float_holds_are_refused(text):
+    with pytest.raises(ValueError, match="not a finite number"):
+        parse_quantity(text, "length")
+
+
+@pytest.mark.parametrize("text", ["1e-9999999 mm", "0." + "0" * 5000 + "1 m", "1e-999999999999999999999 um"])
+def test_numbers_too_small_for_a_float_are_nothing(text):
+    assert parse_quantity(text, "length") == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "said"),
+    [
+        (Length, "1e16 mm", "beyond 1e+15 mm"),
+        (AnyLength, -1e16, "beyond 1e+15 mm"),
+        (Length, "1e-13 mm", "less than 0.000001 nm"),
+        (Length, "1e-9999999 mm", "greater than 0"),
+        (Angle, "1e6 rad", "beyond 1000000 mrad"),
+    ],
+)
+def test_what_no_camera_has_is_refused(kind, value, said):
+    reader = TypeAdapter(kind)
+    with pytest.raises(ValidationError, match=said.replace("+", r"\+")):
+        reader.validate_python(value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "kept"),
+    [
+        (Length, "1e12 m", 1e15),
+        (Length, "1e-6 nm", 1e-12),
+        (AnyLength, "1e-300 mm", 1e-300),
+        (Angle, "-360 deg", -2 * math.pi),
+    ],
+)
+def test_what_a_camera_may_have_is_kept(kind, value, kept):
+    assert TypeAdapter(kind).validate_python(value) == kept

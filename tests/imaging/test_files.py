@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from roslf_design.calibration.frames import read_image
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.imaging.files import write_image
-from roslf_design.imaging.render import render
+from roslf_design.imaging.render import RawImage, render
 from roslf_design.scenes import PictureTexture, Plane, Scene
 
 tifffile = pytest.importorskip("tifffile")
@@ -41,6 +42,17 @@ def test_float_tiff_keeps_every_bit_and_says_how_it_was_made(image, tmp_path):
     assert inside["region"] == {"column": 100, "row": 200, "columns": 40, "rows": 30}
     assert [line["name"] for line in inside["effects"]] == [line.name for line in image.plan]
     assert inside["design"]["name"] == PAPER.name
+
+
+@pytest.mark.parametrize("depth", ["float", "16"])
+@pytest.mark.parametrize("told", [{"glasses": {"shape": [3, 4]}}, {"shape": "square"}, {"name": '"shape":'}])
+def test_a_tiff_whose_description_speaks_of_a_shape_is_read_by_others(image, tmp_path, monkeypatch, told, depth):
+    monkeypatch.setattr(RawImage, "metadata", lambda _: dict(told))
+    beside = write_image(image, tmp_path / "raw.tif", depth)
+    assert tifffile.imread(tmp_path / "raw.tif").shape == image.pixels.shape
+    assert read_image(tmp_path / "raw.tif").shape == image.pixels.shape
+    with tifffile.TiffFile(tmp_path / "raw.tif") as file:
+        assert json.loads(file.pages[0].description) == json.loads(beside.read_text())
 
 
 @pytest.mark.parametrize("name", ["raw.tif", "raw.png"])
@@ -154,7 +166,7 @@ def test_bad_input_exits_with_two_and_one_line(arguments, part, tmp_path, monkey
     [
         ('distance = "90 mm"', "behind the bore's mouth"),
         ('distance = "5 mm"\nsize = ["20 mm", "20 mm"]\ntilt = ["0 mrad", "1 rad"]', "inside the main lens"),
-        ('texture = { kind = "image", file = "no.png", width = "5 mm" }', "cannot read"),
+        ('texture = { kind = "image", file = "no.png", width = "5 mm" }', "no.png: no such file"),
     ],
 )
 def test_scenes_that_cannot_be_seen_exit_with_two(line, part, tmp_path, monkeypatch, capsys):

@@ -260,7 +260,7 @@ def test_missing_file_and_folder(tmp_path):
         load_lens(tmp_path / "none.zmx")
     folder = tmp_path / "folder.zmx"
     folder.mkdir()
-    with pytest.raises(LensError, match="cannot be read"):
+    with pytest.raises(LensError, match="is a folder; name the file inside it"):
         load_lens(folder)
 
 

@@ -1,5 +1,7 @@
 """Pictures of a calibration of synthetic corners: what they show is what was found."""
 
+import re
+from pathlib import Path as FilePath
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from roslf_design.calibration import Captures, calibrate
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
+from roslf_design.pictures.svg import redrawn
 from roslf_design.reporting.calibration import calibration_pictures
 from tests.calibration.made import SHEET, captured
 
@@ -66,3 +69,62 @@ def test_regions_hold_the_shares_of_the_draws_that_they_promise(outcome, picture
 def test_depth_errors_stand_over_their_distances(outcome, pictures):
     area = next(mark for mark in pictures["depth"].marks if isinstance(mark, Area))
     np.testing.assert_allclose(area.y[:21], outcome.depths["high_95"])
+
+
+def test_a_picture_from_a_file_is_the_same_when_written_anew(pictures):
+    for name, picture in pictures.items():
+        text = picture.svg(name=f"calibration-{name}")
+        assert redrawn(text, f"calibration-{name}") == text
+
+
+REPORTS = FilePath(__file__).parents[2] / "reports"
+
+
+@pytest.mark.skipif(not REPORTS.is_dir(), reason="no kept reports here")
+def test_every_picture_of_the_kept_reports_is_the_same_when_written_anew():
+    pages = [page.read_text("utf-8") for page in REPORTS.rglob("*.html")]
+    texts = [text for page in pages for text in re.findall(r"<svg xmlns.*?</svg>", page, re.DOTALL)]
+    assert len(texts) > 20
+    for text in texts:
+        name = re.search('data-testid="picture-([^"]+)"', text)
+        assert name is not None
+        assert redrawn(text, name[1]) == text
+
+
+OPEN = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">'
+
+
+@pytest.mark.parametrize(
+    ("text", "holds"),
+    [
+        (f"{OPEN}<script>alert(1)</script></svg>", "<script>"),
+        (f"{OPEN}<g><foreignObject><p>x</p></foreignObject></g></svg>", "<foreignObject>"),
+        (f'{OPEN}<h:script xmlns:h="http://www.w3.org/1999/xhtml">1</h:script></svg>', "xhtml}script"),
+        (f'{OPEN}<rect onclick="alert(1)"/></svg>', "onclick"),
+        (OPEN.replace(">", ' onload="alert(1)">') + "</svg>", "onload"),
+        (f'{OPEN}<image href="https://example.org/a.png"/></svg>', "href"),
+        (f'{OPEN}<image href="data:image/svg+xml;base64,PHN2Zz4="/></svg>', "href"),
+        (f'{OPEN}<rect fill="url(https://example.org/a)"/></svg>', "fill"),
+        (f'{OPEN}<rect fill="u\\72l(//example.org/a)"/></svg>', "fill"),
+        (f'{OPEN}<rect style="background:red"/></svg>', "style"),
+        (f"{OPEN}<style>p {{ display: none }}</style></svg>", "<style>"),
+        (f'{OPEN}<title id="summary">x</title></svg>', "id"),
+        (f"{OPEN}<title><![CDATA[<script>alert(1)</script>]]></title></svg>", "declaration"),
+        (f"{OPEN}<!-- <script> --></svg>", "declaration"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]>' + OPEN + "&b;</svg>", "declaration"),
+        (OPEN + "<g>" * 50 + "</g>" * 50 + "</svg>", "deep"),
+        (OPEN, "no SVG"),
+        ("<svg/>", "no SVG"),
+        ("", "no SVG"),
+        ("\0", "no SVG"),
+    ],
+)
+def test_what_no_picture_of_ours_holds_is_refused(text, holds):
+    with pytest.raises(ValueError, match=r"holds|is no SVG") as told:
+        redrawn(text, "a")
+    assert holds in str(told.value)
+
+
+def test_text_of_a_picture_stays_text():
+    text = f"{OPEN}<text>&lt;script&gt;alert(1)&lt;/script&gt;</text></svg>"
+    assert redrawn(text, "a") == text

@@ -95,6 +95,60 @@ def test_what_is_no_calibration_is_told(tmp_path, capsys, content, complaint):
     assert not (tmp_path / "out").exists()
 
 
+def changed(**changes):
+    """The numbers with some of d_3's changed; None takes one away."""
+    quantities = {name: dict(values) for name, values in DATA["quantities"].items()}
+    quantities["d_3"] = {key: value for key, value in (quantities["d_3"] | changes).items() if value is not None}
+    return json.dumps({**DATA, "quantities": quantities})
+
+
+def without(key):
+    return json.dumps({name: value for name, value in DATA.items() if name != key})
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"\xff\xfe\x00", "is damaged, or no JSON"),
+        (b"[" * 100_000, "is damaged, or no JSON"),
+        (json.dumps(DATA).replace("2.34", "NaN"), "is damaged, or no JSON"),
+        (json.dumps({**DATA, "quantities": {}}), "quantities lacks H, d_3"),
+        (json.dumps({**DATA, "quantities": {"H": 1, "d_3": 2}}), "quantities.H: must be a table"),
+        (json.dumps({**DATA, "posterior": {}}), "posterior.message: is missing"),
+        (json.dumps({**DATA, "design": 7}), "design: "),
+        (json.dumps({**DATA, "warnings": 7}), "warnings: "),
+        (without("design"), "design: is missing"),
+        (without("quantities"), "quantities: is missing"),
+        (changed(sigma=None), "quantities.d_3.sigma: is missing"),
+        (changed(sigma="x"), "quantities.d_3.sigma: "),
+        (changed(sigma=-1.0), "must not be negative"),
+        (changed(interval_68=[1.0]), "quantities.d_3.interval_68.1: is missing"),
+        (changed(variance_shares=[1.0]), "quantities.d_3.variance_shares: "),
+        (changed(r_hat=None), "lacks r_hat or ess"),
+    ],
+)
+def test_a_damaged_calibration_is_told_in_one_line(tmp_path, capsys, content, complaint):
+    (tmp_path / "calibration.json").write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert main(["report", "paper", "--calibration", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert complaint in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "svg", [SVG.replace("ridge", "ridge<script>document.title = 1</script>").encode(), b"no picture", b"\xff" * 9]
+)
+def test_a_drawing_that_is_none_of_ours_does_not_come_into_a_report(tmp_path, capsys, svg):
+    (written(tmp_path) / "posterior.svg").write_bytes(svg)
+    assert main(["report", "paper", "--calibration", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "posterior.svg: " in said
+    assert "delete the file, or calibrate again" in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_story_may_end_in_a_calibration(tmp_path):
     written(tmp_path)
     data = {"story": {"title": "t", "design": "paper"}, "parts": [{"calibrated": "."}]}

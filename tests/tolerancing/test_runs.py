@@ -6,9 +6,11 @@ import hashlib
 import json
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -108,11 +110,24 @@ def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, exp
     assert fingerprint(tmp_path) == expected
 
 
-def test_no_scheduler_there_is_one_clear_error(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runs, "CONNECT", 1)
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "ucx://x:1", "http://127.0.0.1:9", ""])
+def test_no_scheduler_there_is_one_clear_error_soon(plan, tmp_path, address):
     pytest.importorskip("distributed", reason="Dask is not installed")
-    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        run_trials(plan, tmp_path, Where(1, "tcp://127.0.0.1:9"))
+    began = time.monotonic()
+    with pytest.raises(InputError, match=f"no Dask scheduler answers at {re.escape(address)}"):
+        run_trials(plan, tmp_path, Where(1, address))
+    assert time.monotonic() - began < 5
+
+
+def test_a_server_that_is_no_scheduler_is_told_in_one_line(tmp_path):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    with socket.create_server(("127.0.0.1", 0)) as server:  # it takes calls, and says nothing
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        process = roslf(write_study(tmp_path), "-o", tmp_path / "out", "--scheduler", address)
+        out, errors = process.communicate(timeout=60)
+    assert (process.returncode, out) == (2, "")
+    assert len(errors.splitlines()) == 1
+    assert f"no Dask scheduler answers at {address}" in errors
 
 
 def test_dask_missing_says_what_to_install(plan, tmp_path, monkeypatch):
@@ -184,16 +199,94 @@ def test_a_folder_of_another_run_is_not_touched(plan, tmp_path):
 def test_results_travel_through_bytes_unchanged(plan):
     small = replace(plan, trials=3000)
     tally = tally_chunk(small, 0)
-    content = pack(tally, "x")
-    again = unpack(content, "x")
+    content = pack(tally, "x", 0)
+    again = unpack(content, "x", 0)
     for name in tally.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(again, name), getattr(tally, name))
-    assert pack(again, "x") == content
-    for damaged in (content[:-30], b"", b"PK not a zip"):
+    assert pack(again, "x", 0) == content
+    changed = bytearray(content)
+    changed[len(content) // 2] ^= 1
+    for damaged in (content[:-30], b"", b"PK not a zip", bytes(changed), content + b"x"):
         with pytest.raises(ValueError, match="is damaged"):
-            unpack(damaged, "x")
-    with pytest.raises(ValueError, match="another study"):
-        unpack(content, "y")
+            unpack(damaged, "x", 0)
+    for digest, index in (("y", 0), ("x", 1)):
+        with pytest.raises(ValueError, match="another study"):
+            unpack(content, digest, index)
+
+
+def test_numbers_changed_on_disk_are_computed_again(plan, tmp_path):
+    two = replace(plan, trials=plan.chunk + 100)
+    run_trials(two, tmp_path)
+    expected = fingerprint(tmp_path)
+    first, second = sorted((tmp_path / "chunks").glob("*.npz"))
+    with np.load(second) as archive:
+        arrays = dict(archive)
+    arrays["passed"] = arrays["passed"] + 1  # a whole .npz, of this run, with another yield
+    np.savez_compressed(second, **arrays)
+    tally = run_trials(two, tmp_path, resume=True)
+    assert fingerprint(tmp_path) == expected
+    assert tally.trials == two.trials
+    second.write_bytes(first.read_bytes())  # another chunk's
+    run_trials(two, tmp_path, resume=True)
+    assert fingerprint(tmp_path) == expected
+
+
+def manifest_is_a_folder(out):
+    (out / "manifest.json").mkdir(parents=True)
+    return "manifest.json: is a folder"
+
+
+def manifest_is_a_list(out):
+    out.mkdir()
+    (out / "manifest.json").write_text("[1]")
+    return "manifest.json is damaged; delete it or choose another folder"
+
+
+def manifest_is_deep(out):
+    out.mkdir()
+    (out / "manifest.json").write_text("[" * 100_000)
+    return "manifest.json: is damaged"
+
+
+def chunks_are_a_file(out):
+    out.mkdir()
+    (out / "chunks").write_text("")
+    return "chunks is a file, not a folder; delete it or choose another folder"
+
+
+def a_chunk_is_a_folder(out):
+    (out / "chunks" / "000000.npz").mkdir(parents=True)
+    return "000000.npz is a folder, not a chunk of results; delete it or choose another folder"
+
+
+def out_is_a_file(out):
+    out.write_text("")
+    return "is a file, not a folder"
+
+
+def out_is_in_a_file(out):
+    out.parent.rmdir()
+    out.parent.write_text("")
+    return "is a file, not a folder"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        manifest_is_a_folder, manifest_is_a_list, manifest_is_deep, chunks_are_a_file, a_chunk_is_a_folder,
+        out_is_a_file, out_is_in_a_file,
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("resume", [[], ["--resume"]])
+def test_a_folder_that_cannot_hold_a_run_is_told_in_one_line(spoil, resume, tmp_path, root, capsys):
+    out = tmp_path / "in" / "out"
+    out.parent.mkdir()
+    said = spoil(out)
+    study = str(root / "studies" / "tolerance-scope" / "study.toml")
+    assert main(["tolerance", study, "-o", str(out), "--trials", "100", *resume]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert len(err.splitlines()) == 1
 
 
 def test_memory_does_not_grow_with_the_number_of_chunks(plan):
@@ -280,8 +373,8 @@ def test_wrong_input_is_exit_code_2_and_one_line_each(tmp_path, capsys):
         assert bad[0] in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("way", ["file", "limit"])
-def test_an_unwritable_place_is_one_clear_error(tmp_path, way):
+@pytest.mark.parametrize(("way", "code"), [("file", 2), ("limit", 1)])
+def test_an_unwritable_place_is_one_clear_error(tmp_path, way, code):
     study = write_study(tmp_path)
     if way == "file":
         (tmp_path / "out").write_text("in the way")
@@ -292,7 +385,7 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path, way):
             study, "-o", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
         )
     out, errors = process.communicate(timeout=120)
-    assert process.returncode == 1
+    assert process.returncode == code
     assert out == ""
     assert len(errors.splitlines()) == 1
     assert errors.startswith("roslf: ")

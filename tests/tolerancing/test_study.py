@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from roslf_design.cli import main
 from roslf_design.design import load, preset_path
 from roslf_design.errors import InputError
 from roslf_design.tolerancing.places import (
@@ -209,3 +210,41 @@ def test_places_of_a_real_lens_are_told_apart():
 def test_chunks_stay_few_and_large():
     assert chunk_size(100) == chunk_size(10**6) == 2**15
     assert 10**8 / chunk_size(10**8) < 1100
+
+
+GRADES = """
+[grades]
+tight = "as good as it gets"
+[[line]]
+place = "main_lens.focal_length"
+tight = "1 %"
+provenance = "judgement"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('tight = "as good as it gets"', "tight = 7", "grades.tight: must be a sentence"),
+        ('[grades]\ntight = "as good as it gets"', "grades = 7", "grades: is missing"),
+        (GRADES, "line = 7\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
+        (GRADES, "line = [7]\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
+        ('place = "main_lens.focal_length"', "place = 7", "line.0.place: must be text, got 7"),
+        ('provenance = "judgement"', "provenance = []", "line.0.provenance: must be text, got []"),
+        ('tight = "1 %"', "tight = []", "line.0.tight: must be text, got []"),
+        ('tight = "1 %"', "", "line.0.tight: is missing"),
+        ('place = "main_lens.focal_length"', 'place = "nothing"', "nothing.tight: 'nothing' is not a number"),
+        ('tight = "1 %"', 'tight = "1e9999999 mm"', "not a finite number"),
+    ],
+)
+def test_a_table_of_grades_of_the_wrong_kind_is_told_in_one_line(old, new, said, tmp_path, capsys):
+    assert old in GRADES
+    (tmp_path / "shop.toml").write_text(GRADES.replace(old, new))
+    (tmp_path / "study.toml").write_text(
+        'name = "x"\ndesign = "paper"\ngrade = "tight"\ngrades = "shop.toml"\n[[goals]]\nmetric="fill_factor"\nmax=2'
+    )
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
