@@ -353,4 +353,4 @@ def _metric(result: StudyResult, row: int, unit: bool = True) -> str:
     metric = METRICS[column.metric]
     x, y = (0.0, 0.0) if column.field is None else result.plan.question.fields[column.field]
     place = "" if column.field is None else f" at ({x:.3g}, {y:.3g}) mm"
-    return f"{in_words(metric.name)}{place}" + (f" [{metric.unit}]" if unit and metric.unit else "")
+    return in_words(metric.name) + (f" [{metric.unit}]" if unit and metric.unit else "") + place
