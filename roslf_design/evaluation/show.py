@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from ..tables import Table, print_table
-from ..words import number, spaced
+from ..words import number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,10 +89,10 @@ def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = (
         (
-            _place(field.x_ml_mm),
+            place(field.x_ml_mm),
             field.status,
             f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.centroid_mm is None else " ".join(f"{1e3 * v:+.2f}" for v in field.centroid_mm),
+            "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, "+.2f") for v in field.centroid_mm),
             "-" if field.axis_ratio is None else f"{field.axis_ratio:.4f}",
             f"{100 * field.ray_budget.own_cell:.2f} %",
         )
@@ -106,7 +106,7 @@ def budget_table(result: Evaluation) -> Table:
     """What each element takes of the rays that fill the pupil, a row a field."""
     budgets = [[part for part in field.ray_budget.taken() if part[0] != "FAP"] for field in result.fields]
     rows = (
-        (_place(field.x_ml_mm), *(f"{100 * share:.2f} %" for _, share in budget))
+        (place(field.x_ml_mm), *(f"{100 * share:.2f} %" for _, share in budget))
         for field, budget in zip(result.fields, budgets, strict=True)
     )
     names = [name for name, _ in budgets[0]] if budgets else []
@@ -119,7 +119,7 @@ def lens_table(lens: RealLens) -> Table:
     """The image behind each microlens asked for, through the real lens."""
     rows = (
         (
-            _place(field.x_ml_mm),
+            place(field.x_ml_mm),
             field.status if field.chief_ray == "kept" else f"{field.status} ({field.chief_ray})",
             f"{100 * field.kept_fraction:.4g} %",
             "-" if field.shift_px is None else " ".join(_cell(value, "+.2f") for value in field.shift_px),
@@ -143,7 +143,7 @@ def effects_table(result: Evaluation) -> Table:
     rows = tuple(
         (
             spaced(effect.name),
-            f"{number(effect.estimate, 3, zero=1e-12)} {effect.unit}",
+            f"{number(effect.estimate, 3)} {effect.unit}",
             f"{number(effect.budget, 3)} {effect.unit}",
             "on" if effect.on else "off",
             effect.reason,
@@ -160,10 +160,6 @@ def absent_effects(result: Evaluation) -> str:
     """One sentence on the effects that this design and scene do not have at all."""
     names = [spaced(effect.name) for effect in result.effects if effect.estimate == 0 and not effect.on]
     return f"Nothing comes from: {', '.join(names)}." if names else ""
-
-
-def _place(place: tuple[float, float]) -> str:
-    return "{:g}, {:g}".format(*place)
 
 
 def _cell(value: float | None, form: str) -> str:

@@ -181,7 +181,7 @@ def microlens_image(
     ]  # fmt: skip
     panel = Panel(box, x, y, tuple(marks), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True)
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
-    title = f"Image of the microlens at {place[0]:.4g}, {place[1]:.4g} mm on the MLA: {kept}"
+    title = f"Image of the microlens at {where} on the MLA: {kept}"
     return Picture(name, title, size, (panel,), tuple(keys), (14.0, panel.bottom + BELOW - 2, size[0] - 24))
 
 

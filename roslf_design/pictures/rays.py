@@ -385,7 +385,7 @@ def cells(design: Design, places: Mapping[str, float]) -> Picture:
         low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
         high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
         marks += _pixel_row(design, 1e3 * origin, low, high, depth)
-        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {place:.4g} mm"
+        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {short(place)} mm"
         panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
         size = PAGE / len(places), 310.0
         pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))

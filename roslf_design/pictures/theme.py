@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words import SYMBOL
+from ..words import ROUNDING, SYMBOL
 
 Floats = NDArray[np.float64]
 ThemeName = Literal["light", "dark"]
@@ -170,9 +170,9 @@ def wrapped(content: str, width: float, size: float = SMALL, most: int = 99) -> 
     return lines
 
 
-def short(value: float, digits: int = 4) -> str:
-    """A number for people: `digits` significant digits, a power of ten only where it would be long."""
-    if value == 0:
+def short(value: float, digits: int = 4, zero: float = ROUNDING) -> str:
+    """A number for people: `digits` significant digits, a power of ten only where it would be long; as `number`."""
+    if value == 0 or abs(value) < zero:
         return "0"
     if not math.isfinite(value):
         return "∞" if value > 0 else "−∞"

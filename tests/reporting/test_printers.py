@@ -26,7 +26,7 @@ from roslf_design.reporting.sheets import dimensions_sheet
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS
-from roslf_design.words import WORDS, in_words, length, number, rounded, sentence, spans, to_html
+from roslf_design.words import WORDS, in_words, length, number, place, rounded, sentence, spans, to_html
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'
 NASTY = '#panic("no") $x$ *a* _b_ \\ "quoted" <label> @ref #eval("1") [c]'
@@ -72,6 +72,9 @@ def test_numbers_lengths_and_sentences():
         *("0", "0.33333", "1.2346e+05", "1e-07", "∞", "-∞", "not stated")
     ]
     assert number(1e-12, 4, zero=1e-9) == "0"
+    assert [number(v) for v in (-0.0, 9e-15, -9e-15)] == ["0", "0", "0"]  # rounding, of lengths, pixels and shares
+    assert [place((-0.0, 9e-15)), place((11.15, -7.466)), place((3.0625, 0.0), 3)] == ["0, 0", "11.15, -7.466", "3.06, 0"]
+    assert length(-9e-15) == length(-0.0) == "0 mm"
     assert [length(v) for v in (0.0, 0.063, 0.00155, 0.1, 140.0, 22.272000000000002)] == [
         *("0 mm", "63 um", "1.55 um", "0.1 mm", "140 mm", "22.272 mm")
     ]
