@@ -114,6 +114,11 @@ def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
     return "0" if abs(value) < zero or value == 0 else f"{value:.{digits}g}"
 
 
+def fixed(value: float, decimals: int, sign: str = "") -> str:
+    """A number to so many decimals, never as -0; `sign` "+" writes both signs."""
+    return f"{round(float(value), decimals) + 0.0:{sign}.{decimals}f}"
+
+
 def place(position: tuple[float, float], digits: int = 6) -> str:
     """A position [mm] as text: "11.15, 0"."""
     return ", ".join(number(value, digits) for value in position)

@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from ..tables import Table, print_table
-from ..words import number, place, spaced
+from ..words import fixed, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -92,7 +92,7 @@ def field_table(result: Evaluation) -> Table:
             place(field.x_ml_mm),
             field.status,
             f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, "+.2f") for v in field.centroid_mm),
+            "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, 2, "+") for v in field.centroid_mm),
             "-" if field.axis_ratio is None else f"{field.axis_ratio:.4f}",
             f"{100 * field.ray_budget.own_cell:.2f} %",
         )
@@ -122,11 +122,11 @@ def lens_table(lens: RealLens) -> Table:
             place(field.x_ml_mm),
             field.status if field.chief_ray == "kept" else f"{field.status} ({field.chief_ray})",
             f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.shift_px is None else " ".join(_cell(value, "+.2f") for value in field.shift_px),
-            _cell(field.widening_percent, ".1f"),
-            f"{_cell(field.tangential_focus_pitches, '+.1f')} {_cell(field.sagittal_focus_pitches, '+.1f')}",
-            _cell(field.distortion_percent, "+.2f"),
-            _cell(field.lateral_colour_pitches, ".2f"),
+            "-" if field.shift_px is None else " ".join(_cell(value, 2, "+") for value in field.shift_px),
+            _cell(field.widening_percent, 1),
+            f"{_cell(field.tangential_focus_pitches, 1, '+')} {_cell(field.sagittal_focus_pitches, 1, '+')}",
+            _cell(field.distortion_percent, 2, "+"),
+            _cell(field.lateral_colour_pitches, 2),
         )
         for field in lens.fields
     )
@@ -162,8 +162,8 @@ def absent_effects(result: Evaluation) -> str:
     return f"Nothing comes from: {', '.join(names)}." if names else ""
 
 
-def _cell(value: float | None, form: str) -> str:
-    return "-" if value is None else f"{float(f'{value:{form}}') + 0.0:{form}}"  # 0.0 rather than -0.0
+def _cell(value: float | None, decimals: int, sign: str = "") -> str:
+    return "-" if value is None else fixed(value, decimals, sign)
 
 
 def _tables(result: Evaluation) -> list[Table]:

@@ -256,7 +256,8 @@ def _sobol(result: StudyResult) -> Table:
     else:
         shares = (indices.first, indices.first_interval_95), (indices.total, indices.total_interval_95)
         for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
-            cells = [f"{value[row, k]:.3f} ({ends[row, k, 0]:.3f} to {ends[row, k, 1]:.3f})" for value, ends in shares]
+            numbers = [[words.fixed(one, 3) for one in (value[row, k], *ends[row, k])] for value, ends in shares]
+            cells = [f"{index} ({low} to {high})" for index, low, high in numbers]
             rows.append((_factor(indices.factors[k]), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
     title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"

@@ -258,7 +258,7 @@ def load_grades(path: Path = SHIPPED) -> Grades:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
     wanted = ("place", *names, "provenance")
     problems, lines = [], data.get("line", [])
-    for index, line in enumerate(lines):
+    for index, line in enumerate(lines, 1):
         missing = [key for key in wanted if not isinstance(line.get(key), (str, int, float))]
         unknown = [key for key in line if key not in wanted]
         problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
