@@ -68,7 +68,7 @@ def tolerance(
     """
     counts = {"--trials": trials, "--workers": workers}
     wrong = [Problem(k, "must be a positive whole number") for k, n in counts.items() if n is not None and n < 1]
-    check_options(seed, None, *wrong)
+    check_options(seed, output, *wrong)
     if accuracy is not None and trials is not None:
         raise refusal("--accuracy", "says how many trials there are, as does --trials; give one of them")
     started = time.perf_counter()

@@ -159,6 +159,14 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     write_atomically(Path(path), dumps(design).encode())
 
 
+def in_the_way(path: Path, *, folder: bool = False) -> str:
+    """What keeps a file, or a folder, from being made at a path, and the remedy; empty where nothing does."""
+    if path.is_dir() and not folder:
+        return f"{path} is a folder; name a file in it"
+    blocked = next((at for at in (path, *path.parents)[not folder :] if at.exists() and not at.is_dir()), None)
+    return "" if blocked is None else f"{blocked} is a file, not a folder; name another place"
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write to a temporary name beside `path`, then rename.
 
