@@ -15,7 +15,7 @@ from decimal import Context, Decimal
 from numbers import Real
 from typing import Annotated, Any, Self
 
-from pydantic import Field, PlainSerializer, SerializationInfo, ValidationInfo, WrapValidator
+from pydantic import AfterValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo, WrapValidator
 
 _PI = Decimal("3.14159265358979323846264338327950288")
 
@@ -149,6 +149,16 @@ def _validator(dimension: str) -> WrapValidator:
     return WrapValidator(validate)
 
 
+SMALLEST, LARGEST = 1e-60, 1e60
+"""Lengths of a camera [mm]: far beyond any, and far from where their products leave floating point."""
+
+
+def _of_this_world(value: float) -> float:
+    if not SMALLEST <= value <= LARGEST:
+        raise ValueError(f"{value:g} mm is no length of a camera; give one from {SMALLEST:g} to {LARGEST:g} mm")
+    return value
+
+
 def _writer(dimension: str) -> PlainSerializer:
     def write(value: float, info: SerializationInfo) -> str:
         return format_quantity(value, dimension, (info.context or {}).get("digits"))
@@ -158,7 +168,7 @@ def _writer(dimension: str) -> PlainSerializer:
 
 AnyLength = Annotated[float, _validator("length"), _writer("length")]
 """A length of either sign [mm]."""
-Length = Annotated[AnyLength, Field(gt=0)]
+Length = Annotated[AnyLength, Field(gt=0), AfterValidator(_of_this_world)]
 """A positive length [mm]."""
 Distance = Annotated[AnyLength, Field(ge=0)]
 """A length that may be zero [mm]."""
