@@ -17,6 +17,8 @@ NUMBER = re.compile(r"([-+−]?\d[\d ]*|[-−]?∞)(.*)", re.DOTALL)
 """What stands before the decimal point, and the rest with its unit."""
 LEAST_WORDS = 16
 """Letters that a column of words keeps on a narrow terminal."""
+GAP = 2
+"""Letters between two columns there."""
 
 
 Column = tuple[str, str, Callable[[Any], str]]
@@ -103,7 +105,10 @@ def plain_text(text: str, style: str = "") -> Text:
 
 
 def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> None:
-    """Print a table, an empty line before it; wider than the terminal rather than with cut numbers.
+    """Print a table, an empty line before it, no number or name in it cut.
+
+    Where it is wider than the terminal, headings and sentences wrap between their words; where that is not enough,
+    further columns follow below, the first repeated before them.
 
     Parameters
     ----------
@@ -114,27 +119,60 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
     """
     from rich.table import Table as Grid
 
-    headings = block.headings or ("",) * len(block.align)
-    grid = Grid(
-        title=plain_text(block.title) if block.title else None,
-        title_justify="left",
-        box=None,
-        header_style="bold",
-        pad_edge=False,
-        show_header=bool(block.headings),
-    )
-    needed = 2 * len(headings)
-    for index, (heading, align) in enumerate(zip(headings, block.align, strict=True)):
-        cells = [row[index] for row in block.rows]
-        # Numbers and names stay whole; headings and sentences wrap between their words.
-        words = [word for cell in cells for word in (cell.split() if align == "l" else [cell])]
-        widest = max(map(len, cells), default=1)
-        longest = max(map(len, [*words, *heading.split()]), default=1)
-        narrowest = max(longest, min(widest, LEAST_WORDS), *least[index : index + 1])
-        side: Literal["left", "right"] = "left" if align == "l" else "right"
-        grid.add_column(plain_text(heading), justify=side, min_width=narrowest)
-        needed += narrowest
-    for number, row in enumerate(block.rows):
-        grid.add_row(*map(plain_text, row), style="dim" if number in block.faint else None)
+    widths = [_widths(block, index, *least[index : index + 1]) for index in range(len(block.align))]
     console.print()
-    console.print(grid, width=max(console.width, needed), crop=False)
+    for number, columns in enumerate(_strips(widths, console.width)):
+        fitted = _fitted([widths[index] for index in columns], console.width)
+        grid = Grid(
+            title=plain_text(block.title) if block.title and number == 0 else None,
+            title_justify="left",
+            box=None,
+            header_style="bold",
+            pad_edge=False,
+            show_header=bool(block.headings),
+        )
+        for index, width in zip(columns, fitted, strict=True):
+            side: Literal["left", "right"] = "left" if block.align[index] == "l" else "right"
+            grid.add_column(
+                plain_text(block.headings[index] if block.headings else ""),
+                justify=side,
+                min_width=width,
+                max_width=width,
+            )
+        for place, row in enumerate(block.rows):
+            style = "dim" if place in block.faint else None
+            grid.add_row(*(plain_text(row[index]) for index in columns), style=style)
+        if number:
+            console.print()
+        console.print(grid, width=max(console.width, sum(fitted) + GAP * len(fitted)), crop=False)
+
+
+def _widths(block: Table, index: int, least: int = 1) -> tuple[int, int]:
+    """Narrowest and natural width of a column: numbers and names stay whole, headings and sentences wrap."""
+    cells = [row[index] for row in block.rows]
+    heading = block.headings[index] if block.headings else ""
+    words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]
+    widest = max(map(len, cells), default=1)
+    longest = max(map(len, [*words, *heading.split()]), default=1)
+    narrowest = max(longest, min(widest, LEAST_WORDS), least)
+    return narrowest, max(narrowest, widest, len(heading))
+
+
+def _strips(widths: list[tuple[int, int]], room: int) -> list[list[int]]:
+    """Columns that stand beside each other, the first in every strip."""
+    strips = [[0]]
+    for index in range(1, len(widths)):
+        strip = [*strips[-1], index]
+        if len(strip) > 2 and sum(widths[k][0] + GAP for k in strip) - GAP > room:
+            strip = [0, index]
+            strips.append(strip)
+        strips[-1] = strip
+    return strips
+
+
+def _fitted(widths: list[tuple[int, int]], room: int) -> list[int]:
+    """Widths that share what room there is beyond the narrowest."""
+    spare = max(room - sum(narrow for narrow, _ in widths) - GAP * (len(widths) - 1), 0)
+    wanted = sum(natural - narrow for narrow, natural in widths)
+    share = min(1.0, spare / wanted) if wanted else 0.0
+    return [narrow + int(share * (natural - narrow)) for narrow, natural in widths]

@@ -1,7 +1,8 @@
 """Units, at the boundary only: text such as "63 um" to millimetres or radians, and back without losing a bit.
 
 Conversion goes through decimal arithmetic, so that "63 um", "0.063 mm" and 0.063 are the same float and a value
-written to a file and read again is the same value.
+written to a file and read again is the same value, in the unit that was typed. Files for people may ask for fewer
+digits.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ import difflib
 import math
 import re
 from collections.abc import Callable
-from decimal import Decimal
+from decimal import Context, Decimal
 from numbers import Real
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, ValidationInfo
+from pydantic import AfterValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo, WrapValidator
 
 _PI = Decimal("3.14159265358979323846264338327950288")
 
@@ -127,8 +128,8 @@ def _about_unit(unit: str, dimension: str) -> str:
     return f"'{unit}' is not a known unit of {dimension}; {remedy}"
 
 
-def format_quantity(value: float, dimension: str) -> str:
-    """Write millimetres or radians as text in the unit that reads best; `parse_quantity` gives the same float back.
+def format_quantity(value: float, dimension: str, digits: int | None = None) -> str:
+    """Write millimetres or radians as text, in the unit they were typed in or the one that reads best.
 
     Parameters
     ----------
@@ -136,14 +137,31 @@ def format_quantity(value: float, dimension: str) -> str:
         A finite length [mm] or angle [rad].
     dimension : {"length", "angle"}
         Which of the two.
+    digits : int, optional
+        To round to. By default `parse_quantity` gives the same float back.
     """
-    if dimension != "length":
+    size = abs(value)
+    if isinstance(value, TypedQuantity):
+        unit = value.unit
+    elif dimension != "length":
         unit = "mrad" if dimension == "angle" else "/mm"
     else:
-        size = abs(value)
-        unit = "mm" if size == 0 or size >= 0.1 else "um" if size >= 2e-3 else "nm"
-    exact = Decimal(repr(value)) / UNITS[dimension][unit]
-    return f"{_plain(exact)} {unit}"
+        unit = "mm" if size == 0 or size >= 0.1 else "um" if size >= 1e-3 else "nm"
+    exact = Decimal(repr(float(value))) / UNITS[dimension][unit]
+    return f"{_plain(exact if digits is None else Context(prec=digits).plus(exact))} {unit}"
+
+
+class TypedQuantity(float):
+    """A number [mm] or [rad] that knows the unit it was typed in; what is computed from it is a float like any."""
+
+    __slots__ = ("unit",)
+    unit: str
+    """One of `UNITS`."""
+
+    def __new__(cls, value: float, unit: str = "mm") -> Self:  # noqa: D102
+        number = super().__new__(cls, value)
+        number.unit = unit
+        return number
 
 
 def _plain(number: Decimal) -> str:
@@ -153,16 +171,21 @@ def _plain(number: Decimal) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _validator(dimension: str) -> Callable[[Any, ValidationInfo], float]:
-    def validate(value: Any, info: ValidationInfo) -> float:
+def _validator(dimension: str) -> WrapValidator:
+    def validate(value: Any, check: Callable[[Any], float], info: ValidationInfo) -> float:
         from_file = bool(info.context and info.context.get("from_file"))
-        return within_reach(parse_quantity(value, dimension, unit_required=from_file), dimension, value)
+        number = within_reach(check(parse_quantity(value, dimension, unit_required=from_file)), dimension, value)
+        typed = _NUMBER.fullmatch(value)[2] if isinstance(value, str) else getattr(value, "unit", "")  # type: ignore[index]
+        return TypedQuantity(number, typed) if typed else number
 
-    return validate
+    return WrapValidator(validate)
 
 
 def _writer(dimension: str) -> PlainSerializer:
-    return PlainSerializer(lambda value: format_quantity(value, dimension), return_type=str, when_used="json")
+    def write(value: float, info: SerializationInfo) -> str:
+        return format_quantity(value, dimension, (info.context or {}).get("digits"))
+
+    return PlainSerializer(write, return_type=str, when_used="json")
 
 
 def _no_nothing(value: float) -> float:
@@ -172,13 +195,13 @@ def _no_nothing(value: float) -> float:
     return value
 
 
-AnyLength = Annotated[float, BeforeValidator(_validator("length")), _writer("length")]
+AnyLength = Annotated[float, _validator("length"), _writer("length")]
 """A length of either sign [mm]."""
 Length = Annotated[AnyLength, AfterValidator(_no_nothing), Field(gt=0)]
 """A positive length [mm]."""
 Distance = Annotated[AnyLength, Field(ge=0)]
 """A length that may be zero [mm]."""
-Angle = Annotated[float, BeforeValidator(_validator("angle")), _writer("angle")]
+Angle = Annotated[float, _validator("angle"), _writer("angle")]
 """An angle of either sign [rad]."""
-Gradient = Annotated[float, BeforeValidator(_validator("gradient")), _writer("gradient"), Field(gt=0)]
+Gradient = Annotated[float, _validator("gradient"), _writer("gradient"), Field(gt=0)]
 """A positive inverse length [1/mm]."""

@@ -101,13 +101,27 @@ def to_html(text: str) -> str:
     return "".join(_TAGS[kind].format(escape(piece)) for kind, piece in spans(text))
 
 
-def number(value: float, digits: int = 5, zero: float = 0.0) -> str:
+ROUNDING = 1e-12
+"""Below this a number of millimetres, pixels or shares is what rounding left of 0."""
+
+
+def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
     """A number to `digits` significant digits, infinity as a sign; "0" where it is smaller than `zero`."""
     if math.isnan(value):
         return "not stated"
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    return "0" if abs(value) < zero else f"{value:.{digits}g}"
+    return "0" if abs(value) < zero or value == 0 else f"{value:.{digits}g}"
+
+
+def fixed(value: float, decimals: int, sign: str = "") -> str:
+    """A number to so many decimals, never as -0; `sign` "+" writes both signs."""
+    return f"{round(float(value), decimals) + 0.0:{sign}.{decimals}f}"
+
+
+def place(position: tuple[float, float], digits: int = 6) -> str:
+    """A position [mm] as text: "11.15, 0"."""
+    return ", ".join(number(value, digits) for value in position)
 
 
 def rounded(value: float, sigma: float) -> str:
@@ -117,7 +131,8 @@ def rounded(value: float, sigma: float) -> str:
 
 def length(value: float) -> str:
     """A length [mm] as a reader wants it: five digits, micrometres below 0.1 mm."""
-    return f"{value:.5g} mm" if abs(value) >= 0.1 or value == 0 else f"{1e3 * value:.5g} um"
+    told = number(value)
+    return f"{told} mm" if abs(value) >= 0.1 or told == "0" else f"{1e3 * value:.5g} um"
 
 
 def sentence(text: str) -> str:

@@ -26,6 +26,7 @@ from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
 from ..design import DesignError, dumps, load
+from ..design.files import WRITTEN
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
@@ -149,7 +150,7 @@ def calibrate(
     seconds = time.perf_counter() - began
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
-        files["calibrated.toml"] = dumps(result.calibrated).encode()
+        files["calibrated.toml"] = dumps(result.calibrated, WRITTEN).encode()
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..accuracy.statement import check_accuracy
 from ..design import dumps
+from ..design.files import WRITTEN
 from ..errors import InputError
 from ..optimization.search import QUICK
 from ..optimization.study import designs, load_study, run, to_dict
@@ -52,7 +53,7 @@ def optimize(
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
         "results.json": f"{json_text(to_dict(result, timings=False))}\n".encode(),
-        **{name: dumps(design).encode() for name, design in designs(result)},
+        **{name: dumps(design, WRITTEN).encode() for name, design in designs(result)},
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
         "index.html": render_html(report).encode(),
     }

@@ -51,8 +51,8 @@ def render(
     scene
         A scene file; none is a white field. Several scenes make a folder of images.
     output
-        Where the image goes: .tif (float or 16 bits) or .png (16 bits), with a .json beside; for several scenes a
-        folder. Default: the scene's name, or white, with .tif.
+        Where the image goes: .tif (float or 16 bits) or .png (16 bits), with a .json beside; or a folder, where it is
+        called after its scene, or white, with .tif. Default: this folder; for several scenes the folder renders.
     budget_px
         Effects that move light by less than this many pixels are left out; so are displacements on the microlens
         array below the same number of pitches. Default: 0.1.
@@ -86,6 +86,9 @@ def render(
     overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
     piece = None if region is None else _region(region)
     check_options(seed)
+    targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
+    for target in targets:
+        check_target(target)
     began = time.perf_counter()
     with StatusLine("render") as status:
         settled = [
@@ -108,10 +111,6 @@ def render(
             _print_plan(effects_on)
     if plan_only:
         return
-    targets = _targets(output, [path.stem for path in scene or []] or ["white"])
-    for target in targets:
-        check_target(target)
-
     for each, effects_on, way, target in zip(scenes, plans, settled, targets, strict=True):
         began = time.perf_counter() - settling
         used, sampling = (budget, None) if way is None else (way.budget, way.sampling)
@@ -158,14 +157,15 @@ def _region(text: str) -> tuple[int, int, int, int]:
 
 
 def _targets(output: Path | None, names: list[str]) -> list[Path]:
-    if len(names) == 1:
-        return [output or Path(f"{names[0]}.tif")]
-    folder = output or Path("renders")
-    if folder.suffix or folder.is_file():
+    """Of each image; `output` is a folder where it is one already, or ends in no suffix."""
+    one = len(names) == 1
+    folder = output or Path("." if one else "renders")
+    if folder.suffix and not folder.is_dir():
+        if one:
+            return [folder]
         raise InputError((Problem("", "several scenes make several images; name a folder with -o"),), str(folder))
     if len(set(names)) < len(names):
         raise refusal("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
-    folder.mkdir(parents=True, exist_ok=True)
     return [folder / f"{name}.tif" for name in names]
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from ..design import load
-from ..design.files import KINDS
+from ..design.files import KINDS, in_the_way
 from ..errors import InputError, Problem
 from ..evaluation.evaluate import check_evaluation_accuracy
 from ..pictures.solid import NoPictureError, picture, vtp_bytes
@@ -166,9 +166,9 @@ def folder_name(design: str) -> str:
 
 def check_folder(folder: Path) -> None:
     """Refuse, before any work, a place that cannot become a folder with a page."""
-    check_options(None, folder)
-    if (folder / PAGE).is_dir():
-        raise refusal("-o", f"{folder / PAGE} is a folder; name another place")
+    blocked = in_the_way(folder / PAGE)
+    if blocked:
+        raise refusal("-o", blocked)
 
 
 def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from ..design.files import write_atomically
+from ..design.files import in_the_way, write_atomically
 from ..errors import InputError, Problem, printable
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
@@ -152,9 +152,8 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     faults = list(others)
     if seed is not None and seed < 0:
         faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
-    places = () if folder is None else (folder, *folder.parents)
-    blocked = next((place for place in places if place.exists() and not place.is_dir()), None)
-    if blocked is not None:
-        faults.append(Problem("-o", f"{blocked} is a file, not a folder; name another place"))
+    blocked = "" if folder is None else in_the_way(folder, folder=True)
+    if blocked:
+        faults.append(Problem("-o", blocked))
     if faults:
         raise InputError(tuple(faults))

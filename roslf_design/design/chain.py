@@ -246,18 +246,18 @@ def chain_of(design: Design) -> Chain | None:
 def chain_numbers(design: Design) -> dict[str, float]:
     """Numbers of what light meets, at their places; indices at the design's wavelength."""
     numbers = {PATHS["wavelength"]: design.wavelength}
-    numbers |= {f"main_lens.decentre.{axis}": design.main_lens.decentre[axis] for axis in (0, 1)}
+    numbers |= {f"main_lens.decentre.{axis}": float(design.main_lens.decentre[axis]) for axis in (0, 1)}
     for k, element in enumerate(design.elements):
         part = f"elements.{k}"
         for name in ("distance", "diameter", "thickness", "focal_length", "index", "gradient"):  # as far as it has them
             if (value := getattr(element, name, None)) is not None:
-                numbers[f"{part}.{name}"] = value
+                numbers[f"{part}.{name}"] = float(value)
         for pose in ("decentre", "tilt", "wedge"):
             if (pair := getattr(element, pose, None)) is not None:
-                numbers |= {f"{part}.{pose}.{axis}": pair[axis] for axis in (0, 1)}
+                numbers |= {f"{part}.{pose}.{axis}": float(pair[axis]) for axis in (0, 1)}
     for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate)):
         if plate is not None:
-            numbers[f"{part}.thickness"] = plate.thickness
+            numbers[f"{part}.thickness"] = float(plate.thickness)
     return numbers | {place: float(glass.index(design.wavelength)) for place, glass in materials_of(design).items()}
 
 

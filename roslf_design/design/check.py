@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
-from ..toml_files import problems_of
+from ..toml_files import problems_of, told_place
 from ..units import format_quantity, parse_quantity
 from .conjugates import CONJUGATES, conjugate_residual, followed
 from .parts import PATHS, Light
@@ -125,7 +125,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
                 f"{_shown(distance)} is not less than the focal-plane distance d_f = {_shown(d_f)}: the object plane "
                 "would lie inside the bore; move this stop closer to the lens or focus farther out"
             )
-            problems.append(Problem(key, message))
+            problems.append(Problem(told_place(key.split(".")), message))
     return tuple(problems)
 
 

@@ -135,19 +135,26 @@ def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> D
     return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=Path(folder))
 
 
-def dumps(design: Design) -> str:
-    """Write a design as TOML text that `loads` turns into an equal design.
+WRITTEN = 12
+"""Digits of a design that commands write: computed numbers have no more that mean anything."""
 
-    A real main lens that ships is written by its name, any other as a table, so that the text needs no lens file.
+
+def dumps(design: Design, digits: int | None = None) -> str:
+    """Write a design as TOML text that `loads` turns into an equal design, or into one rounded to `digits`.
+
+    A length stays in the unit it was typed in. A real main lens that ships is written by its name, any other as a
+    table, so that the text needs no lens file.
     """
     import tomli_w
 
-    data: dict[str, Any] = design.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    data: dict[str, Any] = design.model_dump(
+        mode="json", exclude_none=True, exclude_defaults=True, context={"digits": digits}
+    )
     return tomli_w.dumps(data)
 
 
-def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a design file; appears whole or not at all.
+def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = False, digits: int | None = None) -> None:
+    """Write a design file, as `dumps` has it; appears whole or not at all.
 
     Raises
     ------
@@ -156,7 +163,15 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     """
     if not overwrite and Path(path).exists():
         raise FileExistsError(f"{path} exists; choose another name or pass overwrite=True")
-    write_atomically(Path(path), dumps(design).encode())
+    write_atomically(Path(path), dumps(design, digits).encode())
+
+
+def in_the_way(path: Path, *, folder: bool = False) -> str:
+    """What keeps a file, or a folder, from being made at a path, and the remedy; empty where nothing does."""
+    if path.is_dir() and not folder:
+        return f"{path} is a folder; name a file in it"
+    blocked = next((at for at in (path, *path.parents)[not folder :] if at.exists() and not at.is_dir()), None)
+    return "" if blocked is None else f"{blocked} is a file, not a folder; name another place"
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -8,6 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
 from ..design import Design, load
@@ -43,7 +46,7 @@ COUNTED = (
 
 def evaluate(
     design: Design | str | Path,
-    fields: Sequence[float | tuple[float, float]] | None = None,
+    fields: Sequence[float | tuple[float, float]] | NDArray[Any] | float | None = None,
     accuracy: float | None = None,
 ) -> Evaluation:
     """Everything closed forms say of a design.
@@ -52,7 +55,7 @@ def evaluate(
     ----------
     design : Design, str or Path
         A design, the name of a preset, or a design file.
-    fields : sequence of float or (x, y), optional
+    fields : sequence of float or (x, y), or float, optional
         Microlens positions on the MLA [mm], a bare number along x. Default: centre, edge and corner of what the
         sensor sees.
     accuracy : float, optional
@@ -80,7 +83,7 @@ def evaluate(
     if not isinstance(design, Design):
         design = load(design)
     rays = rays_for(None if design.aligned else accuracy)
-    axes = default_fields(design) if fields is None else tuple(_axis(field) for field in fields)
+    axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
     limit = field_limit(camera)
     f_number = _numbers(FNumber, camera, "f_number_")
@@ -135,11 +138,22 @@ def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own
     return kind(**own, **{name: float(of(camera)) for name, of in zip(names, quantities, strict=True)})
 
 
-def _axis(field: float | tuple[float, float]) -> tuple[float, float]:
-    x, y = (float(field), 0.0) if isinstance(field, (int, float)) else (float(field[0]), float(field[1]))
-    if not (math.isfinite(x) and math.isfinite(y)):
+def _axes(fields: Any) -> tuple[tuple[float, float], ...]:
+    one = isinstance(fields, (int, float)) or getattr(fields, "ndim", 1) == 0
+    return tuple(map(_axis, [fields] if one else fields))
+
+
+def _axis(field: Any) -> tuple[float, float]:
+    """A position [mm] from one number or two, Python's or numpy's of any kind."""
+    try:
+        numbers = [float(number) for number in np.ravel(field)]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) not in (1, 2):
+        raise ValueError(f"field {field!r} is no position; give x or (x, y) in mm on the MLA")
+    if not all(map(math.isfinite, numbers)):
         raise ValueError(f"field {field!r} is not finite; give mm on the MLA")
-    return x, y
+    return numbers[0], numbers[1] if len(numbers) == 2 else 0.0
 
 
 def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:

@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from ..tables import Table, plain_text, print_table
-from ..words import number, spaced
+from ..words import fixed, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,10 +89,10 @@ def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = (
         (
-            _place(field.x_ml_mm),
+            place(field.x_ml_mm),
             field.status,
             f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.centroid_mm is None else " ".join(f"{1e3 * v:+.2f}" for v in field.centroid_mm),
+            "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, 2, "+") for v in field.centroid_mm),
             "-" if field.axis_ratio is None else f"{field.axis_ratio:.4f}",
             f"{100 * field.ray_budget.own_cell:.2f} %",
         )
@@ -106,7 +106,7 @@ def budget_table(result: Evaluation) -> Table:
     """What each element takes of the rays that fill the pupil, a row a field."""
     budgets = [[part for part in field.ray_budget.taken() if part[0] != "FAP"] for field in result.fields]
     rows = (
-        (_place(field.x_ml_mm), *(f"{100 * share:.2f} %" for _, share in budget))
+        (place(field.x_ml_mm), *(f"{100 * share:.2f} %" for _, share in budget))
         for field, budget in zip(result.fields, budgets, strict=True)
     )
     names = [name for name, _ in budgets[0]] if budgets else []
@@ -119,14 +119,14 @@ def lens_table(lens: RealLens) -> Table:
     """The image behind each microlens asked for, through the real lens."""
     rows = (
         (
-            _place(field.x_ml_mm),
+            place(field.x_ml_mm),
             field.status if field.chief_ray == "kept" else f"{field.status} ({field.chief_ray})",
             f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.shift_px is None else " ".join(_cell(value, "+.2f") for value in field.shift_px),
-            _cell(field.widening_percent, ".1f"),
-            f"{_cell(field.tangential_focus_pitches, '+.1f')} {_cell(field.sagittal_focus_pitches, '+.1f')}",
-            _cell(field.distortion_percent, "+.2f"),
-            _cell(field.lateral_colour_pitches, ".2f"),
+            "-" if field.shift_px is None else " ".join(_cell(value, 2, "+") for value in field.shift_px),
+            _cell(field.widening_percent, 1),
+            f"{_cell(field.tangential_focus_pitches, 1, '+')} {_cell(field.sagittal_focus_pitches, 1, '+')}",
+            _cell(field.distortion_percent, 2, "+"),
+            _cell(field.lateral_colour_pitches, 2),
         )
         for field in lens.fields
     )
@@ -143,7 +143,7 @@ def effects_table(result: Evaluation) -> Table:
     rows = tuple(
         (
             spaced(effect.name),
-            f"{number(effect.estimate, 3, zero=1e-12)} {effect.unit}",
+            f"{number(effect.estimate, 3)} {effect.unit}",
             f"{number(effect.budget, 3)} {effect.unit}",
             "on" if effect.on else "off",
             effect.reason,
@@ -162,12 +162,8 @@ def absent_effects(result: Evaluation) -> str:
     return f"Nothing comes from: {', '.join(names)}." if names else ""
 
 
-def _place(place: tuple[float, float]) -> str:
-    return "{:g}, {:g}".format(*place)
-
-
-def _cell(value: float | None, form: str) -> str:
-    return "-" if value is None else f"{float(f'{value:{form}}') + 0.0:{form}}"  # 0.0 rather than -0.0
+def _cell(value: float | None, decimals: int, sign: str = "") -> str:
+    return "-" if value is None else fixed(value, decimals, sign)
 
 
 def _tables(result: Evaluation) -> list[Table]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..theory.f_number import fill_factor, matched
+from ..words import place
 from .fields import default_fields, field_discs
 from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
 
@@ -74,7 +75,7 @@ def _undistorted(camera: Camera, thin: NonDistortion, lens: RealLens | None) -> 
         if lens.undistorted_in_field:
             return _answer("field_undistorted", f"field undistorted: {bound}; {sees}")
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
-        where = f"; folded at {', '.join(f'{x:g}, {y:g} mm' for x, y in folded)}" if folded else ""
+        where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
         turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
@@ -138,9 +139,9 @@ def _thin(f: FNumber, lens: RealLens) -> Verdict:
     if not images:
         return _answer(name, "thin lens fails: no field asked for has a whole image", other)
     # A rim of the image moves by half of what it widens.
-    moved, wider, percent, (x, y) = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
+    moved, wider, percent, at = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
     size = (
-        f"at {x:g}, {y:g} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
+        f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
         f"{percent:.3g} % (fill factor {f.fill_factor * (1 + percent / 100):.3g})"
     )
     if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
@@ -170,9 +171,9 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     for field in fields:
         x, y = field.x_ml_mm
         if abs(x) > half_x or abs(y) > half_y:
-            yield f"field {x:g}, {y:g} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)"
+            yield f"field {place(field.x_ml_mm)} mm is beyond the MLA (half size {half_x:g} x {half_y:g} mm)"
         if field.status == "dark":
-            yield f"field {x:g}, {y:g} mm gets no light: the rims' images do not overlap there"
+            yield f"field {place(field.x_ml_mm)} mm gets no light: the rims' images do not overlap there"
 
 
 class Near(NamedTuple):

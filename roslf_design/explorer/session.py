@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
-from ..design.files import write_atomically
+from ..design.files import WRITTEN, write_atomically
 from ..errors import InputError
 from ..evaluation import evaluate
 from ..pictures.picture import Picture
@@ -138,7 +138,7 @@ class Session:
         """
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(self.design.name).stem).strip("-.") or "design"
         if name == "design.toml":
-            return Download(f"{stem}.toml", "application/toml", dumps(self.design).encode())
+            return Download(f"{stem}.toml", "application/toml", dumps(self.design, WRITTEN).encode())
         if name == "report.html":
             return Download(f"{stem}-report.html", "text/html", await self._report(stem))
         drawing = DRAWINGS.get(name.removesuffix(".svg"))
@@ -151,7 +151,7 @@ class Session:
     async def _report(self, stem: str) -> bytes:
         """The design report, made by the command that it names, in a process of its own that ends with the tab."""
         with tempfile.TemporaryDirectory(prefix="roslf-") as folder:
-            write_atomically(Path(folder) / f"{stem}.toml", dumps(self.design).encode())
+            write_atomically(Path(folder) / f"{stem}.toml", dumps(self.design, WRITTEN).encode())
             process = await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "roslf_design", "report", f"{stem}.toml", "-o", "report"),
                 cwd=folder,

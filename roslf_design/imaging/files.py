@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..design.files import write_atomically
+from ..design.files import in_the_way, write_atomically
 from ..errors import InputError, Problem
 from .render import RawImage
 
@@ -31,11 +31,9 @@ def check_target(path: Path) -> None:
         raise InputError(
             (Problem("", f'cannot tell an image format from "{path.suffix}"; end in .tif or .png'),), str(path)
         )
-    if path.is_dir():
-        raise InputError((Problem("", "is a folder; name a file in it"),), str(path))
-    blocked = next((place for place in path.parents if place.exists() and not place.is_dir()), None)
-    if blocked is not None:
-        raise InputError((Problem("", f'"{blocked}" is a file, not a folder; name another place'),), str(path))
+    blocked = in_the_way(path)
+    if blocked:
+        raise InputError((Problem("", blocked),))
 
 
 def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:

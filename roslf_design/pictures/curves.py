@@ -178,11 +178,11 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     up = Scale(0.0, float(plane.D_F[-1]))
     per_px = across.high / (size[0] - 72)
 
-    def label(x: float, y: float, words: str, colour: str, away: float, dy: float, room: float, halo: bool) -> Text:
-        """Words on the right of a place, or on its left where they would not fit."""
-        leftwards = (across.high - x) / per_px < text_width(words, SMALL) + room
-        return Text(x, y, words, colour, SMALL, "end" if leftwards else "start", -away if leftwards else away, dy,
-                    halo=halo)  # fmt: skip
+    def label(x: float, y: float, words: str, colour: str, away: float, dy: float) -> Text:
+        """Words on the right of a place, on its left or, where they fit on neither side, as far right as they do."""
+        at, wide, room = x / per_px, text_width(words, SMALL) + 2, across.high / per_px
+        start = next((s for s in (at + away, at - away - wide) if 0 <= s <= room - wide), max(room - wide, 0.0))
+        return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
 
     marks: list[Mark] = []
     if (plane.margin > 0).any():
@@ -196,11 +196,11 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         marks.append(Line(plane.d_3[real], curve[real], *look))
     if thin.f <= across.high:
         marks.append(Line([thin.f, thin.f], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
-        marks.append(label(thin.f, 0.0, "telecentric: d_3 = f", "grey", 6.0, -8.0, 10.0, False))
+        marks.append(label(thin.f, 0.0, "telecentric: d_3 = f", "grey", 6.0, -8.0))
     # The design is drawn over the frame, as it may be dragged there.
     x, y = min(thin.d_3, across.high), min(thin.D_F, up.high)
     words = f"d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm"
-    marks.append(label(x, y, words, "ink", 14.0, 20.0 if y > 0.9 * up.high else -10.0, 20.0, True))
+    marks.append(label(x, y, words, "ink", 14.0, 24.0 if y > 0.9 * up.high else -14.0))
     marks.append(Dots([x], [y], "vermillion", size=8, edge="ground", width=2.5, testid="design-point", cursor="move"))
     nowhere = "" if (plane.margin >= 0).any() else ": nowhere"
     keys = [

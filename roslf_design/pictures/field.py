@@ -50,6 +50,15 @@ LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 TWINS = (line_key("thin twin", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
 """What the outlines of a microlens image behind a real lens are."""
 
+_HALF = (-9.0, 0.0, 0.0, -9.0), (0.0, 9.0, 9.0, 0.0)
+_TALL = (-5.0, -5.0, 5.0, 5.0)
+KEPT_KEYS = (
+    box_key("whole", "whole", 1.0, "grey"),
+    Key("cut, a little to nearly all", (Area(_HALF[0], _TALL, "cut"), Area(_HALF[1], _TALL, "lost"))),
+    box_key("dark", "dark", 1.0, "grey"),
+)
+"""Shades of a map of kept fractions."""
+
 
 class ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
@@ -96,9 +105,7 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
     dots = tuple(Dots((x,), (0.0,), colour, size=3.6) for x, colour in zip((-7.0, 0.0, 7.0), FIELDS, strict=True))
-    boxes = (("whole", "whole"), ("cut", "lost"), ("dark", "dark"))
-    keys = [box_key(name, colour, 1.0, "grey") for name, colour in boxes]
-    keys += [*_frame_keys(thin), Key("centre, edge, corner", dots)]
+    keys = [*KEPT_KEYS, *_frame_keys(thin), Key("centre, edge, corner", dots)]
     tall = legend_height(keys, size[0] - 24)
     panel = _panel(thin, (size[0], size[1] - tall), (LEFT, TOP, RIGHT, BELOW))
     marks = [Image(fields.kept, fields.box, "kept"), *_frames(thin)]
@@ -141,7 +148,7 @@ def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture
         panel = replace(panel, title=title)
         pictures.append(Picture(name, title, size, (panel, colour_bar(panel, 0.0, high, ramp, label))))
     title = f"Kept fraction and offset of the microlens images of {design.name}: {lowest:.3g} kept at the least"
-    return beside("maps", title, pictures, _frame_keys(design))
+    return beside("maps", title, pictures, [*KEPT_KEYS, *_frame_keys(design)])
 
 
 def shares(design: Design, fields: ArrayMap) -> str:

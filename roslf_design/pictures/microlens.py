@@ -155,7 +155,7 @@ def microlens_image(
     """
     place = nearest_microlens(design, place) if snap else place
     view = image_view(design.thin_twin, place, MOST_PIXELS)
-    keys = image_keys(design) if key else []
+    keys = image_keys(design, waves and pixels) if key else []
     foot = legend_height(keys, size[0] - 24)
     width, height = size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot
     side = max(min(width, height), 60.0)
@@ -181,7 +181,7 @@ def microlens_image(
     ]  # fmt: skip
     panel = Panel(box, x, y, tuple(marks), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True)
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
-    title = f"Image of the microlens at {place[0]:.4g}, {place[1]:.4g} mm on the MLA: {kept}"
+    title = f"Image of the microlens at {where} on the MLA: {kept}"
     return Picture(name, title, size, (panel,), tuple(keys), (14.0, panel.bottom + BELOW - 2, size[0] - 24))
 
 
@@ -218,9 +218,8 @@ def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], st
 
 def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
     marks: list[Mark] = []
-    for (name, colour), (x, y), radius in zip(_rims(design), view.centres, view.radii, strict=True):
-        hue = ON_PICTURE if on_picture and name == "FAP" else colour
-        marks.append(Disc(UM * x, UM * y, UM * radius, edge=hue, width=1.2, dash="5 3"))
+    for (_, colour), (x, y), radius in zip(_rims(design, on_picture), view.centres, view.radii, strict=True):
+        marks.append(Disc(UM * x, UM * y, UM * radius, edge=colour, width=1.2, dash="5 3"))
     if len(view.outline):
         x, y = UM * np.append(view.outline, view.outline[:1], axis=0).T
         if on_picture:
@@ -231,10 +230,10 @@ def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
     return marks
 
 
-def _rims(design: Design) -> list[tuple[str, str]]:
+def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
     """Names and colours of what cuts an image: FAP, main lens, further stops."""
     camera = Camera.of(design)
-    colours = ["ink", "blue", *(stop_colour(k) for k in range(1, camera.stops + 1))]
+    colours = [ON_PICTURE if on_picture else "ink", "blue", *(stop_colour(k) for k in range(1, camera.stops + 1))]
     return [(rim.name, colour) for rim, colour in zip((camera.fap, *camera.rims), colours, strict=True)]
 
 
@@ -254,11 +253,16 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
     return [Area(xs, ys, "grey", hatch=True)]
 
 
-def image_keys(design: Design) -> list[Key]:
-    """What the lines of a microlens image mean."""
-    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in _rims(design)]
+def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
+    """What the lines of a microlens image mean, on plain ground or on a picture of its light."""
+    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in _rims(design, on_picture)]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
-    return [line_key("image", "ink", 1.8), *discs, box_key("own cell", "none", 1.0, "green", 1.8), chief]
+    return [
+        line_key("image", ON_PICTURE if on_picture else "ink", 1.8),
+        *discs,
+        box_key("own cell", "none", 1.0, "green", 1.8),
+        chief,
+    ]
 
 
 def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> Picture:

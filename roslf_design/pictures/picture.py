@@ -87,7 +87,7 @@ Tick = tuple[float, str]
 
 def named_ticks(values: Iterable[float]) -> tuple[Tick, ...]:
     """Ticks with their numbers."""
-    return tuple((value, short(value)) for value in values)
+    return tuple((value, short(value, zero=0.0)) for value in values)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ..rays import PASSED, fans, trace_pupil
 from ..words import length
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, line_key, parted
 from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, one_panel
-from .theme import FIELDS, GLYPH, SMALL, rows_of_names, short, stop_colour, text_width
+from .theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 
 if TYPE_CHECKING:
     from ..design import Design
@@ -31,6 +31,10 @@ EXAGGERATIONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 """How much larger than lengths heights may be drawn, times powers of ten."""
 SMALLEST_SHARE = 0.25
 """Least share of the picture's length that the instrument has when all is shown without being asked for."""
+MOST_PIXELS = 200
+"""In a column of a drawing up to which they are drawn one by one; finer ones would be grey, and a large file."""
+BEYOND = 1.5
+"""How far beyond all else blocked rays are followed, in its half heights."""
 LOWEST, TALLEST = 90.0, 270.0
 """Least height of a section, and greatest of one that is to scale [px]."""
 
@@ -115,7 +119,7 @@ def meridional(
     ends, half = [-_front(thin), thin.d_1 + thin.d_2], section.half
     marks: list[Mark] = [Area([*ends, *ends[::-1]], [half, half, -half, -half], "pale", 0.28)]
     for fan, colour in zip(drawn, FIELDS, strict=True):
-        marks += _fan(fan, colour)
+        marks += _fan(fan, colour, half)
     marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
     panel = section.panel.with_marks(*marks)
     height = panel.bottom + 42 + foot if to_scale else size[1]
@@ -159,6 +163,8 @@ class SectionLayout(NamedTuple):
     """Elements and rays reach this high [mm]."""
     exaggeration: float
     """Pixels per millimetre of height over those of length."""
+    sides: dict[str, int]
+    """Where each diameter is told: 1 behind its element, -1 before it, 0 with its name as there is no room."""
     names: tuple[tuple[float, str], ...]
     """Of elements, each with where it stands [mm]."""
     rows: tuple[int, ...]
@@ -169,25 +175,30 @@ class SectionLayout(NamedTuple):
 
 def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> SectionLayout:
     end, front = design.d_1 + design.d_2, _front(design)
-    names = [(-stop.distance, f"stop {k}" if k else "FAP") for k, stop in enumerate(design.all_stops)]
-    names += [(0.0, "main lens"), (end, "MLA, sensor"), *([(-design.d_f, "object plane")] if whole else [])]
-    names.sort()
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
     right = end + 0.07 * length
     solid = [design.D / 2 + math.hypot(*design.main_lens.decentre), math.hypot(*design.sensor_size) / 2]
     solid += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    half = 1.08 * max(*solid, max(float(np.max(np.abs(fan.x[fan.z >= left]))) for fan in drawn))
+    high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
+    # Where all light passes, and where it starts; what is blocked may run to any height.
+    lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
+    half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
     side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     across = max(size[0] - sum(side), 50.0)
     under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (6 if to_scale else 14)
     rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
+    sides: dict[str, int] = {}
+    names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows))
         up = TALLEST / (2 * half) if to_scale else max(size[1] - over - under, LOWEST) / (2 * half)
         along = min(across / (right - left), up)
         factor = 1.0 if to_scale else up / along
-        widths = [GLYPH * 1.15 * SMALL * len(name) / along for _, name in names]
+        margin = 0.0 if to_scale else side[0] + (across - along * (right - left)) / 2
+        sides = _sides(design, along, margin - along * (left + design.d_3), whole)
+        names = _named(design, sides, whole)
+        widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
     if not to_scale:
         power = 10.0 ** math.floor(math.log10(factor))
@@ -201,10 +212,46 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
             (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
             "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
         )  # fmt: skip
-    return SectionLayout(panel, half, factor, tuple(names), tuple(rows), whole)
+    return SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole)
 
 
-def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
+def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
+    """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
+    inner = [stop.distance for stop in design.all_stops if stop.distance > 0]
+    gaps = [design.d_3 - distance for distance in (*inner, 0.0) if distance < design.d_3]
+    before = min(before, along * (design.d_f - design.d_3)) if whole else before
+    lens = {1: along * design.d_1 - 34, -1: along * min(inner, default=design.d_f) - 34}
+    pupil = {-1: before - 20, 1: along * min(gaps, default=design.d_1) - 20}
+    return {
+        symbol: next((side for side, room in rooms.items() if room > text_width(_diameter(design, symbol), SMALL)), 0)
+        for symbol, rooms in (("D", lens), ("D_F", pupil))
+    }
+
+
+def _diameter(design: Design, symbol: str) -> str:
+    return f"{symbol} = {short(design.D if symbol == 'D' else design.D_F)} mm"
+
+
+def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
+    """Names of elements where they stand, with the diameters that have no room elsewhere."""
+    told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
+    names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
+    names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
+
+
+def _cut(fan: LabelledFan, half: float) -> tuple[Floats, Floats]:
+    """Corners of the blocked rays, those that leave the picture as far as they are in it."""
+    z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
+    for k in range(1, x.shape[1]):
+        step = x[:, k] - x[:, k - 1]
+        over = np.abs(x[:, k]) > half
+        share = np.where(over, (np.copysign(half, x[:, k]) - x[:, k - 1]) / np.where(step == 0, 1.0, step), 1.0)
+        z[:, k], x[:, k] = z[:, k - 1] + share * (z[:, k] - z[:, k - 1]), x[:, k - 1] + share * step
+    return z, x
+
+
+def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
     passed = np.flatnonzero(fan.kept)
     marks: list[Mark] = []
     for number in passed:
@@ -212,9 +259,10 @@ def _fan(fan: LabelledFan, colour: str) -> list[Mark]:
         width = 1.9 if number == len(fan.kept) // 2 else 1.4 if number in (passed[0], passed[-1]) else 0.6
         marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
     if not fan.kept.all():
-        z, x = (parted(values[~fan.kept]) for values in (fan.z, fan.x))
-        marks.append(Line(z, x, "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
-        marks.append(Dots(fan.z[~fan.kept, -1], fan.x[~fan.kept, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
+        z, x = _cut(fan, half)
+        seen = np.abs(x[:, -1]) < half
+        marks.append(Line(parted(z), parted(x), "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
+        marks.append(Dots(z[seen, -1], x[seen, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
     return marks
 
 
@@ -250,34 +298,32 @@ def _elements(design: Design, section: SectionLayout) -> list[Mark]:
 
 
 def _names(section: SectionLayout) -> list[Mark]:
-    panel, marks = section.panel, []  # type: Panel, list[Mark]
+    panel, leaders, names = section.panel, [], []  # type: Panel, list[Mark], list[Mark]
     for (z, name), row in zip(section.names, section.rows, strict=True):
         rise = 5 + NAME_ROW * row
         if row:
             ends = [section.half + (2 * panel.per_px[1]), section.half + (rise - 3) * panel.per_px[1]]
-            marks.append(Line([z, z], ends, "grid", 1, clip=False))
+            leaders.append(Line([z, z], ends, "grid", 1, clip=False))
         # Names do not leave the picture, or cross its ordinate, on the left.
         bound = 2.0 if panel.bare else panel.box[0] + 5
         shift = max(0.0, text_width(name, SMALL) / 2 + bound - panel.at(z, 0.0)[0])
-        marks.append(Text(z, section.half, name, "ink", SMALL, "middle", dx=shift, dy=-rise))
-    return marks
+        names.append(Text(z, section.half, name, "ink", SMALL, "middle", dx=shift, dy=-rise, plate=True))
+    return [*leaders, *names]
 
 
 def _openings(design: Design, section: SectionLayout) -> list[Mark]:
     """Diameters of the FAP and the main lens as dimensions across."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
-    fits = design.d_1 / mm > text_width(f"D = {short(design.D)} mm", SMALL) + 34
-    lens_side = 1 if fits or design.d_1 > design.d_3 else -1
-    before = section.panel.at(-design.d_3, 0.0)[0] - (0.0 if section.panel.bare else section.panel.box[0])
-    pupil_side = -1 if before > text_width(f"D_F = {short(design.D_F)} mm", SMALL) + 20 else 1
     for symbol, z, middle, diameter, side in (
-        ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, pupil_side),
-        ("D", 0.0, design.main_lens.decentre[0], design.D, lens_side),
+        ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, section.sides["D_F"]),
+        ("D", 0.0, design.main_lens.decentre[0], design.D, section.sides["D"]),
     ):
+        if not side:
+            continue
         at, top, low = z + side * 16 * mm, middle + diameter / 2, middle - diameter / 2
         marks.append(Line([at, at], [top, low], "grey", 1.0, ends="|", clip=False))
-        words, anchor = f"{symbol} = {short(diameter)} mm", "start" if side > 0 else "end"
+        words, anchor = _diameter(design, symbol), "start" if side > 0 else "end"
         # Fields are drawn on the upper side of the lens, so on the lower side of what lies before the FAP.
         beside = low + 0.12 * diameter if diameter / up > 40 else low - 15 * up
         y, dx, dy = (beside, 5.0 * side, 0.0) if symbol == "D" else (top, -2.0, -6.0) if side < 0 else (low, 0.0, 16.0)
@@ -339,7 +385,7 @@ def cells(design: Design, places: Mapping[str, float]) -> Picture:
         low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
         high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
         marks += _pixel_row(design, 1e3 * origin, low, high, depth)
-        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {place:.4g} mm"
+        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {short(place)} mm"
         panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
         size = PAGE / len(places), 310.0
         pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))
@@ -352,11 +398,14 @@ def _pixel_row(design: Design, origin: float, low: float, high: float, depth: fl
     edge = -500 * design.pixels[0] * design.q - origin
     first, last = max(math.floor((low - edge) / size), 0), min(math.ceil((high - edge) / size), design.pixels[0])
     left, right = depth, 1.06 * depth
-    dark = edge + size * np.arange(first + (first + 1) % 2, last, 2)
+    fine = last - first > MOST_PIXELS
+    dark = edge + size * np.arange(first + (first + 1) % 2, first if fine else last, 2)
     marks: list[Mark] = [bars(left, right, dark + size / 2, size, fill="pale")] if len(dark) else []
     if first < last:
         middle = edge + size * (first + last) / 2
-        marks.append(bars(left, right, middle, size * (last - first), fill="none", edge="grey", width=0.6))
+        marks.append(
+            bars(left, right, middle, size * (last - first), fill="pale" if fine else "none", edge="grey", width=0.6)
+        )
     return [*marks, Line([depth, depth], [low, high], "ink", 1.6)]
 
 

@@ -107,7 +107,8 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
         marks.append(bars(0.0, 100 * share.value, at, ROW - 8, fill="blue" if own else "pale", testid=f"yield-{name}"))
         marks.append(Line([100 * share.low, 100 * share.high], [at, at], "ink", 1.4, ends="|"))
         percent = f"{100 * share.value:.1f} %"
-        marks.append(Text(100 * share.high, at, percent, "ink", SMALL, dx=8, dy=4, bold=own))
+        # Right of the axis, where no target's line runs.
+        marks.append(Text(100.0, at, percent, "ink", SMALL, dx=8, dy=4, bold=own))
     if target is not None:
         marks += threshold(100 * target, ROW * len(names), "target")
     left = 14 + 1.1 * names_width(names)

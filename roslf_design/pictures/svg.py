@@ -75,14 +75,16 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
     is seen, in one sentence, for those who cannot see it.
     """
     width, height = size
-    body = "".join(_panel(panel, theme, f"{name}-{number}") for number, panel in enumerate(panels))
+    # What no identifier may have is told by its code: spaces and brackets would end the reference to one.
+    start = re.sub(r"[^\w-]", lambda match: f".{ord(match[0]):x}.", name)
+    body = "".join(_panel(panel, theme, f"{start}-{number}") for number, panel in enumerate(panels))
     return tag(
         "svg",
-        tag("title", escape(title, quote=False), id=f"{name}-title")
+        tag("title", escape(title, quote=False), id=f"{start}-title")
         + tag("rect", width=width, height=height, fill=theme.ground)
         + body,
         xmlns=NAMESPACE, viewBox=f"0 0 {px(width)} {px(height)}", width=width, height=height,
-        role="img", aria_labelledby=f"{name}-title", data_testid=f"picture-{name}", font_family=FONT,
+        role="img", aria_labelledby=f"{start}-title", data_testid=f"picture-{name}", font_family=FONT,
         font_size=PLAIN,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words import SYMBOL
+from ..words import ROUNDING, SYMBOL
 
 Floats = NDArray[np.float64]
 ThemeName = Literal["light", "dark"]
@@ -101,7 +101,7 @@ THEMES: dict[str, Theme] = {
     "light": Theme(
         ground="#ffffff", ink="#1a1d21", grey="#5f6368", grid="#e3e5e8", pale="#d5d8dc",
         blue="#0072b2", sky="#56b4e9", green="#007d5b", orange="#b87900", vermillion="#c14600", purple="#a8487f",
-        whole="#e4f2ec", cut="#fbe3b0", lost="#9a5200", dark="#15181b",
+        whole="#b9dfcf", cut="#fbe3b0", lost="#9a5200", dark="#15181b",
     ),
     "dark": Theme(
         ground="#171b21", ink="#e6e9ed", grey="#a4abb3", grid="#2c3238", pale="#454c54",
@@ -137,14 +137,22 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 SMALL, PLAIN = 11, 12
 """Sizes of letters [px]; nothing is smaller."""
-GLYPH = 0.56
-"""Mean width of a letter as a share of its size."""
+LETTER = 0.63
+"""Width of most letters and of digits as a share of their size, in DejaVu Sans, the widest of the fonts named."""
+WIDTHS = {
+    letter: width
+    for width, letters in ((0.3, "ijlIJ'., "), (0.38, '/:;\\|f-t()[]!r"'), (0.54, "*_°sz?c"), (0.7, "VAKΔBRXZCUHNDGOQ"),
+                           (0.84, "#+<=>~±×−≥≤→∞wM&"), (0.97, "m%W@"))
+    for letter in letters
+}  # fmt: skip
+"""Of all others."""
 
 
 def text_width(content: str, size: float = PLAIN) -> float:
     """About how wide a text is [px]."""
     # Of d_3 the underscore is not seen, and the index is small.
-    return GLYPH * size * (len(content) - 1.2 * len(SYMBOL.findall(content)))
+    lost = (WIDTHS["_"] + 0.2 * LETTER) * len(SYMBOL.findall(content))
+    return size * (sum(WIDTHS.get(letter, LETTER) for letter in content) - lost)
 
 
 def wrapped(content: str, width: float, size: float = SMALL, most: int = 99) -> list[str]:
@@ -162,9 +170,9 @@ def wrapped(content: str, width: float, size: float = SMALL, most: int = 99) -> 
     return lines
 
 
-def short(value: float, digits: int = 4) -> str:
-    """A number for people: `digits` significant digits, a power of ten only where it would be long."""
-    if value == 0:
+def short(value: float, digits: int = 4, zero: float = ROUNDING) -> str:
+    """A number for people: `digits` significant digits, a power of ten only where it would be long; as `number`."""
+    if value == 0 or abs(value) < zero:
         return "0"
     if not math.isfinite(value):
         return "∞" if value > 0 else "−∞"

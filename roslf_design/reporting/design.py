@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
 from ..design import dumps
+from ..design.files import WRITTEN
 from ..evaluation import evaluate
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import WIDTHS, absent_effects, budget_table, effects_table, fact_tables, field_table, lens_table
@@ -249,7 +250,7 @@ def making(command: str, seeds: tuple[str, ...], stamp: tuple[str, ...], design:
     if command:
         blocks.append(Code(command, "The command that makes this report again"))
     if design is not None:
-        blocks.append(Code(dumps(design), "The design, as a file"))
+        blocks.append(Code(dumps(design, WRITTEN), "The design, as a file"))
     return Section("How this report was made", tuple(blocks))
 
 

@@ -144,7 +144,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     except InputError as error:
         faults += [Problem("story.design", str(fault)) for fault in error.problems]
     for index, part in enumerate(table.parts):
-        place = f"parts.{index}.{part.kind}"
+        place = f"parts.{index + 1}.{part.kind}"
         try:
             if part.file is not None:
                 studies[index] = read_toml(folder / part.file, part.file)
@@ -310,7 +310,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
             result = run_optimisation(data, design, file.parent, str(file), told, seed)
             taken = _taken(result, part.take)
             if taken is None:
-                raise InputError((Problem(f"parts.{index}", _nothing(result, part.take)),), story.origin)
+                raise InputError((Problem(f"parts.{index + 1}", _nothing(result, part.take)),), story.origin)
             onwards = _chosen(part.take, taken)
             steps.append(f"Optimisation ({data['name']}), from {design.name}; what goes on: {onwards}.")
             design, findings["optimisation"] = taken, optimization_finding(result)

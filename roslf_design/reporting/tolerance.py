@@ -174,7 +174,7 @@ def _limits(result: StudyResult, shown: set[str]) -> Table:
     ]
     every = ("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
     heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
-    places = ", ".join(f"{index} ({x:.3g}, {y:.3g})" for index, (x, y) in enumerate(result.plan.question.fields))
+    places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
     caption = f"Fields, by the position of their microlens [mm]: {places}." if places else ""
     return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
@@ -256,7 +256,8 @@ def _sobol(result: StudyResult) -> Table:
     else:
         shares = (indices.first, indices.first_interval_95), (indices.total, indices.total_interval_95)
         for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
-            cells = [f"{value[row, k]:.3f} ({ends[row, k, 0]:.3f} to {ends[row, k, 1]:.3f})" for value, ends in shares]
+            numbers = [[words.fixed(one, 3) for one in (value[row, k], *ends[row, k])] for value, ends in shares]
+            cells = [f"{index} ({low} to {high})" for index, low, high in numbers]
             rows.append((_factor(indices.factors[k]), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
     title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"
@@ -351,6 +352,6 @@ def _metric(result: StudyResult, row: int, unit: bool = True) -> str:
     """A column's metric and field for an axis."""
     column = result.plan.columns[row]
     metric = METRICS[column.metric]
-    x, y = (0.0, 0.0) if column.field is None else result.plan.question.fields[column.field]
-    place = "" if column.field is None else f" at ({x:.3g}, {y:.3g}) mm"
-    return f"{in_words(metric.name)}{place}" + (f" [{metric.unit}]" if unit and metric.unit else "")
+    fields = result.plan.question.fields
+    place = "" if column.field is None else f" at ({words.place(fields[column.field], 3)}) mm"
+    return in_words(metric.name) + (f" [{metric.unit}]" if unit and metric.unit else "") + place

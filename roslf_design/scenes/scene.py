@@ -117,11 +117,11 @@ def _view_slope(design: Design) -> float:
 
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
     mouth = float(Camera.of(design).tip)
-    for index, thing in enumerate(scene.objects):
+    for number, thing in enumerate(scene.objects, 1):
         reach = list(depths(thing, design.d_f, _view_slope(design)))
         if not reach:
             continue
-        key, nearest = f"objects.{index}", min(reach)
+        key, nearest = f"objects.{number}", min(reach)
         if nearest <= 0:
             yield Problem(key, f"reaches Z = {nearest:.6g} mm, inside the main lens; move it beyond {mouth:g} mm")
         elif nearest <= mouth:
@@ -133,13 +133,13 @@ def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
 
 
 def _unreadable(scene: Scene) -> Iterator[Problem]:
-    for index, thing in enumerate(scene.objects):
+    for number, thing in enumerate(scene.objects, 1):
         texture = getattr(thing, "texture", None)
         if isinstance(texture, PictureTexture):
             try:
                 texture.load()
             except InputError as error:
-                yield Problem(f"objects.{index}.texture.file", str(error))
+                yield Problem(f"objects.{number}.texture.file", str(error))
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:

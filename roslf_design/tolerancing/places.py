@@ -265,7 +265,7 @@ def load_grades(path: Path = SHIPPED) -> Grades:
         for name, meaning in names.items()
         if not isinstance(meaning, str)
     ]
-    for index, line in enumerate(lines):
+    for index, line in enumerate(lines, 1):
         missing = [key for key in wanted if key not in line]
         unknown = [key for key in line if key not in wanted]
         problems += [

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
+from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
 from .analyses import (
@@ -305,7 +306,7 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
             name = ""  # its numbers make no design, which is why it failed
         else:
             text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
-            save(design.replace(text), folder / name, overwrite=True)
+            save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)
         rows.append(WorstTrial(number, score, name))
     return tuple(rows)
 

@@ -1,10 +1,14 @@
 import math
+import pickle
+import tomllib
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from roslf_design.design import dumps, load, loads, preset_names
+from roslf_design.design.files import preset_path
 from roslf_design.units import Angle, AnyLength, Length, format_quantity, parse_quantity
 
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
@@ -109,3 +113,25 @@ def test_what_no_camera_has_is_refused(kind, value, said):
 )
 def test_what_a_camera_may_have_is_kept(kind, value, kept):
     assert TypeAdapter(kind).validate_python(value) == kept
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_preset_written_again_has_the_numbers_and_units_that_were_typed(name):
+    def values(text):
+        parts = tomllib.loads(text).items()
+        return {(part, key): v for part, keys in parts if isinstance(keys, dict) for key, v in keys.items()}
+
+    typed, design = values(preset_path(name).read_text()), load(name)
+    for again in (design, loads(dumps(design)), pickle.loads(pickle.dumps(design)), design.replace({"name": "x"})):
+        written = values(dumps(again))
+        assert {key: typed[key] for key in written} == written
+
+
+def test_files_for_people_are_rounded_and_others_keep_every_bit():
+    design = load("paper").replace({"aperture.diameter": 2.9000000000000004, "microlens_array.pitch": 0.1 * 0.63})
+    assert 'diameter = "2.9000000000000004 mm"' in dumps(design)
+    assert loads(dumps(design)) == design
+    assert 'diameter = "2.9 mm"' in dumps(design, 12)
+    assert 'pitch = "63 um"' in dumps(design, 12)
+    assert format_quantity(1.23456789e-3, "length", 3) == "1.23 um"
+    assert format_quantity(1234567.0, "length", 3) == "1230000 mm"

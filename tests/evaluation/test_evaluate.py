@@ -12,7 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.commands.report import maker
-from roslf_design.design import preset_names
+from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
 from roslf_design.reporting.design import accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
@@ -449,3 +449,30 @@ def test_a_report_to_no_accuracy_is_refused(value, tmp_path, capsys):
         assert "--accuracy" in told
         assert len(told.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [[np.int64(3)], [np.float32(3)], [np.array(3.0)], np.array([3.0]), np.array(3.0), np.float64(3), 3, [(3, 0)]],
+)
+def test_fields_are_numbers_of_any_kind(fields):
+    (field,) = roslf.evaluate("paper", fields).fields
+    assert field.x_ml_mm == (3.0, 0.0)
+    assert all(type(number) is float for number in field.x_ml_mm)
+
+
+@pytest.mark.parametrize("field", ["a", None, (1, 2, 3), ()])
+def test_what_is_no_field_is_told(field):
+    with pytest.raises(ValueError, match=r"is no position; give x or \(x, y\) in mm on the MLA"):
+        roslf.evaluate("paper", [field])
+
+
+@pytest.mark.parametrize("symbol", ["D", "D_F", "d", "q", "d_2", "f_ml", "wavelength"])
+def test_lengths_of_no_camera_are_told_and_extreme_ones_are_computed(symbol):
+    """Products of lengths leave floating point: D_F = 1e-160 mm gave images of no number."""
+    design = roslf.load("paper")
+    for value in (1e-160, 1e160):
+        with pytest.raises(DesignError, match="is no length of a camera; give one from 1e-60 to 1e"):
+            design.replace(**{symbol: value})
+    for value in (1e-59, 1e59):
+        roslf.evaluate(design.replace(**{symbol: value})).to_dict()

@@ -81,7 +81,7 @@ def test_folders_of_pictures_are_not_told(tmp_path):
     ("name", "part"),
     [
         ("raw.jpg", "end in .tif"),
-        ("file/deep/raw.tif", '/file" is a file, not a folder'),
+        ("file/deep/raw.tif", "/file is a file, not a folder"),
         ("folder.tif", "is a folder"),
     ],
 )
@@ -137,6 +137,28 @@ def test_several_scenes_make_a_folder(tmp_path, capsys):
     assert main(["render", "paper", *scenes, "--region", "0,0,8,8", "-o", str(tmp_path / "out")]) == 0
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["one.json", "one.tif", "two.json", "two.tif"]
+
+
+@pytest.mark.parametrize("folder", ["out", "run.1"])
+def test_one_scene_goes_into_a_folder_too(tmp_path, folder):
+    """Where it is a folder, or ends in no suffix; the file in it is called after the scene."""
+    (tmp_path / "run.1").mkdir()
+    (tmp_path / "one.toml").write_text('[[objects]]\nkind = "white"\n')
+    place = ["-o", str(tmp_path / folder), "--region", "0,0,8,8"]
+    assert main(["render", "paper", "--scene", str(tmp_path / "one.toml"), *place]) == 0
+    assert main(["render", "paper", *place]) == 0
+    assert sorted(p.name for p in (tmp_path / folder).iterdir()) == ["one.json", "one.tif", "white.json", "white.tif"]
+
+
+@pytest.mark.parametrize("command", ["render", "report", "tolerance", "optimize", "accuracy"])
+def test_a_file_in_the_way_of_a_folder_is_told_in_one_way_before_any_work(command, tmp_path, capsys, root):
+    (tmp_path / "file").touch()
+    studies = {"tolerance": "tolerance-scope", "optimize": "optimize-rigid-scope"}
+    given = str(root / "studies" / studies[command] / "study.toml") if command in studies else "paper"
+    assert main([command, given, "-o", str(tmp_path / "file" / "out")]) == 2
+    told = capsys.readouterr().err
+    assert f"{tmp_path / 'file'} is a file, not a folder; name another place" in told
+    assert len(told.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from roslf_design.reporting.sheets import dimensions_sheet
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS
-from roslf_design.words import WORDS, in_words, length, number, rounded, sentence, spans, to_html
+from roslf_design.words import WORDS, in_words, length, number, place, rounded, sentence, spans, to_html
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'
 NASTY = '#panic("no") $x$ *a* _b_ \\ "quoted" <label> @ref #eval("1") [c]'
@@ -72,6 +72,9 @@ def test_numbers_lengths_and_sentences():
         *("0", "0.33333", "1.2346e+05", "1e-07", "∞", "-∞", "not stated")
     ]
     assert number(1e-12, 4, zero=1e-9) == "0"
+    assert [number(v) for v in (-0.0, 9e-15, -9e-15)] == ["0", "0", "0"]  # rounding, of lengths, pixels and shares
+    assert [place((-0.0, 9e-15)), place((3.0625, -7.466), 3)] == ["0, 0", "3.06, -7.47"]
+    assert length(-9e-15) == length(-0.0) == "0 mm"
     assert [length(v) for v in (0.0, 0.063, 0.00155, 0.1, 140.0, 22.272000000000002)] == [
         *("0 mm", "63 um", "1.55 um", "0.1 mm", "140 mm", "22.272 mm")
     ]
@@ -112,13 +115,24 @@ def test_decimal_columns_split_at_the_point_and_keep_every_character():
 
 @pytest.mark.parametrize("width", [20, 60, 80, 200])
 def test_no_number_and_no_name_is_cut_on_a_terminal(width):
-    text = printed(Table(LIMITS, "ldlr", HEADINGS, "Limits"), width)
-    assert "…" not in text
-    for row in LIMITS[:2]:
-        line = next(line for line in text.splitlines() if row[0] in line)
-        assert row[1] in line
-        assert row[3] in line.split()
-    assert "undefined" in text
+    lines = printed(Table(LIMITS, "ldlr", HEADINGS, "Limits"), width).splitlines()
+    assert "…" not in "".join(lines)
+    for name, value, _, count in LIMITS[:2]:
+        # Where it is narrow, columns stand below each other, each row with its name.
+        own = [word for line in lines if line.startswith(name) for word in line.split()]
+        assert {value, count} <= set(own)
+    assert any("undefined" in line for line in lines)
+
+
+def test_a_wide_table_fits_the_terminal_whole():
+    rows = tuple((f"metric_{k}", *(f"{k}.{j}23456" for j in range(9))) for k in range(3))
+    heads = ("metric@field", *(f"column {j}" for j in range(9)))
+    lines = printed(Table(rows, "l" + "d" * 9, heads, "Wide")).splitlines()
+    assert max(map(len, lines)) <= 80
+    for name, *cells in rows:
+        shown = [word for line in lines if line.startswith(name) for word in line.split()]
+        assert [word for word in shown if word != name] == cells
+    assert sum(line.startswith("Wide") for line in lines) == 1
 
 
 def test_brackets_are_no_markup_and_headings_may_be_missing():

@@ -83,13 +83,13 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         }
     )
     assert "did you mean 'grade'" in found["grad"]
-    assert "did you mean 'fill_factor'" in found["goals.0.metric"]
-    assert "give min, max or both" in found["goals.1"]
-    assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
-    assert "this is a length" in found["perturb.1"]
-    assert 'e.g. "1 mm"' in found["fields.0"]
-    assert "centre, edge, corner" in found["fields.1"]
-    assert "did you mean 'sensor.distance'" in found["compensators.0.place"]
+    assert "did you mean 'fill_factor'" in found["goals.1.metric"]
+    assert "give min, max or both" in found["goals.2"]
+    assert "did you mean 'aperture.tilt'" in found["perturb.1.place"]
+    assert "this is a length" in found["perturb.2"]
+    assert 'e.g. "1 mm"' in found["fields.1"]
+    assert "centre, edge, corner" in found["fields.2"]
+    assert "did you mean 'sensor.distance'" in found["compensators.1.place"]
     assert "trials" in found
     assert len(found) == 9
 
@@ -103,15 +103,15 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"fields": []}, "fields", "at least one field"),
         ({"object_distance": "100 mm"}, "object_distance", "within the bore"),
         ({"grade": None}, "perturb", "nothing is perturbed"),
-        ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.0", "swap"),
-        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.0.fields", "run from 0 to 2"),
+        ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.1", "swap"),
+        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.1.fields", "run from 0 to 2"),
         ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
-        ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
-        ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
+        ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.1.place", "does not cover it"),
+        ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.2.place", "twice"),
         ({"perturb": [{"place": "main_lens.focal_plane", "tolerance": "1 mm"}]}, "perturb", "one follows from two"),
-        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.0", "absolute"),
-        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.0", "not negative"),
-        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.0", "not a ratio"),
+        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.1", "absolute"),
+        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.1", "not negative"),
+        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.1", "not a ratio"),
     ],
 )
 def test_faults_between_tables(change, key, words):
@@ -135,7 +135,7 @@ def test_a_damaged_table_of_grades_is_told(tmp_path):
     (tmp_path / "g.toml").write_text('[grades]\nloose = "x"\n[[line]]\nplace = "d"\nloos = "1 %"\n')
     with pytest.raises(InputError) as caught:
         load_grades(tmp_path / "g.toml")
-    assert [problem.key for problem in caught.value.problems] == ["line.0.loose", "line.0.provenance", "line.0.loos"]
+    assert [problem.key for problem in caught.value.problems] == ["line.1.loose", "line.1.provenance", "line.1.loos"]
 
 
 def test_places():

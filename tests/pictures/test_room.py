@@ -1,0 +1,108 @@
+"""Pictures leave room for what they show: sections that stay wide, labels beside lines, small files."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import ImageFont
+
+from roslf_design.pictures.curves import matching_plane
+from roslf_design.pictures.field import field_map, field_maps, mla_map
+from roslf_design.pictures.marks import Area, Disc, Dots, Line, Text
+from roslf_design.pictures.microlens import ON_PICTURE, microlens_image
+from roslf_design.pictures.rays import cells, meridional, ray_diagrams
+from roslf_design.pictures.studies import Yields, YieldShare, yield_bars
+from roslf_design.pictures.theme import SMALL, text_width, theme_named
+from tests.pictures.designs import DESIGNS, PAPER
+
+FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.ttf", 1000)
+
+
+@pytest.mark.parametrize(
+    "words", ["telecentric: d", "kept fraction, edge", "D = 50.8 mm", "Eq. 6: undistorted", "90.4 %"]
+)
+def test_words_are_taken_as_wide_as_the_widest_font_sets_them(words):
+    assert 0.97 < text_width(words, SMALL) / (FONT.getlength(words) * SMALL / 1000) < 1.12
+
+
+@pytest.mark.parametrize("near", [0.9, 0.99, 1 - 1e-6])
+@pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum", "pipe-bore"])
+def test_blocked_rays_do_not_shrink_the_section_where_the_pupil_nears_the_focal_plane(name, near):
+    design = DESIGNS[name].thin_twin
+    picture = meridional(design.replace(d_3=near * design.d_f), (1040, 240))
+    panel, half = picture.panels[0], picture.panels[0].y.high
+    assert panel.box[2] > 280  # of 1040; the ear speculum is half as high as long
+    blocked = [mark for mark in picture.marks if isinstance(mark, Line) and mark.testid.startswith("blocked")]
+    assert blocked
+    assert max(np.nanmax(np.abs(mark.y)) for mark in blocked) <= half * (1 + 1e-12)
+    crosses = [mark for mark in picture.marks if isinstance(mark, Dots)]
+    assert all(abs(y) <= half for mark in crosses for y in mark.y)
+
+
+def test_a_diameter_without_room_stands_with_its_element_s_name():
+    design = DESIGNS["rigid-scope"]  # its sensor stands 2 mm behind the lens, of 27 mm in all
+    panel = ray_diagrams(design).panels[0]
+    words = {mark.text: mark for mark in panel.marks if isinstance(mark, Text)}
+    assert "main lens, D = 3 mm" in words
+    assert "D = 3 mm" not in words
+
+
+@pytest.mark.parametrize(("d_3", "D_F"), [(120.0, 2.9), (20.0, 2.9), (60.0, 4.4), (345.0, 2.9), (100.0, 3.0)])
+def test_labels_of_a_small_plane_stay_inside(d_3, D_F):
+    picture = matching_plane(PAPER.replace(d_3=d_3, D_F=D_F), (340, 330))
+    panel = picture.panels[0]
+    labels = [mark for mark in panel.marks if isinstance(mark, Text)]
+    assert len(labels) == 2
+    for mark in labels:
+        wide = FONT.getlength(re.sub("_", "", mark.text)) * mark.size / 1000
+        left = panel.at(mark.x, mark.y)[0] + mark.dx
+        assert left >= panel.box[0] - 1
+        assert left + wide * 0.97 <= panel.right_edge + 14
+
+
+def test_no_target_line_runs_through_a_yield():
+    share = YieldShare(0.904, 0.89, 0.91)
+    panel = yield_bars(Yields("precision", share, (("precision", share),), ()), target=0.95).panels[0]
+    line = next(mark for mark in panel.marks if isinstance(mark, Line) and mark.colour == "orange")
+    words = next(mark for mark in panel.marks if isinstance(mark, Text) and mark.text == "90.4 %")
+    assert panel.at(words.x, 0.0)[0] + words.dx > panel.at(line.x[0], 0.0)[0] + 3
+
+
+def test_a_map_where_all_is_kept_is_no_white_paper():
+    picture = field_maps(PAPER, field_map(PAPER, 40))
+    for theme in ("light", "dark"):
+        whole, ground = (theme_named(theme).colour(name) for name in ("whole", "ground"))
+        channels = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (whole, ground)]
+        assert max(abs(a - b) for a, b in zip(*channels, strict=True)) > 40
+    assert [key.text for key in picture.keys][:3] == ["whole", "cut, a little to nearly all", "dark"]
+
+
+def test_legends_have_the_colours_of_what_they_name():
+    """Shades of cut images run from `cut` to `lost`; on a picture of light, outlines are drawn in another colour."""
+    theme = theme_named("light")
+    key = next(key for key in mla_map(PAPER).keys if key.text.startswith("cut"))
+    shades = theme.shades("kept", np.array([1 - 1e-9, 1e-9]))[:, :3]
+    assert [theme.colour(sample.fill) for sample in key.samples] == [f"#{shade.tobytes().hex()}" for shade in shades]
+    for waves in (False, True):
+        picture = microlens_image(PAPER, (0.0, 0.0), waves=waves)
+        outline = next(mark for mark in picture.marks if mark.testid == "microlens-outline")
+        image, fap = picture.keys[:2]
+        assert image.samples[0].colour == outline.colour == (ON_PICTURE if waves else "ink")
+        assert fap.samples[0].colour == next(mark for mark in picture.marks if isinstance(mark, Disc)).edge
+
+
+def test_names_with_spaces_and_brackets_clip():
+    svg = microlens_image(PAPER, (0.0, 0.0), name="f/4 (edge)").svg()
+    known = {element.get("id") for element in ET.fromstring(svg).iter() if element.get("id")}
+    asked = set(re.findall(r"url\(#(.*?)\)[\"']", svg))
+    assert asked
+    assert asked <= known
+    assert all(re.fullmatch(r"[\w.-]+", name) for name in known)
+
+
+def test_a_million_pixels_behind_five_microlenses_are_a_small_file():
+    assert len(cells(PAPER.replace(q=1e-5), {"centre": 0.0, "edge": 11.0}).svg()) < 50_000
+    plain = cells(PAPER, {"centre": 0.0})
+    assert any(isinstance(mark, Area) and mark.fill == "pale" and len(mark.x) > 100 for mark in plain.marks)
