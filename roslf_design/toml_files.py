@@ -54,6 +54,8 @@ def read_toml(
         message = f"is not UTF-8 text (byte {error.start}); expected a TOML file"
     except OSError as error:
         message = f"cannot be read: {error.strerror}; check its permissions"
+    except ValueError:
+        message = f"is not a path; {missing}"
     else:
         return parse_toml(text, origin, refusal=refusal)
     raise refusal((Problem("", message),), origin)
@@ -63,7 +65,7 @@ def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError
     """The nested values of TOML text; `origin` is what errors call it, `refusal` what is raised where it is no TOML."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # besides what is no TOML, numbers too long and lists too deep
         detail = str(error)
         message = f"is not valid TOML: {detail[:1].lower()}{detail[1:]}; mend the line named"
         raise refusal((Problem("", message),), origin) from None

@@ -328,7 +328,9 @@ Place = Literal["centre", "edge", "corner"] | tuple[Coordinate, Coordinate]
 """A microlens: by name, or where it stands on the MLA [mm]."""
 
 
-def _key_of(names: Mapping[str, object]) -> AfterValidator:
+def key_of(names: Mapping[str, object]) -> AfterValidator:
+    """What refuses text that is not among the names."""
+
     def known(name: str) -> str:
         if name not in names:
             raise ValueError(f"there are {', '.join(names)}")
@@ -347,12 +349,12 @@ class Look:
         There is no such view.
     """
 
-    tab: Annotated[str, _key_of(TABS)] = "camera"
+    tab: Annotated[str, key_of(TABS)] = "camera"
     place: Place = "centre"
     """The microlens whose image is shown."""
     diffraction: bool = True
     pixels: bool = True
-    whole: Annotated[str, _key_of(WHOLE)] = "auto"
+    whole: Annotated[str, key_of(WHOLE)] = "auto"
     """How much the meridional section shows."""
 
 
@@ -372,8 +374,8 @@ def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
 VERSION = "1"
 """Of links: what they begin with."""
 
-LIMIT = 200_000
-"""Largest unpacked link [bytes]: one from elsewhere must not fill the memory."""
+LIMIT = 50_000
+"""Largest unpacked link [bytes], ten times a lens of many surfaces: one from elsewhere must not keep others waiting."""
 
 
 class LinkError(ValueError):
@@ -405,11 +407,16 @@ def decode(text: str) -> tuple[State, Look]:
         content = json.loads(reader.decompress(packed, LIMIT))
         if reader.unconsumed_tail or not reader.eof or content["follows"] not in CONJUGATE:
             raise LinkError
-        state = State.of(loads(str(content["design"]), "link"), content["follows"])
+        state = State.of(_design_of(content["design"]), content["follows"])
         if "reference" in content:
-            state = replace(state, reference=loads(str(content["reference"]), "link"))
+            state = replace(state, reference=_design_of(content["reference"]))
         return state, Look(**content["look"])
     except DesignError as error:
         raise LinkError(f"the link's design cannot be used: {error}") from None
     except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise LinkError("the link is cut off or changed; copy it again, whole") from None
+
+
+def _design_of(text: object) -> Design:
+    # A link may come from anyone: it opens no file of this machine.
+    return loads(str(text), "link", folder=None)
