@@ -126,7 +126,7 @@ class Session:
             **(seen or {"glance": [], "lights": [], "fixes": []}),
             "space": self._in_space(),
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
-            "forms": forms(self.design),
+            "forms": forms(self.state),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -315,8 +315,9 @@ class Session:
     def start_run(self, kind: Kind, options: Options) -> None:
         """Start a tolerance or optimisation run in the background; one that runs already is ended."""
         self.cancel_run(kind)
+        asked = {**options, "follows": [self.state.follows]}
         try:
-            self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, options), ""
+            self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, asked), ""
         except InputError as error:
             self._wrong[kind] = str(error)
         else:

@@ -8,9 +8,9 @@ import dataclasses
 import json
 import math
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
@@ -31,6 +31,12 @@ SPAN = 4.0
 Follower = Literal["f", "d_1", "d_f"]
 CONJUGATE: tuple[Follower, ...] = ("f", "d_1", "d_f")
 """Any two of these give the third."""
+
+
+def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
+    """Which of f, d_1 and d_f stay where some numbers change and one follows; none where that one is among them."""
+    touched = [symbol for symbol in CONJUGATE if symbol in changed]
+    return tuple(s for s in CONJUGATE if s not in (follows, *touched)) if touched and follows not in touched else ()
 
 
 class NumberField(NamedTuple):
@@ -229,11 +235,8 @@ class State:
         return replace(self, design=design, faults=(), message="")
 
     def _changed(self, changes: Mapping[str, float]) -> Design:
-        touched = [symbol for symbol in CONJUGATE if symbol in changes]
-        fixed: dict[str, Any] = {}
-        if touched and self.follows not in touched and self.design.main_lens.prescription is None:
-            fixed = {s: getattr(self.design, s) for s in CONJUGATE if s not in (self.follows, *touched)}
-        return self.design.replace(**{**fixed, **changes})
+        fixed = () if self.design.main_lens.prescription is not None else kept(self.follows, changes)
+        return self.design.replace(**{s: getattr(self.design, s) for s in fixed} | dict(changes))
 
     def _put(self, symbol: str, value: float, text: str) -> State:
         waiting = _readable(self._faults_but(symbol))

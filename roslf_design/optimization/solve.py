@@ -224,6 +224,10 @@ class Answer:
         """Name to value [mm]."""
         return self.problem.named(self.unit)
 
+    def followers(self) -> dict[str, float]:
+        """Value [mm] of what moved with the variables."""
+        return self.problem.following(self.unit)
+
     def number(self, part: Constraint | Goal) -> float:
         """Value of a constraint's or goal's quantity."""
         return self.problem.number(part, self.unit)
@@ -438,7 +442,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
         bounds=tuple(
             f"{name} {variable.end(place > 0.5)}"
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
-            if not 1e-6 <= place <= 1 - 1e-6
+            if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),
     )
 

@@ -279,6 +279,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "seed": result.study.settings.seed,
         "status": "optimal" if answer.feasible else "infeasible",
         "variables_mm": answer.variables(),
+        "following_mm": answer.followers(),
         "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
         "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
         "violation": answer.violation,

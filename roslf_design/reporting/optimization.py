@@ -189,17 +189,18 @@ def _about_bore(result: Result) -> Statement:
 
 def _tables(result: Result) -> Iterator[Table]:
     answer, robust = result.answer, result.robust
-    values = answer.variables()
-    moved = {} if robust is None else answer.problem.named(robust.unit)
+    problem, follows = answer.problem, answer.followers()
+    values = answer.variables() | follows
+    moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
     columns: tuple[Column, ...] = (
-        ("variable", "l", lambda name: name),
-        ("from [mm]", "d", lambda name: f"{answer.problem.variables[name].min:.5g}"),
+        ("variable", "l", lambda name: f"{name}, follows" if name in follows else name),
+        ("from [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
         ("value [mm]", "d", lambda name: f"{values[name]:.5g}"),
-        ("to [mm]", "d", lambda name: f"{answer.problem.variables[name].max:.5g}"),
+        ("to [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
         ("robust [mm]", "d", lambda name: f"{moved[name]:.5g}"),
     )
     title = "The design" if answer.feasible else "The least-violating point"
-    yield Table.of(answer.problem.variables, columns if moved else columns[:-1], title)
+    yield Table.of(values, columns if moved else columns[:-1], title)
     yield _held(answer)
     if answer.active:
         single = len(answer.problem.goals) == 1

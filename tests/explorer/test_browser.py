@@ -515,8 +515,27 @@ def test_an_optimum_is_found_taken_and_undone(page):
     assert shown(page, PAPER)
 
 
+def test_bounds_follow_the_design_until_they_are_typed_and_are_those_of_the_run(page):
+    tick(page, "optimise", "variables", "D_F")
+    low, high = (form(page, "optimise").locator(f"[name={side}_D_F]") for side in ("low", "high"))
+    low.fill("2.5 mm")
+    number(page, "D_F").fill("3 mm")
+    number(page, "D_F").press("Enter")
+    idle(page)
+    assert (low.input_value(), high.input_value()) == ("2.5 mm", "6 mm")
+    assert form(page, "optimise").locator("[value=d_f]").is_disabled()
+    form(page, "optimise").locator("[name=undistorted]").set_checked(False)
+    start(page, "optimise", goal="depth")
+    text = result(page, "optimise").inner_text()
+    assert re.search(r"fml\s+2 mm → [\d.]+ mm \(follows\)", text)
+    assert {"2.5", "6"} <= set(page.locator("[data-picture=changes] svg text").all_text_contents())
+    low.fill("0 mm")
+    start(page, "optimise")
+    assert "the lower one must be above zero" in form(page, "optimise").inner_text()
+
+
 def test_one_goal_is_set_against_another(page):
-    tick(page, "optimise", "variables", "d_f")
+    tick(page, "optimise", "variables", "d_1")
     for name in ("matched", "undistorted"):
         form(page, "optimise").locator(f"[name={name}]").uncheck()
     start(page, "optimise", goal="depth", against="field")

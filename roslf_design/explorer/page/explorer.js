@@ -491,6 +491,18 @@
 <p v-if="run.message" class="fault" role="alert" :data-testid="'failed-' + kind">{{ run.message }}</p>`,
   };
 
+  // A bound of a variable: the usual one, which follows the design, until another is typed.
+  const BoundView = {
+    props: ["name", "usual", "label"],
+    setup() {
+      const own = ref(null);
+      function typed(event) { own.value = event.target.value; }
+      function left() { if (own.value !== null && !own.value.trim()) own.value = null; }
+      return { own, typed, left };
+    },
+    template: `<input type="text" spellcheck="false" autocomplete="off" :name="name" :aria-label="label" :value="own === null ? usual : own" @input="typed" @change="left" />`,
+  };
+
   const Menu = {
     props: ["label", "name"],
     template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
@@ -506,6 +518,7 @@
       app.component("rx-menu", Menu);
       app.component("rx-space", Space);
       app.component("rx-run", RunView);
+      app.component("rx-bound", BoundView);
       app.config.globalProperties.$rx = {
         ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };
