@@ -164,7 +164,9 @@ class Session:
         if drawing is None or inputs is None:
             return None
         picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
-        return Download(f"{stem}-{name}", "image/svg+xml", picture.svg_file())
+        # On the page the card says so.
+        twin = "-thin-lens" if self.design.lens is not None and drawing.tab in ("camera", "depth") else ""
+        return Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
 
     async def _report(self, stem: str) -> bytes:
         """The design report, made by the command that it names, in a process of its own that ends with the tab."""

@@ -396,3 +396,14 @@ def test_a_report_to_no_accuracy_is_refused(value, tmp_path, capsys):
         assert "--accuracy" in told
         assert len(told.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_real_lenss_faults_are_never_told_as_nothing():
+    # Traced: object points spread over tens of pitches; only the uniform scene of the plan hides it.
+    printed = " ".join(str(roslf.evaluate(roslf.load("paper-singlet"))).split())
+    assert "nothing comes from" in printed
+    absent = printed.split("nothing comes from: ")[1].split(".")[0]
+    assert [name for name in ("aberrations", "distortion", "curvature", "colour") if name in absent] == []
+    assert "field curvature 0 pitch" in printed
+    ideal = " ".join(str(roslf.evaluate(roslf.load("paper"))).split()).split("nothing comes from: ")[1]
+    assert "lens aberrations" in ideal

@@ -160,8 +160,13 @@ def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pau
     assert title(page) == load("paper-singlet").name
     assert page.locator("[data-testid=light-tracing]").count() == 0
     assert not number(page, "f").is_editable()
+    # The lights are of the real lens; what is drawn and listed for its thin twin says so.
+    for tab, many in (("camera", 4), ("depth", 3), ("space", 1)):
+        click(page, f"#tab-{tab}")
+        assert page.locator(".twin:visible").count() == page.locator(".card:visible").count() == many
     click(page, "undo")
     assert shown(page, PAPER)
+    assert page.locator(".twin").count() == 0
 
 
 def test_design_files_are_taken_and_wrong_ones_are_told(page, tmp_path):

@@ -247,3 +247,10 @@ def test_nothing_of_the_page_comes_from_elsewhere():
     for path in PAGE.iterdir():
         links = re.findall(r"(?:https?:)?//[a-z][\w.-]+\.[a-z]+", path.read_text())
         assert [link for link in links if "www.w3.org" not in link] == [], path.name
+
+
+def test_a_saved_picture_of_a_real_lenss_thin_twin_says_so():
+    for name, twin in (("paper", ""), ("paper-singlet", "-thin-lens")):
+        file = asyncio.run(Session(load(name)).download("microlens.svg"))
+        assert file.name.endswith(f"{twin}-microlens.svg")
+        assert ("thin-lens" in file.name) == bool(twin)
