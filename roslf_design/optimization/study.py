@@ -25,7 +25,7 @@ from .bore import BoreTable, EquivalentPupil, solve_through
 from .parts import given_by, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
-from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of
+from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
     Answer,
     Conflict,
@@ -351,6 +351,8 @@ def _robust(result: Result) -> dict[str, Any] | None:
     if robust is None or table is None:
         return None
 
+    applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
+
     def told(builds: BuildStatistics) -> dict[str, Any]:
         return {
             "yield": builds.yield_.value,
@@ -363,7 +365,12 @@ def _robust(result: Result) -> dict[str, Any] | None:
         "maximised": table.maximise,
         "quantile": table.quantile,
         "perturbations": [
-            {"place": p.place, "tolerance": p.tolerance, "distribution": p.distribution}
+            {
+                "place": p.place,
+                "tolerance": applied[p.place],
+                "tolerance_nominal": before[p.place],
+                "distribution": p.distribution,
+            }
             for p in robust.scatter.perturbations
         ],
         "nominal": told(robust.nominal),

@@ -176,3 +176,58 @@ def test_catalogue_command(capsys):
     code, out, err = run(capsys, "catalogue", "--where", "ptch<1 mm")
     assert (code, out) == (2, "")
     assert "did you mean 'pitch'?" in err
+
+
+BARE = """
+name = "bare"
+design = "paper"
+[variables]
+VARIABLES
+[[goals]]
+GOAL
+[solver]
+starts = 3
+check = false
+"""
+
+
+@pytest.mark.parametrize(
+    ("variables", "goal", "said"),
+    [
+        # Light grows with D_F squared, sigma_Z falls with 1/D_F: only the bound stops them.
+        ('D_F = ["1 mm", "8 mm"]', 'quantity = "light_sr"\ndirection = "max"', "save the bound D_F <= 8 mm"),
+        ('D_F = ["1 mm", "8 mm"]\nd = ["50 um", "90 um"]', 'quantity = "sigma_z_mm"\ndirection = "min"',
+         "save the bounds D_F <= 8 mm and d >= 0.05 mm"),
+        # At the lens every field is undistorted: infinity at a bound; where images have no pitch, a pole inside.
+        ('d_3 = ["0 mm", "200 mm"]', 'quantity = "undistorted_field_mm"\ndirection = "max"',
+         "runs off without end; the bound d_3 >= 0 mm stopped it"),
+        ('d_2 = ["0.1 mm", "1000 mm"]', 'quantity = "fill_factor"\ndirection = "max"',
+         "runs off without end; the search stopped it"),
+    ],
+)  # fmt: skip
+def test_a_goal_that_only_a_bound_stops_is_told_so(capsys, tmp_path, variables, goal, said):
+    path = study(tmp_path, BARE.replace("VARIABLES", variables).replace("GOAL", goal))
+    code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    first = " ".join(out.split("starts ended")[0].split()).replace("≤", "<=").replace("≥", ">=")
+    assert said in first
+    assert "best found" not in first
+    assert "kink" not in out
+
+
+def test_an_optimum_between_its_bounds_is_best_found(capsys, tmp_path):
+    path = study(tmp_path, GOOD.replace('"0.5 mm", "9 mm"', '"0.5 mm", "90 mm"'))
+    _, out, _ = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert "best found" in out
+
+
+def test_a_share_is_told_as_it_was_applied(capsys, tmp_path):
+    robust = "\n[robust]\ntrials = 32\n[[robust.perturb]]\nplace = 'f'\ntolerance = '0.2 %'\n"
+    text = BARE.replace("VARIABLES", 'f = ["60 mm", "90 mm"]').replace(
+        "GOAL", "quantity = 'sigma_z_mm'\ndirection = 'min'"
+    )
+    _, out, _ = run(capsys, "optimize", study(tmp_path, text + robust), "-o", tmp_path / "out", "--json")
+    found = json.loads(out)
+    (miss,) = found["robust"]["perturbations"]
+    assert miss["tolerance"] == pytest.approx(0.002 * found["robust"]["robust_variables_mm"]["f"], rel=1e-9)
+    assert miss["tolerance_nominal"] == pytest.approx(0.002 * found["variables_mm"]["f"], rel=1e-9)
