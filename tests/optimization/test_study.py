@@ -1,11 +1,13 @@
 """Studies as files and as a command: what comes out, and what is wrong with bad ones."""
 
 import json
+import tomllib
 
 import pytest
 
 import roslf_design as roslf
 from roslf_design.cli import main
+from roslf_design.optimization.study import read_study
 from tests.optimization.posing import GOOD
 
 
@@ -120,7 +122,8 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ('direction = "min"', "", "goals.0.direction: is missing; add it"),
         ('direction = "min"', 'direction = "down"', 'goals.0.direction: "down" is not known; write'),
         ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
-        ('min = "0 mm"', "min = 0", "0 has no unit"),
+        ('min = "0 mm"', "min = 0.1", "0.1 has no unit"),
+        ('min = "0 mm"', "min = false", "expected a length"),
         ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
         ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.0.colour: is not a known key"),
         ("weight = 0.1", 'weight = 0.1\nat = "3 mm"', "views_independent is not asked for at a distance"),
@@ -231,3 +234,10 @@ def test_a_share_is_told_as_it_was_applied(capsys, tmp_path):
     (miss,) = found["robust"]["perturbations"]
     assert miss["tolerance"] == pytest.approx(0.002 * found["robust"]["robust_variables_mm"]["f"], rel=1e-9)
     assert miss["tolerance_nominal"] == pytest.approx(0.002 * found["variables_mm"]["f"], rel=1e-9)
+
+
+def test_a_length_of_zero_needs_no_unit():
+    plain = GOOD.replace("d_2 = [", "d_3 = [0, '8 mm']\nd_2 = [").replace('min = "0 mm"', "min = 0")
+    read, other = (read_study(tomllib.loads(text)) for text in (plain, plain.replace("0, '8", "'0 um', '8")))
+    assert read.problem.variables == other.problem.variables
+    assert [c.min for c in read.problem.constraints] == [0.98, 0.0]
