@@ -49,7 +49,8 @@ SHORTEST = 1e-12
 
 _EXAMPLE = {"length": "120 mm", "angle": "2 mrad", "gradient": "0.2 /mm"}
 _BASE = {"length": "mm", "angle": "rad", "gradient": "/mm"}
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S*)\s*")
+# Possessive, or a text of thousand digits that is no quantity takes ten seconds to refuse.
+_NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
 
 
 def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) -> float:
@@ -62,7 +63,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     dimension : {"length", "angle"}
         What is being read.
     unit_required : bool
-        True for what comes from a file, where a number without a unit is an error.
+        True for what comes from a file, where a number without a unit is an error; but 0 needs none.
 
     Raises
     ------
@@ -73,7 +74,7 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):
-        if unit_required:
+        if unit_required and text != 0:  # which is the same in every unit
             raise ValueError(f'{text!r} has no unit; write it as text with one, e.g. "{text!r} {base}"')
         value = float(text)
         if not math.isfinite(value):

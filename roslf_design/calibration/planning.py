@@ -84,13 +84,17 @@ class Captures:
         middle = design.d_f if distance is None else distance
         spread = (design.d_f - design.d_3) / 4 if distance_range is None else distance_range
         image = abs(float(microlens_image_diameter(Camera.of(design))))
+        nearest = middle - spread / 2
+        board = _fitting_board(design, nearest) if board is None else board
+        # Aside by no more than leaves its corners in the field where that is smallest.
+        room = (min(field_at(design, nearest)) - board.cell * max(board.inner)) / 2
         return cls(
-            board=_fitting_board(design, middle - spread / 2) if board is None else board,
+            board=board,
             boards=boards,
             distance=middle,
             distance_range=spread,
             tilt=tilt,
-            offset=0.035 * max(middle - design.d_3, 0.0),
+            offset=max(min(0.035 * (middle - design.d_3), room), 0.0),
             noise=noise,
             # As far out as corners are followed: views at the pupil's rim are left out.
             reach=0.385 * min(design.d, image) / design.q,
@@ -114,9 +118,12 @@ def camera_of(design: Design) -> Intrinsics:
 
 def field_at(design: Design, distance: float) -> tuple[float, float]:
     """What the sensor sees of a plane at `distance` from the main lens, across and down [mm], by middles of pencils."""
-    scale = abs(distance - design.d_3) / float(Camera.of(design).A)
-    across, down = (size * scale for size in design.sensor_size)
-    return across, down
+    return _field(camera_of(design), design.d_3, distance)
+
+
+def _field(camera: Intrinsics, d_3: float, distance: float) -> tuple[float, float]:
+    scale = 2 * camera.d * abs(distance - d_3) / camera.A
+    return camera.x_0 * scale, camera.y_0 * scale
 
 
 def _fitting_board(design: Design, nearest: float) -> Board:
@@ -131,15 +138,22 @@ def _fitting_board(design: Design, nearest: float) -> Board:
 
 def too_large(design: Design, captures: Captures) -> str:
     """A clause where the sensor cannot see the whole board at its nearest, as plans count every corner; else ""."""
+    if _fits(camera_of(design), design.d_3, captures):
+        return ""
     board = captures.board
     field = sorted(field_at(design, captures.distance - captures.distance_range / 2))
     sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    if all(side <= seen for side, seen in zip(sides, field, strict=True)):
-        return ""
     return (
         f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
         f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen"
     )
+
+
+def _fits(camera: Intrinsics, d_3: float, captures: Captures) -> bool:
+    """Whether the sensor sees the whole board at its nearest."""
+    field = sorted(_field(camera, d_3, captures.distance - captures.distance_range / 2))
+    sides = sorted((captures.board.columns * captures.board.cell, captures.board.rows * captures.board.cell))
+    return all(side <= seen for side, seen in zip(sides, field, strict=True))
 
 
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
@@ -289,11 +303,15 @@ def plan(
     """Expected errors of a set of captures, and of those that differ from it by one change, best first.
 
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
-    the bore) is left out.
+    the bore, a board that the sensor would no longer see whole) is left out.
     """
+    d_3 = sheet.f + (sheet.f - camera.A) / camera.m
+    seen_whole = _fits(camera, d_3, captures)
     before = expected_errors(camera, sheet, captures, distortion=distortion, seed=seed, samples=samples)
     changes = []
     for what, other, known in _alternatives(captures, sheet):
+        if seen_whole and not _fits(camera, d_3, other):
+            continue
         try:
             after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
         except CalibrationError:

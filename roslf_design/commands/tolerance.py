@@ -60,8 +60,8 @@ def tolerance(
     trials
         Instead of the study's.
     accuracy
-        Instead of a number of trials: what the yield and the ranks of quantiles may be off by, as 0.005 (in 95 % of
-        runs). 0.001 takes a million trials.
+        Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
+        (in 95 % of runs). 0.001 takes a million trials.
     scheduler
         Address of a Dask scheduler, or "local" for a cluster started here.
     resume

@@ -47,7 +47,12 @@ def checked_places(stops: int) -> tuple[str, ...]:
 
 
 def design_problems(
-    error: ValidationError, data: Mapping[str, Any], model: type[BaseModel], *, from_file: bool, folder: str | Path = ""
+    error: ValidationError,
+    data: Mapping[str, Any],
+    model: type[BaseModel],
+    *,
+    from_file: bool,
+    folder: str | Path | None = "",
 ) -> tuple[Problem, ...]:
     """Every fault that pydantic found, and those between the values that could be read all the same.
 
@@ -62,7 +67,7 @@ def design_problems(
     from_file : bool
         Whether numbers need units.
     folder : path-like
-        What the path of a lens file counts from.
+        What the path of a lens file counts from; None where none may be opened.
     """
     for fault in error.errors(include_url=False):
         if fault["type"] == MISFIT:  # every value was read: what was found between them

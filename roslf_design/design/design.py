@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError, model_validator
+from pydantic import ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
@@ -22,6 +22,10 @@ from .real_lens import focal_length_at, mounted_lens, own_diameter
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
+
+
+MOST_STOPS = 64
+"""Further stops of a design at most: each is met by every ray, and no bore has as many rims."""
 
 
 class Design(Part, Symbols[float]):
@@ -65,6 +69,13 @@ class Design(Part, Symbols[float]):
 
     # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @field_validator("stops", mode="before")
+    @classmethod
+    def _few(cls, value: Any) -> Any:
+        if isinstance(value, (list, tuple)) and len(value) > MOST_STOPS:
+            raise ValueError(f"there are {len(value)}, at most {MOST_STOPS} are taken; drop those that cut nothing")
+        return value
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
@@ -176,8 +187,11 @@ class Design(Part, Symbols[float]):
         return all(tilt == (0.0, 0.0) for tilt in tilts)
 
 
-def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path = "") -> Design:
-    """A design from nested values, or every fault of them in one `DesignError`; `folder` is that of the design file."""
+def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path | None = "") -> Design:
+    """A design from nested values, or every fault of them in one `DesignError`.
+
+    `folder` is that of the design file; None lets it open no lens file.
+    """
     context = {"from_file": from_file, "folder": folder}
     try:
         return Design.model_validate(data, context=context)

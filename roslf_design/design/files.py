@@ -117,7 +117,7 @@ def load(path: str | os.PathLike[str]) -> Design:
     """
     origin = os.fspath(path)
     place = Path(path)
-    if origin in preset_names() and not place.exists():
+    if origin in preset_names() and not os.path.exists(place):  # unlike `Path.exists`, never raises
         place = preset_path(origin)
     missing = "check the path, or see `roslf presets` for the designs that ship"
     data = read_toml(place, origin, missing, refusal=DesignError)
@@ -130,9 +130,13 @@ def load_beside(name: str, folder: Path) -> Design:
     return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
 
 
-def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> Design:
-    """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from."""
-    return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=Path(folder))
+def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "") -> Design:
+    """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from.
+
+    With `folder` None it opens no file: text of someone else's may name lenses that ship, and hold others as tables.
+    """
+    place = None if folder is None else Path(folder)
+    return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=place)
 
 
 WRITTEN = 12

@@ -20,7 +20,7 @@ from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
 from ..lenses.prescription import Prescription, first_order
 
 
-def read_prescription(value: Any, folder: str | Path = "") -> Prescription | None:
+def read_prescription(value: Any, folder: str | Path | None = "") -> Prescription | None:
     """A lens from what a design file (or Python) gives.
 
     Parameters
@@ -28,7 +28,7 @@ def read_prescription(value: Any, folder: str | Path = "") -> Prescription | Non
     value : str, mapping, Prescription or None
         Name, path, table, or the lens itself.
     folder : path-like
-        What a relative path counts from.
+        What a relative path counts from; None where no file may be opened, only lenses that ship and tables.
 
     Raises
     ------
@@ -46,6 +46,12 @@ def read_prescription(value: Any, folder: str | Path = "") -> Prescription | Non
     if not isinstance(value, str) or not value.strip():
         known = ", ".join(name.upper() for name in shipped_names())
         raise ValueError(f"expected a lens file (.toml or .zmx) or a lens that ships ({known}), got {value!r}")
+    if folder is None:
+        if value.lower() not in shipped_names():
+            known = ", ".join(name.upper() for name in shipped_names())
+            message = f"'{value}' is no lens that ships ({known}), and this text may not open files; write a table"
+            raise ValueError(message)
+        return load_lens(value.lower())
     place = Path(folder) / value
     return load_lens(value if value.lower() in shipped_names() and not place.exists() else place)
 

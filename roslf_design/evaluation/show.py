@@ -6,17 +6,20 @@ import io
 from html import escape
 from typing import TYPE_CHECKING
 
+from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
 from ..words import fixed, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ..effects.plan import PlannedEffect
     from .result import Evaluation, RealLens
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
 COLOURS = {"good": "green", "limit": "yellow", "fault": "red"}
+LENS_EFFECTS = {effect.name for effect in EFFECTS}
 WIDTHS = (18, 15, 0)
 """Of the columns of the tables of facts, on pages."""
 LEAST = (30, 14, 0)
@@ -139,7 +142,7 @@ def lens_table(lens: RealLens) -> Table:
 
 
 def effects_table(result: Evaluation) -> Table:
-    """The effects plan, without the effects that are zero; those that are off are faint."""
+    """The effects plan, without the effects that are zero but those of a real lens; those that are off are faint."""
     rows = tuple(
         (
             spaced(effect.name),
@@ -149,7 +152,7 @@ def effects_table(result: Evaluation) -> Table:
             effect.reason,
         )
         for effect in result.effects
-        if effect.estimate != 0 or effect.on
+        if _told(effect, result)
     )
     faint = tuple(index for index, row in enumerate(rows) if row[3] == "off")
     title = "Effects: what a simulation of this design has to include"
@@ -157,9 +160,15 @@ def effects_table(result: Evaluation) -> Table:
 
 
 def absent_effects(result: Evaluation) -> str:
-    """One sentence on the effects that this design and scene do not have at all."""
-    names = [spaced(effect.name) for effect in result.effects if effect.estimate == 0 and not effect.on]
-    return f"Nothing comes from: {', '.join(names)}." if names else ""
+    """One sentence on the effects that a picture of a uniform scene, which the plan is for, does not have at all."""
+    names = [spaced(effect.name) for effect in result.effects if not _told(effect, result)]
+    return f"In a picture of a uniform scene in focus, nothing comes from: {', '.join(names)}." if names else ""
+
+
+def _told(effect: PlannedEffect, result: Evaluation) -> bool:
+    """Whether an effect has a line: it has a size, or a real lens has it and the scene alone hides it."""
+    of_lens = result.real_lens is not None and effect.name in LENS_EFFECTS
+    return effect.estimate != 0 or effect.on or of_lens
 
 
 def _cell(value: float | None, decimals: int, sign: str = "") -> str:

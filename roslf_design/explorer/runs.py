@@ -29,7 +29,7 @@ from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
 from ..words import in_words, to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
-from .state import BY_SYMBOL, PLACES, show
+from .state import BY_SYMBOL, CONJUGATE, PLACES, State, kept, read, show
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
@@ -74,8 +74,8 @@ GOALS = {
     "length": Wish("shortest instrument", "total_length_mm", "min"),
 }
 """Goals by their keys, with their directions."""
-VARIABLES = ("D", "f", "d_f", "D_F", "d_3", "d", "d_2")
-"""What may vary; f_ml follows its focus."""
+VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
+"""What may vary, but for which of f, d_f and d_1 follows."""
 USUAL = ("D_F", "d_3", "d_2")
 """What varies where nobody says otherwise."""
 HELD = {
@@ -90,7 +90,7 @@ HELD = {
 GIVE = 1e-3
 """Part of a held value that may be given up, so that the design itself is inside its limits."""
 REACH = 2.0
-"""Bounds of a variable, as factors of its value."""
+"""Bounds of a variable where nobody says otherwise, as factors of its value."""
 FILLED = (0.98, 1.0)
 """Fill factor that counts as matched."""
 STARTS, SECONDS = 8, 40.0
@@ -135,6 +135,12 @@ class OptimiseRequest:
     design: Design
     goal: str = field(default="depth", metadata={KNOWN: GOALS})
     variables: tuple[str, ...] = field(default=USUAL, metadata={KNOWN: VARIABLES})
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Least and greatest value of variables [mm]; `bounds_of` those that are not named."""
+    follows: str = field(default="d_f", metadata={KNOWN: CONJUGATE})
+    """Which of f, d_f and d_1 follows where one of the others varies; the third then stays."""
+    in_focus: bool = True
+    """Whether f_ml follows the microlenses' focus."""
     matched: bool = True
     """Whether microlens images have to fill their cells without overlap."""
     undistorted: bool = True
@@ -154,6 +160,8 @@ class OptimiseResult:
     after: float
     """The goal's quantity, of the design asked about and of the one found."""
     changes: tuple[VariableMove, ...]
+    followers: tuple[tuple[str, float, float], ...]
+    """Numbers that moved with the variables: symbol, before and after [mm]."""
     design: Design | None
     """The design found; None where nothing holds all limits."""
     sentences: tuple[Statement, ...]
@@ -167,16 +175,30 @@ class OptimiseResult:
 Request = TypeVar("Request", ToleranceRequest, OptimiseRequest)
 
 
-def forms(design: Design) -> dict[str, Any]:
+def forms(state: State) -> dict[str, Any]:
     """What the forms offer, and what is chosen before anyone chooses."""
+    design = state.design
     traced = design.main_lens.prescription is not None
     return {
         "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
         "trials": TRIALS_TRACED if traced else TRIALS,
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
-        "variables": [{"key": s, "label": to_html(s), "chosen": s in USUAL} for s in VARIABLES],
+        "variables": [_offered(s, state) for s in VARIABLES],
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
         "lens": traced,
+        "of": state.reference.name,
+    }
+
+
+def _offered(symbol: str, state: State) -> dict[str, Any]:
+    ends = (show(BY_SYMBOL[symbol], end) for end in bounds_of(state.design, symbol))
+    follows = symbol == state.follows
+    return {
+        "key": symbol,
+        "label": to_html(symbol),
+        "chosen": symbol in USUAL,
+        "follows": follows,
+        **dict(zip(("low", "high"), ends, strict=True)),
     }
 
 
@@ -190,6 +212,9 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
     """
     values: dict[str, Any] = {}
     for control in fields(kind)[1:]:
+        if control.name == "bounds":
+            values["bounds"] = {symbol: _bounds(design, symbol, options) for symbol in values["variables"]}
+            continue
         name, chosen = control.name, options.get(control.name, ())
         text = str(chosen[0] if chosen else control.default).strip()
         if isinstance(control.default, bool):
@@ -205,7 +230,26 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
             raise InputError((Problem(name, f"'{text}' is not known; there are {known}"),))
     if values.get("variables") == ():
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
+    if "variables" in values and values["follows"] in values["variables"]:
+        message = "follows from the other two; let another one follow (at its lock), or do not vary it"
+        raise InputError((Problem(values["follows"], message),))
     return kind(design, **values)
+
+
+def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float]:
+    ends = list(bounds_of(design, symbol))
+    for index, side in enumerate(("low", "high")):
+        for text in options.get(f"{side}_{symbol}", ()):
+            try:
+                ends[index] = read(BY_SYMBOL[symbol], text)
+            except ValueError as error:
+                raise InputError((Problem(f"{symbol}, bound", str(error)),)) from None
+    low, high = ends
+    if not (low > 0 or (low == 0 and symbol == "d_3")) or low >= high:
+        told = " to ".join(show(BY_SYMBOL[symbol], end) for end in ends)
+        least = "not be negative" if symbol == "d_3" else "be above zero"
+        raise InputError((Problem(f"{symbol}, bounds", f"{told}; the lower one must {least} and below the other"),))
+    return low, high
 
 
 def _whole(name: str, text: str, low: int, high: int) -> int:
@@ -267,7 +311,13 @@ def _optimum(result: OptimiseResult) -> dict[str, Any]:
         headline = f"{to_html(result.goal.words)}: {short(result.before, 4)} → {after}"
     return {
         "headline": headline,
-        "rows": [{"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes],
+        "rows": [
+            *({"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes),
+            *(
+                {"label": to_html(symbol), "share": f"{_from_to(symbol, before, after)} (follows)"}
+                for symbol, before, after in result.followers
+            ),
+        ],
         "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in result.sentences],
         "can_apply": result.design is not None,
         "front": bool(result.front),
@@ -275,9 +325,13 @@ def _optimum(result: OptimiseResult) -> dict[str, Any]:
 
 
 def _moved(change: VariableMove) -> str:
-    number = BY_SYMBOL[change.symbol]
     bound = " (at its bound)" if change.at_bound else ""
-    return f"{show(number, change.before)} → {show(number, change.after)}{bound}"
+    return f"{_from_to(change.symbol, change.before, change.after)}{bound}"
+
+
+def _from_to(symbol: str, before: float, after: float) -> str:
+    number = BY_SYMBOL[symbol]
+    return f"{show(number, before)} → {show(number, after)}"
 
 
 def _percent(share: float) -> str:
@@ -413,8 +467,11 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
         before=_number(design, wish.quantity),
         after=answer.number(answer.asked.goals[0]),
         changes=tuple(
-            VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *bounds_of(design, symbol))
-            for symbol in request.variables
+            VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *ends)
+            for symbol, ends in _all_bounds(request).items()
+        ),
+        followers=tuple(
+            (symbol, float(getattr(design, symbol)), after) for symbol, after in answer.followers().items()
         ),
         design=best,
         sentences=tuple(statements(result)),
@@ -428,10 +485,11 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     """The run as a study file would say it, but for the design."""
     label, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
-    bounds = {symbol: bounds_of(request.design, symbol) for symbol in request.variables}
+    bounds = _all_bounds(request)
+    bounds |= {symbol: 2 * (getattr(request.design, symbol),) for symbol in kept(request.follows, bounds)}
     data: dict[str, Any] = {
         "name": f"{request.design.name}: {label}",
-        "microlens_in_focus": True,
+        "microlens_in_focus": request.in_focus,
         "seed": request.seed,
         "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
         "solver": {"starts": STARTS, "seconds": SECONDS},
@@ -455,13 +513,17 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     return data | {"goals": goals, "constraints": limits}
 
 
+def _all_bounds(request: OptimiseRequest) -> dict[str, tuple[float, float]]:
+    return {s: request.bounds.get(s) or bounds_of(request.design, s) for s in request.variables}
+
+
 def bounds_of(design: Design, symbol: str) -> tuple[float, float]:
-    """Least and greatest value of a variable [mm]."""
+    """Least and greatest value of a variable, where nobody says otherwise [mm]."""
     value = float(getattr(design, symbol))
     low, high = value / REACH, REACH * value
     if symbol == "d_3":
         return low, max(high, 0.1 * design.f)
-    return max(low, 1.05 * design.f) if symbol == "d_f" else low, high
+    return max(low, 1.05 * design.f) if symbol in ("d_f", "d_1") else low, high
 
 
 def _number(design: Design, quantity: str) -> float:

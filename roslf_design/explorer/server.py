@@ -108,7 +108,7 @@ class Tab:
 
     def _handler(self, name: str) -> Callable[..., int]:
         def handle(*arguments: Any) -> int:
-            getattr(self.session, name)(*arguments)
+            self.session.ask(name, *arguments)
             self._answered += 1
             self._server.state.update({**self.session.page(), "answered": self._answered})
             return self._answered
@@ -217,7 +217,7 @@ def _refused(option: str, message: str) -> InputError:
 async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
     # A page of another site that connects could read this machine's design files.
     origin = request.headers.get("Origin")
-    if origin is not None and urlsplit(origin).netloc != request.host:
+    if origin is not None and origin.rpartition("://")[2].lower() != request.host.lower():
         raise web.HTTPForbidden(text="only this explorer's own page may connect")
     connection = web.WebSocketResponse(max_msg_size=MAX_MESSAGE, heartbeat=20, compress=False)
     await connection.prepare(request)
@@ -231,7 +231,13 @@ async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
     try:
         await tab.open(send)
         async for message in connection:
-            await tab.answer(message.type == aiohttp.WSMsgType.BINARY, message)
+            try:
+                if message.type != aiohttp.WSMsgType.BINARY:
+                    raise TypeError
+                await tab.answer(True, message)
+            except (ValueError, TypeError, KeyError, AttributeError):
+                # Requests are answered with what is wrong with them; this was none, and what follows may be its rest.
+                await connection.close(code=aiohttp.WSCloseCode.UNSUPPORTED_DATA, message=b"no message of this page")
     except ConnectionResetError:
         pass  # The browser went away while something was sent to it.
     finally:
@@ -277,13 +283,16 @@ async def _guard(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
     """Refuse requests by a foreign name (a page elsewhere may have bound it to this machine); set the policy."""
-    name = urlsplit(f"//{request.host}").hostname or ""
-    if name not in ("localhost", request.app[HOST], socket.gethostname()) and _address(name) is None:
+    name = ""
+    with contextlib.suppress(ValueError):  # of brackets that hold no address
+        name = urlsplit(f"//{request.host}").hostname or ""
+    own = ("localhost", request.app[HOST].lower(), socket.gethostname().lower())
+    if name not in own and _address(name) is None:
         raise web.HTTPForbidden(text="open the explorer by this machine's address")
     response = await handler(request)
     if not response.prepared:
-        own = f"{'wss' if request.secure else 'ws'}://{request.host}"
-        response.headers["Content-Security-Policy"] = POLICY.format(socket=own)
+        socket_address = f"{'wss' if request.secure else 'ws'}://{request.host}"
+        response.headers["Content-Security-Policy"] = POLICY.format(socket=socket_address)
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers.setdefault("Cache-Control", "no-cache")

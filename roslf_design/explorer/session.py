@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+from pydantic import FiniteFloat, ValidationError, validate_call
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
 from ..design.files import WRITTEN, write_atomically
@@ -23,10 +26,25 @@ from ..pictures.theme import ThemeName
 from .fixes import proposals
 from .jobs import Later, Progress
 from .runs import KINDS, Options, Run, forms, summary
-from .state import BY_SYMBOL, TABS, History, LinkError, Look, State, decode, on_array, place_on_mla, reach, value_at
+from .state import (
+    BY_SYMBOL,
+    TABS,
+    History,
+    LinkError,
+    Look,
+    State,
+    decode,
+    key_of,
+    on_array,
+    place_on_mla,
+    reach,
+    value_at,
+)
 from .view import DRAWINGS, TRACING, PictureSource, Size, controls, fitting, glance, header, lights, looked_at, proposed
 
 Known = TypeVar("Known")
+Symbol = Annotated[str, key_of(BY_SYMBOL)]
+Kind = Annotated[str, key_of(KINDS)]
 
 TICK = 0.25
 """How often a run is asked how far it is [s]."""
@@ -62,7 +80,7 @@ class Session:
         *("look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run", "cancel_run"),
         "take_optimum",
     )
-    """Methods that the page may call."""
+    """Methods that the page may call, through `ask`."""
 
     def __init__(self, design: Design) -> None:
         self._history = History(State.of(design))
@@ -108,7 +126,7 @@ class Session:
             **(seen or {"glance": [], "lights": [], "fixes": []}),
             "space": self._in_space(),
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
-            "forms": forms(self.design),
+            "forms": forms(self.state),
             "presets": list(preset_names()),
             "tabs": [{"key": key, "label": label} for key, label in TABS.items()],
             "theme": self._theme,
@@ -146,7 +164,9 @@ class Session:
         if drawing is None or inputs is None:
             return None
         picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
-        return Download(f"{stem}-{name}", "image/svg+xml", picture.svg_file())
+        # On the page the card says so.
+        twin = "-thin-lens" if self.design.lens is not None and drawing.tab in ("camera", "depth") else ""
+        return Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
 
     async def _report(self, stem: str) -> bytes:
         """The design report, made by the command that it names, in a process of its own that ends with the tab."""
@@ -170,9 +190,17 @@ class Session:
                 raise DownloadError(complaint.decode(errors="replace").strip() or "the report was stopped")
             return (Path(folder) / "report" / "index.html").read_bytes()
 
+    def ask(self, name: str, *arguments: Any) -> None:
+        """Do what the page asks, one of `requests`; arguments that its method does not take are told, not raised."""
+        try:
+            ASKED[name](self, *arguments)
+        except ValidationError as error:
+            place, what = ".".join(map(str, error.errors()[0]["loc"])), error.errors()[0]["msg"]
+            self._say(f"the page asked for what cannot be ({name}, argument {place}: {what}); load it again")
+
     # Requests: what the page may ask.
 
-    def opened(self, link: str, theme: str, sizes: dict[str, Sequence[float]]) -> None:
+    def opened(self, link: str, theme: str, sizes: dict[str, Any]) -> None:
         """The page is there: take the state that its address brings, and its theme and room."""
         self._opened = True
         self.set_theme(theme)
@@ -189,15 +217,15 @@ class Session:
         else:
             self._go(state)
 
-    def slide(self, symbol: str, place: float, gesture: str) -> None:
+    def slide(self, symbol: Symbol, place: FiniteFloat, gesture: str) -> None:
         """Move a slider; all of one gesture is one step back."""
         field = BY_SYMBOL[symbol]
-        value = value_at(field, float(place), reach(field, self.state.reference, self.design))
+        value = value_at(field, place, reach(field, self.state.reference, self.design))
         self._go(self.state.set(symbol, value), gesture)
 
-    def write(self, symbol: str, text: str) -> None:
+    def write(self, symbol: Symbol, text: str) -> None:
         """Type into a number field."""
-        self._go(self.state.edit(symbol, str(text)))
+        self._go(self.state.edit(symbol, text))
 
     def follow(self, symbol: str) -> None:
         """Choose which of f, d_1, d_f follows."""
@@ -216,11 +244,16 @@ class Session:
         if len(text) > MOST_TEXT:
             self._say(f"{name}: is too large for a design file")
         else:
-            self._load(lambda: loads(text, name))
+            # Whoever wrote it named files of a machine that is not this one.
+            self._load(lambda: loads(text, name, folder=None))
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
-        self._load(lambda: load(path.strip()))
+        place = path.strip()
+        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):
+            self._say(f"{place}: is a device or a pipe; name a design file")
+        else:
+            self._load(lambda: load(place))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""
@@ -241,7 +274,7 @@ class Session:
         with contextlib.suppress(ValueError, TypeError):
             self._look = replace(self._look, **{at: value})
 
-    def point(self, picture: str, x: float, y: float, gesture: str) -> None:
+    def point(self, picture: str, x: FiniteFloat, y: FiniteFloat, gesture: str) -> None:
         """Click or drag in a picture, at a place in its own pixels."""
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
@@ -249,13 +282,13 @@ class Session:
         if picture == "matching-plane":
             # Axes that follow the design would run away under the pointer.
             self._limits = (drawn.mapping.x.high, drawn.mapping.y.high)
-        self._place(picture, *drawn.mapping.to_value(float(x), float(y)), gesture)
+        self._place(picture, *drawn.mapping.to_value(x, y), gesture)
 
     def let_go(self) -> None:
         """A drag in a picture has ended."""
         self._limits = None
 
-    def nudge(self, picture: str, right: float, up: float) -> None:
+    def nudge(self, picture: str, right: FiniteFloat, up: FiniteFloat) -> None:
         """Arrow keys in a picture: by a microlens, or by a hundredth of what the axes show."""
         drawn = self._drawn.get(picture, (None, None, ""))[1]
         if drawn is None:
@@ -268,7 +301,7 @@ class Session:
             across = high = design.d
         self._place(picture, x + across * right, y + high * up)
 
-    def resize(self, sizes: dict[str, Sequence[float]]) -> None:
+    def resize(self, sizes: dict[str, Any]) -> None:
         """Take note of how much room the pictures have [px]."""
         for name in sizes.keys() & DRAWINGS.keys():
             self._sizes[name] = fitting(sizes[name], self._sizes[name])
@@ -281,17 +314,18 @@ class Session:
         """The browser missed a change of the 3D scene: send it whole."""
         self._space.forget()
 
-    def start_run(self, kind: str, options: Options) -> None:
+    def start_run(self, kind: Kind, options: Options) -> None:
         """Start a tolerance or optimisation run in the background; one that runs already is ended."""
         self.cancel_run(kind)
+        asked = {**options, "follows": [self.state.follows]}
         try:
-            self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, options), ""
+            self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, asked), ""
         except InputError as error:
             self._wrong[kind] = str(error)
         else:
             self._later.do("runs", self._look_after_runs, None, TICK)
 
-    def cancel_run(self, kind: str) -> None:
+    def cancel_run(self, kind: Kind) -> None:
         """End a run."""
         if kind in self._runs:
             self._runs[kind].job.cancel()
@@ -375,6 +409,10 @@ class Session:
             self._go(State.of(read()))
         except DesignError as error:
             self._say(str(error))
+
+
+ASKED = {name: validate_call(getattr(Session, name)) for name in Session.requests}
+"""The requests by their names, with arguments checked: they come from outside."""
 
 
 class Space:

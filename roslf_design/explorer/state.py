@@ -8,9 +8,9 @@ import dataclasses
 import json
 import math
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
@@ -31,6 +31,12 @@ SPAN = 4.0
 Follower = Literal["f", "d_1", "d_f"]
 CONJUGATE: tuple[Follower, ...] = ("f", "d_1", "d_f")
 """Any two of these give the third."""
+
+
+def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
+    """Which of f, d_1 and d_f stay where some numbers change and one follows; none where that one is among them."""
+    touched = [symbol for symbol in CONJUGATE if symbol in changed]
+    return tuple(s for s in CONJUGATE if s not in (follows, *touched)) if touched and follows not in touched else ()
 
 
 class NumberField(NamedTuple):
@@ -229,11 +235,8 @@ class State:
         return replace(self, design=design, faults=(), message="")
 
     def _changed(self, changes: Mapping[str, float]) -> Design:
-        touched = [symbol for symbol in CONJUGATE if symbol in changes]
-        fixed: dict[str, Any] = {}
-        if touched and self.follows not in touched and self.design.main_lens.prescription is None:
-            fixed = {s: getattr(self.design, s) for s in CONJUGATE if s not in (self.follows, *touched)}
-        return self.design.replace(**{**fixed, **changes})
+        fixed = () if self.design.main_lens.prescription is not None else kept(self.follows, changes)
+        return self.design.replace(**{s: getattr(self.design, s) for s in fixed} | dict(changes))
 
     def _put(self, symbol: str, value: float, text: str) -> State:
         waiting = _readable(self._faults_but(symbol))
@@ -328,7 +331,9 @@ Place = Literal["centre", "edge", "corner"] | tuple[Coordinate, Coordinate]
 """A microlens: by name, or where it stands on the MLA [mm]."""
 
 
-def _key_of(names: Mapping[str, object]) -> AfterValidator:
+def key_of(names: Mapping[str, object]) -> AfterValidator:
+    """What refuses text that is not among the names."""
+
     def known(name: str) -> str:
         if name not in names:
             raise ValueError(f"there are {', '.join(names)}")
@@ -347,12 +352,12 @@ class Look:
         There is no such view.
     """
 
-    tab: Annotated[str, _key_of(TABS)] = "camera"
+    tab: Annotated[str, key_of(TABS)] = "camera"
     place: Place = "centre"
     """The microlens whose image is shown."""
     diffraction: bool = True
     pixels: bool = True
-    whole: Annotated[str, _key_of(WHOLE)] = "auto"
+    whole: Annotated[str, key_of(WHOLE)] = "auto"
     """How much the meridional section shows."""
 
 
@@ -372,8 +377,8 @@ def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
 VERSION = "1"
 """Of links: what they begin with."""
 
-LIMIT = 200_000
-"""Largest unpacked link [bytes]: one from elsewhere must not fill the memory."""
+LIMIT = 50_000
+"""Largest unpacked link [bytes], ten times a lens of many surfaces: one from elsewhere must not keep others waiting."""
 
 
 class LinkError(ValueError):
@@ -405,11 +410,16 @@ def decode(text: str) -> tuple[State, Look]:
         content = json.loads(reader.decompress(packed, LIMIT))
         if reader.unconsumed_tail or not reader.eof or content["follows"] not in CONJUGATE:
             raise LinkError
-        state = State.of(loads(str(content["design"]), "link"), content["follows"])
+        state = State.of(_design_of(content["design"]), content["follows"])
         if "reference" in content:
-            state = replace(state, reference=loads(str(content["reference"]), "link"))
+            state = replace(state, reference=_design_of(content["reference"]))
         return state, Look(**content["look"])
     except DesignError as error:
         raise LinkError(f"the link's design cannot be used: {error}") from None
     except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise LinkError("the link is cut off or changed; copy it again, whole") from None
+
+
+def _design_of(text: object) -> Design:
+    # A link may come from anyone: it opens no file of this machine.
+    return loads(str(text), "link", folder=None)

@@ -48,7 +48,7 @@ from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, fault
 TOP = ("name", "source", "wavelength", "surfaces", "glasses")
 SURFACE = ("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset", "shift", "tilt")
 POWERS = tuple(f"r{2 * i}" for i in range(1, ASPHERE_TERMS + 1))
-_POWER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
+_POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
 
 
 def load_lens(path: str | os.PathLike[str]) -> Prescription:

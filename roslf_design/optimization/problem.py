@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES
+from ..design.conjugates import CONJUGATES, follower
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
@@ -294,6 +294,16 @@ class DesignProblem:
     def cameras(self, units: Array) -> Camera:
         """The cameras at scaled variables of shape (..., n)."""
         return self.base.replace(self.values(units), in_focus=self.in_focus)
+
+    def following(self, unit: Array) -> dict[str, float]:
+        """What moves with the variables and is none, by its symbol where it has one, to its value [mm] at one point.
+
+        Of f, d_f and d_1 the third; f_ml in focus; what a derived length sets.
+        """
+        own, third = {PATHS.get(name, name) for name in self.variables}, follower(self._set_places)
+        moved = [*self._set_places, *([third] if third else []), *([PATHS["f_ml"]] if self.in_focus else [])]
+        camera, symbols = self.cameras(unit), {place: symbol for symbol, place in PATHS.items()}
+        return {symbols.get(place, place): float(camera[place]) for place in dict.fromkeys(moved) if place not in own}
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""

@@ -136,13 +136,20 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
     return Scatter(perturbations, draws.deviations(common), draws.deviations(fresh), relative)
 
 
+def tolerances(problem: DesignProblem, scatter: Scatter, unit: Array) -> dict[str, float]:
+    """Place to its tolerance at a design [mm or rad]: shares are of that design's own numbers."""
+    nominal = problem.cameras(unit)
+    return {
+        miss.place: miss.tolerance * (abs(float(nominal[miss.place]) / miss.nominal) if relative else 1.0)
+        for miss, relative in zip(scatter.perturbations, scatter.relative, strict=True)
+    }
+
+
 def builds(problem: DesignProblem, scatter: Scatter, unit: Array, deviations: Array) -> Camera:
     """Builds of a design, shape (T,): its hardware with deviations, f and d_1 among it; the focal plane follows."""
     nominal = problem.cameras(unit[None])
-    changes = {}
-    for miss, relative, row in zip(scatter.perturbations, scatter.relative, deviations, strict=True):
-        own = nominal[miss.place]
-        changes[miss.place] = own + miss.tolerance * (np.abs(own / miss.nominal) if relative else 1.0) * row
+    applied = tolerances(problem, scatter, unit).items()
+    changes = {place: nominal[place] + size * row for (place, size), row in zip(applied, deviations, strict=True)}
     return nominal.replace(changes)
 
 

@@ -6,6 +6,7 @@ goals compete, a front: all but one limited, going from limit to limit, each war
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,6 +39,8 @@ Array = NDArray[np.float64]
 
 AGREE = 1e-6
 """Difference of merit (1e-6: goals equal to 1e-4 %) within which two searches found the same."""
+RUNAWAY = 1e3
+"""Slope of the merit over the whole box from which a goal runs off: to a pole, or to infinity."""
 LOOSE = 0.01
 """Relative difference of a variable between equally good designs that is worth telling."""
 TOUCHING = 1e-6
@@ -126,6 +129,8 @@ class Active:
     """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit."""
     goal_gain_per_unit: float | None
     """The same for a single goal, in the goal's unit: how much better it gets."""
+    bound: bool = False
+    """Whether it is a variable's bound, else a constraint's limit."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +190,8 @@ class Answer:
     active: tuple[Active, ...]
     """Limits that the optimum rests on; none where infeasible."""
     residual: float
-    """Of the first-order conditions: length of what no multiplier explains, over the length of the merit's gradient."""
+    """Of the first-order conditions: length of what no multiplier explains, over the length of the merit's gradient;
+    infinite where the merit has none."""
     conflict: Conflict | None
     """Why nothing is feasible; None where something is."""
     searches: tuple[Search, ...]
@@ -209,6 +215,12 @@ class Answer:
         """How many starts ended at a feasible point."""
         return sum(s.feasible for s in self.searches)
 
+    @property
+    def runs_off(self) -> bool:
+        """Whether the goal has no optimum here, but a pole that the search ran up to."""
+        slope = value_and_jacobian(self.problem.vector, self.unit)[1][0]
+        return not float(np.linalg.norm(slope)) < RUNAWAY
+
     def agrees(self, check: Check) -> bool:
         """Whether another solver's polished point is the answer, or no better."""
         return not check.polished.feasible or check.polished.merit >= self.merit - self.settings.agree
@@ -223,6 +235,10 @@ class Answer:
     def variables(self) -> dict[str, float]:
         """Name to value [mm]."""
         return self.problem.named(self.unit)
+
+    def followers(self) -> dict[str, float]:
+        """Value [mm] of what moved with the variables."""
+        return self.problem.following(self.unit)
 
     def number(self, part: Constraint | Goal) -> float:
         """Value of a constraint's or goal's quantity."""
@@ -350,32 +366,36 @@ def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
 def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
     """Limits that a point rests on, hardest first, by non-negative least squares on the gradients.
 
-    Beside it the length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum.
+    Beside it the length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum,
+    infinite where there is no gradient, as at a pole.
     """
     from scipy.optimize import nnls
 
     values, jacobian = value_and_jacobian(problem.vector, unit)
+    if not np.isfinite(jacobian[0]).all():
+        return (), math.inf
     columns: list[Array] = []
-    limits: list[tuple[str, str, float]] = []
+    limits: list[tuple[str, str, float, bool]] = []
     for row, value, slope in zip(problem.rows, values[1:], jacobian[1:], strict=True):
-        if row.constraint >= 0 and value >= -TOUCHING:
+        if row.constraint >= 0 and value >= -TOUCHING and np.isfinite(slope).all():
             columns.append(slope)
-            limits.append((row.label, problem.constraints[row.constraint].quantity.unit, row.size))
+            limits.append((row.label, problem.constraints[row.constraint].quantity.unit, row.size, False))
     for i, (name, variable) in enumerate(problem.variables.items()):
         if variable.max > variable.min and not TOUCHING <= unit[i] <= 1 - TOUCHING:
             upper = unit[i] > 0.5
             columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
-            limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i]))))
+            limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i])), True))
     length = float(np.linalg.norm(jacobian[0]))
     if not columns:
         return (), 1.0 if length > 1e-6 else 0.0
     per_merit = _goal_per_merit(problem, unit) if len(problem.goals) == 1 else None
     multipliers, residual = nnls(np.stack(columns, axis=1), -jacobian[0])
     merged: dict[str, Active] = {}
-    for (label, kind, size), multiplier in zip(limits, multipliers.tolist(), strict=True):
+    for (label, kind, size, bound), multiplier in zip(limits, multipliers.tolist(), strict=True):
         gain = multiplier / size
         if label not in merged or multiplier > merged[label].multiplier:
-            merged[label] = Active(label, kind, multiplier, gain, None if per_merit is None else gain * per_merit)
+            own = None if per_merit is None else gain * per_merit
+            merged[label] = Active(label, kind, multiplier, gain, own, bound)
     order = sorted(merged.values(), key=lambda a: -a.multiplier)
     return tuple(order), float(residual) / max(length, 1e-12)
 
@@ -438,7 +458,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
         bounds=tuple(
             f"{name} {variable.end(place > 0.5)}"
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
-            if not 1e-6 <= place <= 1 - 1e-6
+            if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),
     )
 

@@ -25,7 +25,7 @@ from .bore import BoreTable, EquivalentPupil, solve_through
 from .parts import given_by, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
-from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of
+from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
     Answer,
     Conflict,
@@ -279,6 +279,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "seed": result.study.settings.seed,
         "status": "optimal" if answer.feasible else "infeasible",
         "variables_mm": answer.variables(),
+        "following_mm": answer.followers(),
         "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
         "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
         "violation": answer.violation,
@@ -350,6 +351,8 @@ def _robust(result: Result) -> dict[str, Any] | None:
     if robust is None or table is None:
         return None
 
+    applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
+
     def told(builds: BuildStatistics) -> dict[str, Any]:
         return {
             "yield": builds.yield_.value,
@@ -362,7 +365,12 @@ def _robust(result: Result) -> dict[str, Any] | None:
         "maximised": table.maximise,
         "quantile": table.quantile,
         "perturbations": [
-            {"place": p.place, "tolerance": p.tolerance, "distribution": p.distribution}
+            {
+                "place": p.place,
+                "tolerance": applied[p.place],
+                "tolerance_nominal": before[p.place],
+                "distribution": p.distribution,
+            }
             for p in robust.scatter.perturbations
         ],
         "nominal": told(robust.nominal),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -24,6 +25,8 @@ TITLES = {
     "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
 }
 
+PRESSED = 1e-6
+"""Multiplier from which a limit stops the goals, and is not only touched."""
 HISTORY = (
     "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
     "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
@@ -112,7 +115,7 @@ def _statements(result: Result) -> Iterator[Statement]:
 def _about_optimum(result: Result) -> Iterator[Statement]:
     answer = result.answer
     reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
-    yield Statement("good", f"A design holds every limit; best found: {reached}.")
+    yield _optimum(answer, reached)
     yield _agreement(answer)
     accuracy = optimum_accuracy(answer)
     if accuracy is not None and accuracy.asked is not None:
@@ -121,6 +124,21 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     if loose:
         remedy = "Add a goal or a limit to decide between them."
         yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
+
+
+def _optimum(answer: Answer, reached: str) -> Statement:
+    """The best design, and whether it is best by itself or where a bound stops the goal."""
+    pressed = [active for active in answer.active if active.multiplier > PRESSED]
+    met = [active.limit for active in pressed if active.bound]
+    bounds = f"the bound{'s' if len(met) > 1 else ''} {' and '.join(met)}" if met else ""
+    if answer.runs_off:
+        text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
+        return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
+    if bounds and all(active.bound for active in pressed):
+        text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
+        return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
+    stopped = f" It rests on {bounds}, too." if bounds else ""
+    return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
 
 
 def _about_conflict(answer: Answer) -> Statement:
@@ -163,7 +181,7 @@ def _agreement(answer: Answer) -> Statement:
     if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
     remedy = "Give more starts." if same <= 1 else ""
-    if answer.residual >= 1e-4:
+    if 1e-4 <= answer.residual < math.inf:
         only = f"{answer.residual:.1g}: the goals have a kink here, or a bound is missed"
         remedy += f" First-order conditions hold only to {only}."
     return Statement("caution", f"{text}.", remedy.strip())
@@ -189,17 +207,18 @@ def _about_bore(result: Result) -> Statement:
 
 def _tables(result: Result) -> Iterator[Table]:
     answer, robust = result.answer, result.robust
-    values = answer.variables()
-    moved = {} if robust is None else answer.problem.named(robust.unit)
+    problem, follows = answer.problem, answer.followers()
+    values = answer.variables() | follows
+    moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
     columns: tuple[Column, ...] = (
-        ("variable", "l", lambda name: name),
-        ("from [mm]", "d", lambda name: f"{answer.problem.variables[name].min:.5g}"),
+        ("variable", "l", lambda name: f"{name}, follows" if name in follows else name),
+        ("from [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
         ("value [mm]", "d", lambda name: f"{values[name]:.5g}"),
-        ("to [mm]", "d", lambda name: f"{answer.problem.variables[name].max:.5g}"),
+        ("to [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
         ("robust [mm]", "d", lambda name: f"{moved[name]:.5g}"),
     )
     title = "The design" if answer.feasible else "The least-violating point"
-    yield Table.of(answer.problem.variables, columns if moved else columns[:-1], title)
+    yield Table.of(values, columns if moved else columns[:-1], title)
     yield _held(answer)
     if answer.active:
         single = len(answer.problem.goals) == 1

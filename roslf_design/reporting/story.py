@@ -340,7 +340,7 @@ def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, F
     findings = dict(known)
     if "tolerances" not in known:
         look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
-        findings["tolerances"] = tolerance_finding(look)
+        findings["tolerances"] = tolerance_finding(look, first_look=True)
     if "calibration" not in known:
         progress("calibration plan")
         findings["calibration"] = plan_finding(design, CalibrationPart(seed=seed))

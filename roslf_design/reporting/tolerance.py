@@ -69,10 +69,10 @@ def tolerance_report(result: StudyResult, command: str) -> Report:
     return Report(f"Tolerances of {plan.question.design.name}", plan.name, (tolerance_section(result, command),))
 
 
-def tolerance_section(result: StudyResult, command: str = "") -> Section:
+def tolerance_section(result: StudyResult, command: str = "", *, first_look: bool = False) -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
-    blocks.append(Statements(tuple(_statements(result))))
+    blocks.append(Statements(tuple(_statements(result, first_look))))
     weakest = in_words(result.final.weakest.label)
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
@@ -85,11 +85,12 @@ def tolerance_section(result: StudyResult, command: str = "") -> Section:
     return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
 
 
-def tolerance_finding(result: StudyResult) -> Finding:
-    """A study in a design's report."""
+def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Finding:
+    """A study in a design's report; of a first look, whose limits nobody asked for, no verdict."""
     plan = result.plan
-    section = Section("Tolerances and yield", tolerance_section(result).blocks, "tolerances")
-    return Finding(section, yield_statement(result, plan.name), f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
+    section = Section("Tolerances and yield", tolerance_section(result, first_look=first_look).blocks, "tolerances")
+    said = yield_statement(result, plan.name, first_look)
+    return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
 def headline(result: StudyResult) -> str:
@@ -103,9 +104,12 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def yield_statement(result: StudyResult, name: str = "") -> Statement:
-    """The yield as an answer, with what would mend it."""
+def yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
+    """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
     target = result.study.yield_target
+    if first_look:
+        ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
+        return Statement("plain", f"{headline(result)}, {ours}.")
     text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
     misses = result.plan.nominal_misses()
     if result.final.result.value >= target:
@@ -120,8 +124,8 @@ def yield_statement(result: StudyResult, name: str = "") -> Statement:
     return Statement("bad", text, remedy)
 
 
-def _statements(result: StudyResult) -> Iterator[Statement]:
-    yield yield_statement(result)
+def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
+    yield yield_statement(result, first_look=first_look)
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))

@@ -387,7 +387,7 @@ def precision(
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
-        "yield and ranks of quantiles, as shares of builds",
+        "share of builds (0.01: 1 %) that hold every limit, or lie below a quantile",
         f"{plan.trials} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,

@@ -1,10 +1,12 @@
 """Plans made before any image: against repeated synthetic calibrations and the laws they must follow."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from roslf_design.calibration import (
     Board,
@@ -18,7 +20,8 @@ from roslf_design.calibration import (
     sheet_of,
     synthetic_observations,
 )
-from roslf_design.design import load
+from roslf_design.camera import Camera
+from roslf_design.design import load, preset_names
 
 PAPER = load("paper")
 CAMERA = camera_of(PAPER)
@@ -104,3 +107,27 @@ def test_plan_ranks_the_changes():
 def test_captures_that_cannot_work_say_why(captures, said):
     with pytest.raises(CalibrationError, match=said):
         expected_errors(CAMERA, EXACT, Captures(**captures))
+
+
+@pytest.mark.parametrize("name", [name for name in preset_names() if load(name).lens is None])
+def test_every_corner_of_the_advised_boards_is_in_the_field(name):
+    """Brute force: corners of random poses against what the sensor sees at each one's own distance."""
+    design = load(name)
+    own = Captures.for_design(design)
+    seen = min(np.array(design.sensor_size)) / abs(float(Camera.of(design).A))  # per mm in front of the FAP
+    for k in range(8):
+        poses = random_poses(own, design.d_3, np.random.default_rng([0, k]))
+        corners = project_poses(poses, own.board.points)
+        assert np.all(np.abs(corners[..., :2]) <= seen / 2 * corners[..., 2:])
+    nearest = own.distance - own.distance_range / 2
+    for change in plan(camera_of(design), sheet_of(design), own, samples=2).changes:
+        cells = re.search(r"board of (\d+) x (\d+) cells", change.what)
+        if cells is not None:
+            side = own.board.cell * min(int(cells[1]), int(cells[2]))
+            assert side <= seen * (nearest - design.d_3)
+
+
+def project_poses(poses, points):
+    """Corners [mm] in the FAP's frame, shape (boards, corners, 3)."""
+    turned = Rotation.from_rotvec(poses.rotation).as_matrix()
+    return points @ np.swapaxes(turned, 1, 2) + poses.translation[:, None]

@@ -58,6 +58,7 @@ def test_what_cannot_be_read_says_why(text, said):
 
 
 def test_bare_numbers_are_millimetres_only_in_python():
+    assert parse_quantity(0, "length") == parse_quantity(-0.0, "angle") == 0.0  # the same in every unit
     assert parse_quantity(120, "length", unit_required=False) == 120.0
     with pytest.raises(ValueError, match="not a finite"):
         parse_quantity(math.nan, "length", unit_required=False)

@@ -160,8 +160,13 @@ def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pau
     assert title(page) == load("paper-singlet").name
     assert page.locator("[data-testid=light-tracing]").count() == 0
     assert not number(page, "f").is_editable()
+    # The lights are of the real lens; what is drawn and listed for its thin twin says so.
+    for tab, many in (("camera", 4), ("depth", 3), ("space", 1)):
+        click(page, f"#tab-{tab}")
+        assert page.locator(".twin:visible").count() == page.locator(".card:visible").count() == many
     click(page, "undo")
     assert shown(page, PAPER)
+    assert page.locator(".twin").count() == 0
 
 
 def test_design_files_are_taken_and_wrong_ones_are_told(page, tmp_path):
@@ -515,8 +520,27 @@ def test_an_optimum_is_found_taken_and_undone(page):
     assert shown(page, PAPER)
 
 
+def test_bounds_follow_the_design_until_they_are_typed_and_are_those_of_the_run(page):
+    tick(page, "optimise", "variables", "D_F")
+    low, high = (form(page, "optimise").locator(f"[name={side}_D_F]") for side in ("low", "high"))
+    low.fill("2.5 mm")
+    number(page, "D_F").fill("3 mm")
+    number(page, "D_F").press("Enter")
+    idle(page)
+    assert (low.input_value(), high.input_value()) == ("2.5 mm", "6 mm")
+    assert form(page, "optimise").locator("[value=d_f]").is_disabled()
+    form(page, "optimise").locator("[name=undistorted]").set_checked(False)
+    start(page, "optimise", goal="depth")
+    text = result(page, "optimise").inner_text()
+    assert re.search(r"fml\s+2 mm → [\d.]+ mm \(follows\)", text)
+    assert {"2.5", "6"} <= set(page.locator("[data-picture=changes] svg text").all_text_contents())
+    low.fill("0 mm")
+    start(page, "optimise")
+    assert "the lower one must be above zero" in form(page, "optimise").inner_text()
+
+
 def test_one_goal_is_set_against_another(page):
-    tick(page, "optimise", "variables", "d_f")
+    tick(page, "optimise", "variables", "d_1")
     for name in ("matched", "undistorted"):
         form(page, "optimise").locator(f"[name={name}]").uncheck()
     start(page, "optimise", goal="depth", against="field")

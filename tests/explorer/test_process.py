@@ -8,6 +8,7 @@ import urllib.request
 from pathlib import Path
 
 import aiohttp
+import msgpack
 import pytest
 
 from roslf_design.cli import main
@@ -86,16 +87,38 @@ def test_requests_by_a_foreign_name_or_from_a_foreign_page_are_refused(explorer)
     status, text = asked(explorer.address, Host="evil.example")
     assert (status, "this machine's address" in text) == (403, True)
 
-    async def connect(origin):
+    async def connect(origin, **headers):
         async with aiohttp.ClientSession() as client:
             try:
-                async with client.ws_connect(f"{explorer.address}ws", origin=origin):
+                async with client.ws_connect(f"{explorer.address}ws", origin=origin, headers=headers):
                     return 101
             except aiohttp.WSServerHandshakeError as error:
                 return error.status
 
-    assert asyncio.run(connect("http://evil.example")) == 403
+    port = explorer.address.rsplit(":", 1)[1].strip("/")
+    for foreign in ("http://evil.example", f"http://127.0.0.1:{int(port) + 1}", "null", "http://[", ""):
+        assert asyncio.run(connect(foreign)) == 403, foreign
+    # A name of someone else's, bound to this machine: host and origin agree.
+    assert asyncio.run(connect(f"http://evil.example:{port}", Host=f"evil.example:{port}")) == 403
     assert asyncio.run(connect(explorer.address.strip("/"))) == 101
+    for odd in ("[", "[::1", "a]b"):
+        assert asked(explorer.address, Host=odd)[0] in (400, 403), odd
+
+
+@pytest.mark.parametrize("message", [b"", b"x" * 40, "text", msgpack.packb(3), b"0" * 12 + msgpack.packb({"id": 1})])
+def test_what_is_no_message_ends_its_connection_and_no_other(explorer, message):
+    async def send():
+        async with (
+            aiohttp.ClientSession() as client,
+            client.ws_connect(f"{explorer.address}ws") as other,
+            client.ws_connect(f"{explorer.address}ws") as connection,
+        ):
+            await (connection.send_str(message) if isinstance(message, str) else connection.send_bytes(message))
+            answer = await connection.receive(timeout=10)
+            return answer.type, connection.close_code, other.closed
+
+    assert asyncio.run(send()) == (aiohttp.WSMsgType.CLOSE, aiohttp.WSCloseCode.UNSUPPORTED_DATA, False)
+    assert asked(explorer.address)[0] == 200
 
 
 def test_files_of_a_closed_tab_and_files_that_are_not_there_are_refused(explorer):

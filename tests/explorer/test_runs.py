@@ -14,8 +14,10 @@ from roslf_design.explorer.runs import (
     ToleranceRequest,
     forms,
     read_form,
+    run_optimise,
     summary,
 )
+from roslf_design.explorer.state import BY_SYMBOL, State, read
 
 PAPER = load("paper")
 
@@ -47,18 +49,18 @@ def test_what_the_tolerance_form_cannot_ask_is_told(options, message):
 
 
 def test_the_optimise_form_is_read():
-    offered = forms(PAPER)
+    offered = forms(State.of(PAPER))
     chosen = {
         "goal": [offered["goals"][1]["key"]],
         "against": ["depth"],
-        "variables": [item["key"] for item in offered["variables"]],
+        "variables": [item["key"] for item in offered["variables"] if not item["follows"]],
         "held": [item["key"] for item in offered["held"]],
         "matched": ["on"],
     }
     request = read_form(OptimiseRequest, PAPER, chosen)
     assert (request.goal, request.against) == (list(GOALS)[1], "depth")
-    assert (request.variables, request.held) == (VARIABLES, tuple(HELD))
-    assert (request.matched, request.undistorted) == (True, False)
+    assert (request.variables, request.held) == (tuple(s for s in VARIABLES if s != "d_f"), tuple(HELD))
+    assert (request.matched, request.undistorted, request.in_focus) == (True, False, False)
 
 
 @pytest.mark.parametrize(
@@ -68,12 +70,51 @@ def test_the_optimise_form_is_read():
         ({"variables": ["no such"]}, "may vary: nothing is chosen"),
         ({"variables": ["d_2"], "goal": ["money"]}, "goal: 'money' is not known"),
         ({"variables": ["d_2"], "against": ["money"]}, "against: 'money' is not known"),
+        ({"variables": ["f", "d_f"]}, "d_f: follows from the other two"),
+        ({"variables": ["d_1"], "follows": ["d_1"]}, "d_1: follows from the other two"),
+        ({"variables": ["D_F"], "low_D_F": ["x"]}, "D_F, bound: cannot read"),
+        ({"variables": ["D_F"], "low_D_F": ["4 mm"], "high_D_F": ["3 mm"]}, "D_F, bounds: 4 mm to 3 mm"),
+        ({"variables": ["D_F"], "low_D_F": ["0 mm"]}, "must be above zero"),
+        ({"variables": ["d_3"], "low_d_3": ["-1 mm"]}, "must not be negative"),
     ],
 )
 def test_what_the_optimise_form_cannot_ask_is_told(options, message):
     with pytest.raises(InputError) as caught:
         read_form(OptimiseRequest, PAPER, options)
     assert message in str(caught.value)
+
+
+SCOPE = load("rigid-scope")
+
+
+@pytest.mark.parametrize("follows", ["d_f", "d_1"])
+def test_only_what_is_ticked_and_what_is_said_to_follow_moves_and_all_of_it_is_told(follows):
+    # Of these numbers f moves because it is ticked, and f_ml and one of d_f and d_1 because the page says so.
+    options = {"variables": ["f"], "follows": [follows], "low_f": ["1.7 mm"], "high_f": ["1.9 mm"], "in_focus": ["on"]}
+    request = read_form(OptimiseRequest, SCOPE, options)
+    assert request.bounds == {"f": (1.7, 1.9)}
+    result = run_optimise(request)
+    found = result.design
+    moved = {s for s in BY_SYMBOL if abs(getattr(found, s) / getattr(SCOPE, s) - 1) > 1e-9}
+    assert moved == {"f", follows, "f_ml"}
+    assert {change.symbol for change in result.changes} | {symbol for symbol, *_ in result.followers} == moved
+    assert 1.7 * (1 - 1e-12) <= found.f <= 1.9 * (1 + 1e-12)
+    for symbol, before, after in result.followers:
+        assert (before, after) == (getattr(SCOPE, symbol), pytest.approx(getattr(found, symbol), rel=1e-9))
+
+
+def test_f_ml_stays_where_it_is_not_let_follow():
+    request = read_form(OptimiseRequest, SCOPE, {"variables": ["d_2"]})
+    result = run_optimise(request)
+    assert result.design.f_ml == SCOPE.f_ml
+    assert (result.followers, result.design.d_2 == SCOPE.d_2) == ((), False)
+
+
+def test_bounds_are_those_that_are_shown_unless_another_is_typed():
+    shown = {item["key"]: item for item in forms(State.of(SCOPE))["variables"]}
+    assert (read(BY_SYMBOL["D_F"], shown["D_F"]["low"]), shown["d_1"]["follows"]) == (SCOPE.D_F / 2, True)
+    request = read_form(OptimiseRequest, SCOPE, {"variables": ["D_F", "d_2"], "high_D_F": ["1.2"]})
+    assert request.bounds == {"D_F": (SCOPE.D_F / 2, 1.2), "d_2": (SCOPE.d_2 / 2, SCOPE.d_2 * 2)}
 
 
 def test_a_run_is_told_from_start_to_cancel():

@@ -1,6 +1,8 @@
 """A tab's session without a browser: whatever the page asks in whatever order, the page stays whole."""
 
 import asyncio
+import inspect
+import os
 import re
 import sys
 
@@ -8,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roslf_design.design import load, loads, preset_names
+from roslf_design.design import dumps, load, loads, preset_names
 from roslf_design.evaluation import evaluate
+from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
 from roslf_design.explorer.state import FIELDS, STEPS, TABS
@@ -134,6 +137,44 @@ def test_proposals_come_after_a_pause_even_while_a_run_is_looked_after():
     assert news[-1][0]["outcome"]
 
 
+ODD = (None, True, -1, 1e400, float("nan"), "", "x", "D_F", [], [1], {}, {"a": 1}, {"trials": ["x"]})
+COUNTS = {name: len(inspect.signature(getattr(Session, name)).parameters) - 1 for name in Session.requests}
+ODD_REQUESTS = [(name, (odd,) * many) for name, count in COUNTS.items() for many in range(count + 2) for odd in ODD]
+
+
+def test_malformed_requests_are_answered(monkeypatch):
+    monkeypatch.setattr(Run, "begin", lambda *asked: pytest.fail(f"{asked} started a run"))
+    session = Session(PAPER)
+
+    async def play():
+        for name, arguments in ODD_REQUESTS:
+            session.ask("dismiss")
+            session.ask(name, *arguments)
+            # A scalar where a slider's place and gesture are asked for: told, and nothing changed.
+            if name == "slide":
+                assert "(slide, argument" in session.state.message, arguments
+        session.close()
+
+    asyncio.run(play())
+    assert len(ODD_REQUESTS) > 600
+    assert session.design == PAPER
+
+
+def test_a_file_of_the_machine_may_be_no_pipe_and_no_device(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    for place in (str(tmp_path / "pipe.toml"), "/dev/zero"):
+        page = played(Session(PAPER), ("load_path", place))
+        assert page["message"] == f"{place}: is a device or a pipe; name a design file"
+    for place in ("x" * 5000, "a\0b.toml", str(tmp_path)):
+        assert played(Session(PAPER), ("load_path", place))["message"].startswith(place)
+
+
+def test_an_uploaded_design_opens_no_lens_file(tmp_path):
+    os.mkfifo(tmp_path / "lens.toml")
+    text = dumps(load("paper-singlet")).replace("LA1050-A", str(tmp_path / "lens.toml"))
+    assert "may not open files" in played(Session(PAPER), ("load_text", "mine.toml", text))["message"]
+
+
 def test_a_file_too_large_for_a_design_is_refused():
     page = played(Session(PAPER), ("load_text", "big.toml", "x" * 1_000_001))
     assert page["message"] == "big.toml: is too large for a design file"
@@ -206,3 +247,10 @@ def test_nothing_of_the_page_comes_from_elsewhere():
     for path in PAGE.iterdir():
         links = re.findall(r"(?:https?:)?//[a-z][\w.-]+\.[a-z]+", path.read_text())
         assert [link for link in links if "www.w3.org" not in link] == [], path.name
+
+
+def test_a_saved_picture_of_a_real_lenss_thin_twin_says_so():
+    for name, twin in (("paper", ""), ("paper-singlet", "-thin-lens")):
+        file = asyncio.run(Session(load(name)).download("microlens.svg"))
+        assert file.name.endswith(f"{twin}-microlens.svg")
+        assert ("thin-lens" in file.name) == bool(twin)

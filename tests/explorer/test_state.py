@@ -2,14 +2,17 @@
 
 import base64
 import json
+import os
 import pickle
+import time
 import zlib
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.design import DesignError, load, preset_names
+from roslf_design.design import DesignError, dumps, load, preset_names
 from roslf_design.explorer.state import (
     BY_SYMBOL,
     CONJUGATE,
@@ -317,6 +320,34 @@ def test_a_link_that_would_fill_the_memory_is_refused():
     assert len(bomb) < 10_000
     with pytest.raises(LinkError):
         decode(bomb)
+
+
+def test_a_link_names_lenses_that_ship_or_holds_them_and_opens_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    table = dumps(SINGLET.replace({"main_lens.prescription": replace(SINGLET.main_lens.prescription, name="mine")}))
+    for text in (dumps(SINGLET), dumps(SINGLET).replace("LA1050-A", "la1050-a"), table):
+        state, _ = decode(link_of(json.dumps({"design": text, "follows": "d_f", "look": {}})))
+        assert state.design.lens == replace(SINGLET.lens, name=state.design.lens.name)
+    for file in (tmp_path / "pipe.toml", "/dev/zero", "/etc/passwd", "lens.zmx", "../LA1050-A"):
+        text = dumps(SINGLET).replace("LA1050-A", str(file))
+        for content in ({"design": text}, {"design": dumps(PAPER), "reference": text}):
+            with pytest.raises(LinkError, match=r"main_lens\.prescription: '.*' is no lens that ships .*table"):
+                decode(link_of(json.dumps({"follows": "d_f", "look": {}} | content)))
+
+
+@pytest.mark.parametrize("value", ['"' + 20_000 * "1" + ' x y"', 20_000 * "9", 20_000 * "["])
+def test_a_link_that_is_long_to_read_is_refused_at_once(value):
+    text = dumps(PAPER).replace('"2.9 mm"', value)
+    began = time.perf_counter()
+    with pytest.raises(LinkError):
+        decode(link_of(json.dumps({"design": text, "follows": "d_f", "look": {}})))
+    assert time.perf_counter() - began < 1.0  # a thousand digits took ten seconds, twice as many ninety
+
+
+def test_a_link_with_more_stops_than_a_page_can_be_drawn_with_is_refused():
+    text = dumps(PAPER) + '[[stops]]\ndiameter = "3 mm"\ndistance = "1 mm"\n' * 700
+    with pytest.raises(LinkError, match="stops: there are 700, at most 64 are taken"):
+        decode(link_of(json.dumps({"design": text, "follows": "d_f", "look": {}})))
 
 
 def test_a_link_with_a_design_that_cannot_be_says_what_is_wrong():

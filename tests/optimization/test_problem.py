@@ -42,6 +42,27 @@ def test_derived_lengths_set_the_places_they_mean():
     assert (float(cameras.d_f[0]), float(cameras.d_1[0])) == pytest.approx((design.d_f, design.d_1))
 
 
+@pytest.mark.parametrize(
+    ("bounds", "followers"),
+    [
+        ({"f": (90, 110)}, {"d_f", "f_ml"}),
+        ({"d_1": (130, 150)}, {"d_f", "f_ml"}),
+        ({"d_f": (300, 400)}, {"d_1", "f_ml"}),
+        ({"f": (90, 110), "d_f": (350, 350)}, {"d_1", "f_ml"}),
+        ({"working_distance": (100, 300)}, {"d_f", "d_1", "f_ml"}),
+        ({"D_F": (2, 3)}, {"f_ml"}),
+    ],
+)
+def test_what_moves_without_being_a_variable_is_named_with_its_value(bounds, followers):
+    problem = posed(bounds, (), *DEPTH, in_focus=True)
+    unit = np.full(len(bounds), 0.7)
+    design, following = problem.design_at(unit), problem.following(unit)
+    assert set(following) == followers
+    assert following == pytest.approx({symbol: getattr(design, symbol) for symbol in followers}, rel=1e-12)
+    moved = {s for s in ("f", "d_f", "d_1", "f_ml") if getattr(design, s) != pytest.approx(getattr(PAPER, s), rel=1e-9)}
+    assert moved <= followers | set(bounds)
+
+
 def test_microlenses_in_focus():
     problem = posed({"d_2": (1.0, 4.0)}, (), *DEPTH, design=TUBE, in_focus=True)
     design = problem.design_at(np.array([0.3]))

@@ -1,11 +1,13 @@
 """Studies as files and as a command: what comes out, and what is wrong with bad ones."""
 
 import json
+import tomllib
 
 import pytest
 
 import roslf_design as roslf
 from roslf_design.cli import main
+from roslf_design.optimization.study import read_study
 from tests.optimization.posing import GOOD
 
 
@@ -51,6 +53,7 @@ def test_a_study_with_everything(capsys, tmp_path):
     }
     best = roslf.load(tmp_path / "out" / "best.toml")
     assert pytest.approx(found["variables_mm"]["D_F"]) == best.D_F
+    assert found["following_mm"] == {}
     assert 0.98 - 1e-8 <= roslf.evaluate(best, []).f_number.fill_factor <= 1 + 1e-8
     first = {place.name: place.read_bytes() for place in (tmp_path / "out").iterdir()}
     assert run(capsys, "optimize", path, "-o", tmp_path / "out")[0] == 0
@@ -119,7 +122,8 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ('direction = "min"', "", "goals.1.direction: is missing; add it"),
         ('direction = "min"', 'direction = "down"', 'goals.1.direction: "down" is not known; write'),
         ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
-        ('min = "0 mm"', "min = 0", "0 has no unit"),
+        ('min = "0 mm"', "min = 0.1", "0.1 has no unit"),
+        ('min = "0 mm"', "min = false", "expected a length"),
         ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
         ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.1.colour: is not a known key"),
         ("weight = 0.1", 'weight = 0.1\nat = "3 mm"', "views_independent is not asked for at a distance"),
@@ -175,3 +179,65 @@ def test_catalogue_command(capsys):
     code, out, err = run(capsys, "catalogue", "--where", "ptch<1 mm")
     assert (code, out) == (2, "")
     assert "did you mean 'pitch'?" in err
+
+
+BARE = """
+name = "bare"
+design = "paper"
+[variables]
+VARIABLES
+[[goals]]
+GOAL
+[solver]
+starts = 3
+check = false
+"""
+
+
+@pytest.mark.parametrize(
+    ("variables", "goal", "said"),
+    [
+        # Light grows with D_F squared, sigma_Z falls with 1/D_F: only the bound stops them.
+        ('D_F = ["1 mm", "8 mm"]', 'quantity = "light_sr"\ndirection = "max"', "save the bound D_F <= 8 mm"),
+        ('D_F = ["1 mm", "8 mm"]\nd = ["50 um", "90 um"]', 'quantity = "sigma_z_mm"\ndirection = "min"',
+         "save the bounds D_F <= 8 mm and d >= 0.05 mm"),
+        # At the lens every field is undistorted: infinity at a bound; where images have no pitch, a pole inside.
+        ('d_3 = ["0 mm", "200 mm"]', 'quantity = "undistorted_field_mm"\ndirection = "max"',
+         "runs off without end; the bound d_3 >= 0 mm stopped it"),
+        ('d_2 = ["0.1 mm", "1000 mm"]', 'quantity = "fill_factor"\ndirection = "max"',
+         "runs off without end; the search stopped it"),
+    ],
+)  # fmt: skip
+def test_a_goal_that_only_a_bound_stops_is_told_so(capsys, tmp_path, variables, goal, said):
+    path = study(tmp_path, BARE.replace("VARIABLES", variables).replace("GOAL", goal))
+    code, out, err = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert (code, err) == (0, "")
+    first = " ".join(out.split("starts ended")[0].split()).replace("≤", "<=").replace("≥", ">=")
+    assert said in first
+    assert "best found" not in first
+    assert "kink" not in out
+
+
+def test_an_optimum_between_its_bounds_is_best_found(capsys, tmp_path):
+    path = study(tmp_path, GOOD.replace('"0.5 mm", "9 mm"', '"0.5 mm", "90 mm"'))
+    _, out, _ = run(capsys, "optimize", path, "-o", tmp_path / "out")
+    assert "best found" in out
+
+
+def test_a_share_is_told_as_it_was_applied(capsys, tmp_path):
+    robust = "\n[robust]\ntrials = 32\n[[robust.perturb]]\nplace = 'f'\ntolerance = '0.2 %'\n"
+    text = BARE.replace("VARIABLES", 'f = ["60 mm", "90 mm"]').replace(
+        "GOAL", "quantity = 'sigma_z_mm'\ndirection = 'min'"
+    )
+    _, out, _ = run(capsys, "optimize", study(tmp_path, text + robust), "-o", tmp_path / "out", "--json")
+    found = json.loads(out)
+    (miss,) = found["robust"]["perturbations"]
+    assert miss["tolerance"] == pytest.approx(0.002 * found["robust"]["robust_variables_mm"]["f"], rel=1e-9)
+    assert miss["tolerance_nominal"] == pytest.approx(0.002 * found["variables_mm"]["f"], rel=1e-9)
+
+
+def test_a_length_of_zero_needs_no_unit():
+    plain = GOOD.replace("d_2 = [", "d_3 = [0, '8 mm']\nd_2 = [").replace('min = "0 mm"', "min = 0")
+    read, other = (read_study(tomllib.loads(text)) for text in (plain, plain.replace("0, '8", "'0 um', '8")))
+    assert read.problem.variables == other.problem.variables
+    assert [c.min for c in read.problem.constraints] == [0.98, 0.0]

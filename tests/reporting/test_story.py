@@ -145,6 +145,12 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     report = study_report(kind, folder / f"{kind}.toml")
     titles = [part.title for part in report.sections]
     assert {section, "Tolerances and yield", "Calibration plan", "Parts list", "Accuracy"} <= set(titles)
+    # A verdict is by limits that the user set, as in the tolerance study; those of a first look are nobody's.
+    yields = [s for block in blocks(report, Statements) for s in block.items if s.text.startswith("Yield ")]
+    assert len(yields) == 2
+    judged = {s.tone in ("good", "bad") for s in yields}
+    assert judged == {kind == "tolerance"}
+    assert all(("limits that this report sets itself" in s.text) == (kind != "tolerance") for s in yields)
 
 
 def test_a_study_without_a_design_tells_what_stands_in_the_way(folder):

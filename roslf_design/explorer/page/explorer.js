@@ -308,12 +308,18 @@
 </div>`,
   };
 
+  // Behind a real lens: what is drawn, or computed, for its thin twin all the same.
+  const Twin = {
+    props: ["lens"],
+    template: `<span v-if="lens" class="twin" :title="'For an ideal thin lens of the same focal length and diameter. ' + lens + ' itself is traced for the verdicts above, reports and tolerance runs.'">thin lens</span>`,
+  };
+
   const Card = {
-    props: ["name", "label", "files"],
+    props: ["name", "label", "files", "lens"],
     setup() { return { fetchFile, fetchPng }; },
     template: `
 <section class="card" :class="'card-' + name" :aria-label="label">
-  <div class="card-head"><h2>{{ label }}</h2><slot name="tools"></slot>
+  <div class="card-head"><h2>{{ label }} <rx-twin :lens="lens"></rx-twin></h2><slot name="tools"></slot>
     <span v-if="files !== false" class="files"><button type="button" :aria-label="label + ' as SVG'" @click="fetchFile(name + '.svg')">SVG</button><button type="button" :aria-label="label + ' as PNG'" @click="fetchPng(name)">PNG</button></span></div>
   <slot></slot>
 </section>`,
@@ -377,7 +383,7 @@
   }
 
   const Space = {
-    props: ["shown", "scene"],
+    props: ["shown", "scene", "lens"],
     setup(props) {
       const ready = ref(false);
       const failed = ref(false);
@@ -441,7 +447,7 @@
     },
     template: `
 <section class="card card-space" aria-label="The instrument in 3D">
-  <div class="card-head"><h2>The instrument in 3D</h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="name in ['centre', 'edge', 'corner', 'blocked']" :key="name"><i :style="{ background: css(meshes['rays ' + name]) }"></i>{{ name }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
+  <div class="card-head"><h2>The instrument in 3D <rx-twin :lens="lens"></rx-twin></h2><span v-if="meshes['rays centre']" class="hint key" data-testid="space-key"><span v-for="name in ['centre', 'edge', 'corner', 'blocked']" :key="name"><i :style="{ background: css(meshes['rays ' + name]) }"></i>{{ name }}</span></span><span class="hint">drag to turn, wheel to zoom, middle button to move</span>
     <button type="button" @click="home" data-testid="space-home">Whole view</button><span class="files"><button type="button" aria-label="The instrument in 3D as PNG" @click="picture">PNG</button></span></div>
   <p v-if="failed" class="note">The browser gives no WebGL 2, so there is no 3D view; all else works.</p>
   <div v-else class="picture space" data-picture="space" ref="box" tabindex="0" role="application" aria-label="3D view of the instrument; the arrow keys turn it" @keydown="turn">
@@ -491,6 +497,18 @@
 <p v-if="run.message" class="fault" role="alert" :data-testid="'failed-' + kind">{{ run.message }}</p>`,
   };
 
+  // A bound of a variable: the usual one, which follows the design, until another is typed.
+  const BoundView = {
+    props: ["name", "usual", "label"],
+    setup() {
+      const own = ref(null);
+      function typed(event) { own.value = event.target.value; }
+      function left() { if (own.value !== null && !own.value.trim()) own.value = null; }
+      return { own, typed, left };
+    },
+    template: `<input type="text" spellcheck="false" autocomplete="off" :name="name" :aria-label="label" :value="own === null ? usual : own" @input="typed" @change="left" />`,
+  };
+
   const Menu = {
     props: ["label", "name"],
     template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
@@ -502,10 +520,12 @@
       app.component("rx-shell", Shell);
       app.component("rx-field", FieldView);
       app.component("rx-card", Card);
+      app.component("rx-twin", Twin);
       app.component("rx-picture", Picture);
       app.component("rx-menu", Menu);
       app.component("rx-space", Space);
       app.component("rx-run", RunView);
+      app.component("rx-bound", BoundView);
       app.config.globalProperties.$rx = {
         ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };
