@@ -43,6 +43,11 @@ def product(left: Array | float, right: Array | float) -> Array:
     return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]
 
 
+def magnitude(value: Array | float) -> Array:
+    """|value|; complex numbers (for derivatives) go by the sign of their real part."""
+    return np.where(np.real(value) < 0, np.negative(value), value)[()]
+
+
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 """Turn between successive points of the sunflower [rad]."""
 

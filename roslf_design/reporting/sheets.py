@@ -62,7 +62,7 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     drift = (
         "The cones stay on their microlenses' axes over the whole array (image-space telecentric)."
         if result.exit_pupil.telecentric
-        else f"At the edge the cones lean: images are {number(1e3 * result.microlens_image.pitch_mm)} µm apart, not "
+        else f"At the edge the cones lean: images are {number(1e3 * abs(result.microlens_image.pitch_mm))} µm apart, not "
         "the microlens pitch, and decoding has to use that pitch."
     )
     if any(field.status != "full" for field in result.fields[:2]):
