@@ -85,6 +85,23 @@ def test_encircled_energy_by_summing_the_huygens_image():
     assert summed == pytest.approx(encircled(Camera.of(PAPER)).cell, abs=2e-4)
 
 
+def test_encircled_energy_of_a_hexagonal_cell_by_summing_the_huygens_image():
+    """Rows of the hexagon whose six sides are half a pitch from its middle."""
+    hexagonal = PAPER.replace({"microlens_array.layout": "hexagonal"})
+    apothem, (nodes, weights) = 0.062726086956521737 / 2, np.polynomial.legendre.leggauss(16)
+    _, seen, _ = planned(hexagonal)
+    summed = 0.0
+    for low, high in ((-2, -1), (-1, 1), (1, 2)):  # heights in halves of a side
+        side = apothem / np.sqrt(3)
+        for node, weight in zip(nodes, weights, strict=True):
+            y = side * ((low + high) / 2 + (high - low) / 2 * node)
+            reach = min(apothem, 2 * apothem - np.sqrt(3) * abs(y))
+            row = huygens.square_images(seen, PUPIL, nodes * reach, np.array([y]), [0.0], 64)[0]
+            summed += row @ weights * reach * weight * side * (high - low) / 2
+    assert encircled(Camera.of(hexagonal)).cell == pytest.approx(summed, abs=3e-4)
+    assert encircled(Camera.of(PAPER)).cell - summed > 0.02
+
+
 @pytest.mark.parametrize("point", [(0.02, 0.03, 350.0), (0.02, 0.0, 320.0)])
 def test_point_source_against_a_wave_through_the_whole_camera(point):
     """In and out of focus; 5 x 5 microlenses in the reference, all that count in the package."""
