@@ -45,7 +45,7 @@ def product(left: Array | float, right: Array | float) -> Array:
 
 def magnitude(value: Array | float) -> Array:
     """|value|; complex numbers (for derivatives) go by the sign of their real part."""
-    return np.where(np.real(value) < 0, np.negative(value), value)[()]
+    return np.where(np.real(np.asarray(value)) < 0, np.negative(value), value)[()]
 
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))

@@ -274,7 +274,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
     x, y = np.meshgrid(axis, axis)
-    ray = np.zeros_like(wave)
+    ray: Floats = np.zeros(wave.shape)
     for a, b in lattice.image(lattice.indices(-half, half, -half, half)):
         ray += (x - a) ** 2 + (y - b) ** 2 <= radius**2
     light, top = encircled(camera), max(1.0, float(wave.max()))
@@ -284,7 +284,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     pictures = []
     for number, (image, title) in enumerate((
         (ray, "Rays: all light in the disc"),
-        (wave, f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
+        (np.asarray(wave, float), f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
     )):  # fmt: skip
         marks: list[Mark] = [
             Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),

@@ -60,8 +60,8 @@ def test_series_in_single_precision_is_within_its_rounding():
     seen = planned_camera(PAPER, way.plan)
     series = harmonic_series(seen, MicrolensTransfer.of(seen, way.plan))
     x, y = pixel_centres(seen, Region(*REGION))
-    phase = np.exp(2j * np.pi * np.multiply.outer(series.frequencies[:, 1], y))
-    wave = np.exp(2j * np.pi * np.multiply.outer(series.frequencies[:, 0], x))
+    phase = np.exp(2j * np.pi * np.multiply.outer(series.frequencies[:, 1], y - series.origin[1]))
+    wave = np.exp(2j * np.pi * np.multiply.outer(series.frequencies[:, 0], x - series.origin[0]))
     exact = np.einsum("g,gy,gx->yx", series.coefficients, phase, wave).real
     assert np.abs(image - exact).max() < 3e-6
 
