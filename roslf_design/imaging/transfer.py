@@ -6,8 +6,8 @@ convolved with that pattern, and in frequencies a product with the aperture's ow
 
 Every microlens spreads its light in the same pattern, so the isolated images with their own kernels, summed over
 vignetted, textured and missing neighbours, are one convolution of the whole geometric image, taken tile by tile. For
-uniform light this is exact; for a texture it takes the light in a microlens as incoherent, which misses 1 to 2 % rms of
-full scale in the paper's camera (full-contrast grating of 3 to 8 microlens pitches, against coherent points added up).
+uniform light this is exact; for a texture it takes the light in a microlens as incoherent; what that misses is
+`effects.waves.incoherent_texture_miss`.
 """
 
 from __future__ import annotations
