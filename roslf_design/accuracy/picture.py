@@ -14,15 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.plan import EFFECTS
+from ..effects.waves import LONGEST_GRATING, SHORTEST_GRATING, incoherent_texture_miss
 from ..errors import InputError, Problem
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, method_of, render
 from ..imaging.trace import RaySampling
 from ..imaging.transfer import LEAST_HALO
 from ..scenes import Scene
+from ..theory.light import object_sample
 from .statement import Accuracy, check_accuracy
 
 Floats = NDArray[np.float64]
@@ -54,9 +57,6 @@ SAFETY = 1.25
 """Errors of other patches scatter."""
 CHEAP, CHEAPER = 1e8, 0.5
 """Rays that measuring may take: so many, or that part of the picture's own."""
-
-INCOHERENT = "light within a microlens counts as incoherent, which misses 1 to 2 % rms of a full-contrast texture"
-"""What diffraction of a texture leaves out."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,16 @@ class _Job:
     @property
     def model(self) -> str:
         """What no number of samples gets past."""
-        return INCOHERENT if self.convolved and self.scene.white is None else ""
+        period = self.scene.brief(self.design).smallest_period
+        if not self.convolved or math.isinf(period):
+            return ""
+        camera = Camera.of(self.design.thin_twin)
+        pitches = min(max(period / float(object_sample(camera)), SHORTEST_GRATING), LONGEST_GRATING)
+        miss = incoherent_texture_miss(camera, pitches)
+        return (
+            f"light within a microlens counts as incoherent, which misses up to {100 * miss:.2g} % rms of a "
+            f"full-contrast grating of {pitches:.2g} microlens pitches"
+        )
 
     def rays(self, sampling: RaySampling) -> float:
         """How many measuring takes."""

@@ -18,7 +18,7 @@ from cyclopts import App, Parameter
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
-from ..errors import Problem
+from ..errors import InputError, Problem
 from ..reporting.printers import render_html
 from ..scenes import load_scene
 from ..tables import Table, print_table
@@ -88,12 +88,19 @@ def diagrams(
         check_folder(output)
     promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
+    unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
+    if quantity in unfit:
+        raise InputError((Problem("--quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
+    left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
+    if not loaded.aligned:
+        left_out.append("Tilts are left out: jobs are of straight cameras.")
+    if loaded.lens is not None:
+        left_out.append('The lens counts as thin and ideal in all quantities but "real lens".')
     groups, scene_text = [], ""
     with StatusLine("accuracy") as progress:
-        for name in wanted:
-            each = promises.panel_jobs(loaded, name)
-            if axis is not None:
-                each = {"this field": promises.Job(name, loaded, axis)}
+        for name in (name for name in wanted if name not in unfit):
+            alone = axis and {"this field": promises.Job(name, loaded, axis)}
+            each = alone or promises.panel_jobs(loaded, name)
             work = [promises.work_diagram(title, job, seed=seed, progress=progress.tell) for title, job in each.items()]
             groups.append((name, work, [promises.compute(diagram.job, accuracy, seed=seed) for diagram in work]))
         if scene is not None:
@@ -109,6 +116,7 @@ def diagrams(
         "accuracy": accuracy,
         "diagrams": [diagram.to_dict() for _, diagrams, _ in groups for diagram in diagrams],
         "choices": [answer.to_dict() for _, _, answers in groups for answer in answers],
+        "left_out": left_out,
         "random_jobs": len(trials),
         "promises_kept": sum(trial.kept for trial in trials),
     }
@@ -116,8 +124,8 @@ def diagrams(
         "accuracy", design, accuracy=accuracy, scene=scene, quantity=quantity, field=field, jobs=jobs or None,
         output=output, seed=seed or None,
     )  # fmt: skip
-    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy)
-    said = [scene_text] if scene_text else []
+    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy, left_out)
+    said = [*left_out, scene_text] if scene_text else left_out[:]
     said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
     finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
 

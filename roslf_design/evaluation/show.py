@@ -55,7 +55,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
         ],
         "Microlens images": [
             ("diameter", f"{number(image.diameter_mm * 1e3)} um", f"{number(image.diameter_px)} px"),
-            ("pitch", f"{number(image.pitch_mm * 1e3)} um", ""),
+            ("pitch", f"{number(image.pitch_mm * 1e3)} um", "images in reversed order" if image.pitch_mm < 0 else ""),
             ("centre shift", f"{number(image.centre_shift_px_per_microlens)} px per microlens", "Eq. 4"),
         ],
         "Sampling and diffraction": [

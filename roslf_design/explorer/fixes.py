@@ -109,7 +109,7 @@ def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
         )
     why_not = {
         "d_2": "the FAP is so small that microlens images never grow to their pitch, whatever d_2 is",
-        "D_F": "no FAP diameter matches: the exit pupil lies between microlens array and sensor",
+        "D_F": "no FAP diameter matches: the exit pupil lies on the sensor, and so all microlens images on one another",
         "d_3": no_distance,
     }
     for symbol in ("d_2", "D_F", "d_3"):

@@ -22,7 +22,7 @@ from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .trace import RaySampling, Tracer
 from .transfer import CORE, Geometry, MicrolensTransfer, bands
-from .white import MOST_GROUPS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
+from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,10 +216,10 @@ class _Job:
             return None
         if not self.plan.on("overlap") or not _array_fills_the_view(self.camera):
             return None
-        if 2 * self.transfer.cutoff * self.camera.d > MOST_GROUPS:
+        if self.transfer.cutoff * self.camera.d > MOST_ORDERS:
             return None
         series = harmonic_series(self.camera, self.transfer)
-        return series if series.groups <= MOST_GROUPS else None
+        return series if series.rows <= MOST_ROWS else None
 
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""

@@ -6,8 +6,8 @@ convolved with that pattern, and in frequencies a product with the aperture's ow
 
 Every microlens spreads its light in the same pattern, so the isolated images with their own kernels, summed over
 vignetted, textured and missing neighbours, are one convolution of the whole geometric image, taken tile by tile. For
-uniform light this is exact; for a texture it takes the light in a microlens as incoherent, which misses 1 to 2 % rms of
-full scale in the paper's camera (full-contrast grating of 3 to 8 microlens pitches, against coherent points added up).
+uniform light this is exact; for a texture it takes the light in a microlens as incoherent; what that misses is
+`effects.waves.incoherent_texture_miss`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
+from ..design.parts import Layout
 from ..effects import Plan
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
@@ -144,7 +145,7 @@ class Encircled(NamedTuple):
     disc: float
     """Inside its geometric disc."""
     cell: float
-    """Inside a square of one image pitch about its centre."""
+    """Inside its own cell, a square or a hexagon of one image pitch about its centre."""
 
 
 def encircled(camera: Camera) -> Encircled:
@@ -166,9 +167,40 @@ def encircled(camera: Camera) -> Encircled:
     height = np.hypot(frequency[:, None], frequency)
     spectrum = radius * j1(2 * math.pi * radius * height) / height
     passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
-    box = pitch * np.sinc(frequency * pitch)
+    cell = cell_spectrum(camera.layout, pitch, frequency, PANEL * panels)
     area = math.pi * radius**2
-    return Encircled(float((passed * spectrum).sum() / area), float((passed * box[:, None] * box).sum() / area))
+    return Encircled(float((passed * spectrum).sum() / area), float((passed * cell).sum() / area))
+
+
+def cell_spectrum(layout: Layout, pitch: float, frequency: Floats, count: int) -> Floats:
+    """Fourier transform of a lattice's cell about the origin, at all pairs of frequencies along y and x.
+
+    Parameters
+    ----------
+    layout : {"square", "hexagonal"}
+    pitch : float
+        Of the images [mm]; neighbours lie along x.
+    frequency : ndarray, shape (N,)
+        [1/mm].
+    count : int
+        Gauss-Legendre nodes on each straight part of a hexagon's side.
+
+    Returns
+    -------
+    ndarray, shape (N, N)
+        [mm^2]; rows are frequencies along y.
+    """
+    if layout == "square":
+        box = pitch * np.sinc(frequency * pitch)
+        return np.asarray(box[:, None] * box)
+    # A hexagon, row by row: as wide as the pitch up to half its height, from there on narrowing to a corner.
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = pitch / (2 * math.sqrt(3))
+    at = (nodes + 1) / 2
+    y, step = np.concatenate([half * at, half * (1 + at)]), np.tile(half * weights / 2, 2)
+    wide = pitch * np.concatenate([np.ones(count), 1 - at])
+    rows = 2 * step[:, None] * wide[:, None] * np.sinc(np.outer(wide, frequency))
+    return np.asarray(np.cos(2 * math.pi * np.outer(frequency, y)) @ rows)
 
 
 def fineness(transfer: MicrolensTransfer, pixel: float) -> int:

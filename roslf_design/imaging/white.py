@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
@@ -26,11 +26,16 @@ from .transfer import MOST_HALO, MicrolensTransfer, fineness
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
 
-MOST_GROUPS = 400
-"""Rows of harmonics beyond which convolution is the cheaper way."""
+MOST_ORDERS = 200
+"""Harmonics along an axis beyond which there are too many to add up."""
+MOST_ROWS = 3000
+"""Different y frequencies beyond which convolution is the cheaper way: an upright array has some tens, a turned one as
+many as harmonics."""
 
 SMALLEST = 1e-9
 """Harmonics below this part of the mean are left out."""
+ROUNDED = 1e-13
+"""Below this part of it they are what is left of mirror images that cancel."""
 
 NEIGHBOURS = 1.5
 """Microlens pitches around the patch that lend their light."""
@@ -127,34 +132,53 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
 
 @dataclass(frozen=True, eq=False)
 class HarmonicSeries:
-    """A periodic image, ``sum over G of C(G) exp(2 pi i G . p)``; of G and -G only one is kept, doubled."""
+    """A periodic image, even about its origin: ``sum over G of C(G) cos(2 pi G . (p - origin))``."""
 
     frequencies: Floats
-    """G [1/mm], shape (M, 2)."""
-    coefficients: NDArray[np.complex128]
+    """G [1/mm], shape (M, 2); of G and -G only one."""
+    coefficients: Floats
     """C(G), shape (M,)."""
+    origin: Floats
+    """In the sensor's frame [mm], shape (2,)."""
 
     @property
-    def groups(self) -> int:
-        """How many different y frequencies there are."""
-        return int(np.unique(np.round(self.frequencies[:, 1], 9)).size)
+    def rows(self) -> int:
+        """How many different y frequencies there are, without their signs."""
+        return int(np.unique(np.round(np.abs(self.frequencies[:, 1]), 9)).size)
 
-    def at(self, x: Floats, y: Floats) -> Image:
-        """Values on a grid of sensor points in the sensor's frame [mm], shape (y.size, x.size).
+    @cached_property
+    def products(self) -> tuple[tuple[bool, float, Floats, Floats], ...]:
+        """What the image is a sum of: even or odd, |y frequency|, and the x frequencies it goes with, weighted.
 
-        A product of two matrices, with one pair of columns and rows for each y frequency.
+        ``cos(a + b)`` is ``cos a cos b - sin a sin b``. Of mirror images G and (G_x, -G_y), which every upright
+        lattice has, the second parts cancel.
         """
-        heights, group = np.unique(np.round(self.frequencies[:, 1], 9), return_inverse=True)
-        widths, place = np.unique(np.round(self.frequencies[:, 0], 9), return_inverse=True)
-        waves = np.exp(2j * math.pi * np.outer(widths, x))
-        along = np.empty((2 * heights.size, x.size), np.float32)
-        across = np.empty((y.size, 2 * heights.size), np.float32)
+        x, y = self.frequencies.T
+        heights, group = np.unique(np.round(np.abs(y), 9), return_inverse=True)
+        found = []
         for n, height in enumerate(heights):
             mine = group == n
-            wave = self.coefficients[mine] @ waves[place[mine]]
-            along[2 * n], along[2 * n + 1] = wave.real, wave.imag
-            phase = 2 * math.pi * height * y
-            across[:, 2 * n], across[:, 2 * n + 1] = np.cos(phase), -np.sin(phase)
+            widths, place = np.unique(np.round(np.abs(x[mine]), 9), return_inverse=True)
+            for even, sign in ((True, 1.0), (False, -np.sign(x[mine] * y[mine]))):
+                weights = np.bincount(place, sign * self.coefficients[mine])
+                kept = np.abs(weights) > ROUNDED * np.abs(self.coefficients).max()
+                if kept.any():
+                    found.append((even, height, widths[kept], weights[kept]))
+        return tuple(found)
+
+    def at(self, x: Floats, y: Floats) -> Image:
+        """Values on a grid of points in the sensor's frame [mm], shape (y.size, x.size): one product of matrices."""
+        u, v = 2 * math.pi * (x - self.origin[0]), 2 * math.pi * (y - self.origin[1])
+        along = np.empty((len(self.products), u.size), np.float32)
+        across = np.empty((v.size, len(self.products)), np.float32)
+        every = {width for _, _, widths, _ in self.products for width in widths}
+        place = {width: n for n, width in enumerate(sorted(every))}
+        waves = {
+            even: wave(np.outer(list(place), u)).astype(np.float32) for even, wave in ((True, np.cos), (False, np.sin))
+        }
+        for n, (even, height, widths, weights) in enumerate(self.products):
+            along[n] = weights.astype(np.float32) @ waves[even][[place[width] for width in widths]]
+            across[:, n] = (np.cos if even else np.sin)(height * v)
         return across @ along
 
 
@@ -192,8 +216,7 @@ def harmonic_series(camera: Camera, transfer: MicrolensTransfer, pixel: bool = T
     if pixel:
         weight = weight * pixel_box(frequencies[:, 0], float(camera.q)) * pixel_box(frequencies[:, 1], float(camera.q))
     kept = np.abs(weight) > SMALLEST * np.abs(weight).max()
-    phase = np.exp(-2j * math.pi * frequencies[kept] @ lattice.image_origin)
-    return HarmonicSeries(frequencies[kept], weight[kept] * phase)
+    return HarmonicSeries(frequencies[kept], weight[kept], lattice.image_origin)
 
 
 def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:

@@ -201,7 +201,7 @@ class Constraint(_Asked):
     def measured(self, camera: Camera) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
         if self.quantity.name == "fill_factor":
-            return inverse_fill_factor(camera)
+            return np.abs(inverse_fill_factor(camera))
         return self.values(camera) if self.quantity.worst is None else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:

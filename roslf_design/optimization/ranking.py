@@ -246,7 +246,9 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
         inverse = np.broadcast_to(inverse_fill_factor(cameras), shape)
         least, most = inverse.min(axis=0), inverse.max(axis=0)
         # A box with images of no pitch in it has no largest fill factor.
-        return np.where(most > 0, 1 / most, np.inf), np.where(least > 0, 1 / least, np.inf)
+        nearest = np.maximum(np.maximum(least, -most), 0.0)
+        with np.errstate(divide="ignore"):
+            return 1 / np.maximum(most, -least), 1 / nearest
     values: Array
     if quantity.over is None:
         values = part.each(cameras)

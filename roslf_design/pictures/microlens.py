@@ -12,7 +12,7 @@ from ..camera import Camera
 from ..effects import plan
 from ..errors import InputError, Problem
 from ..evaluation.fields import axes_in_space, field_discs
-from ..imaging.camera import planned_camera
+from ..imaging.camera import ImageLattice, planned_camera
 from ..imaging.transfer import MicrolensTransfer, encircled
 from ..imaging.white import harmonic_series, white_patch
 from ..shapes.cells import area_in_rectangle
@@ -274,26 +274,26 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     pitch, radius = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera)) / 2
     effects = plan(design, overrides=["+microlens_diffraction", "+overlap", "-vignetting", "-tilts", "-decentres"])
     flat = planned_camera(design, effects)
-    half = 0.75 * pitch
+    half, lattice = 0.75 * pitch, ImageLattice.of(flat)
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
     x, y = np.meshgrid(axis, axis)
-    steps = [pitch * np.array([i, j]) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    ray = np.sum([((x - a) ** 2 + (y - b) ** 2 <= radius**2).astype(float) for a, b in steps], axis=0)
+    ray: Floats = np.zeros(wave.shape)
+    for a, b in lattice.image(lattice.indices(-half, half, -half, half)):
+        ray += (x - a) ** 2 + (y - b) ** 2 <= radius**2
     light, top = encircled(camera), max(1.0, float(wave.max()))
     each, reach = width / 2, UM * half
     side = each - 56 - 68
-    cell = UM * pitch / 2 * np.array([-1, 1, 1, -1])
+    cell = UM * cell_polygon(camera.layout, pitch, float(flat["microlens_array.rotation"]))
     pictures = []
     for number, (image, title) in enumerate((
         (ray, "Rays: all light in the disc"),
-        (wave, f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
+        (np.asarray(wave, float), f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
     )):  # fmt: skip
         marks: list[Mark] = [
             Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),
             Disc(0.0, 0.0, UM * radius, edge="#000000", width=3.0), Disc(0.0, 0.0, UM * radius, edge="#ffffff"),
-            Area(cell, np.roll(cell, 1), "none", 1.0, "#000000", 3.0),
-            Area(cell, np.roll(cell, 1), "none", 1.0, "#ffffff", 1.4, "5 3"),
+            Area(*xy(cell), "none", 1.0, "#000000", 3.0), Area(*xy(cell), "none", 1.0, "#ffffff", 1.4, "5 3"),
         ]  # fmt: skip
         scale = Scale(-reach, reach)
         panel = Panel(

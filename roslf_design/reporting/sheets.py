@@ -62,8 +62,8 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     drift = (
         "The cones stay on their microlenses' axes over the whole array (image-space telecentric)."
         if result.exit_pupil.telecentric
-        else f"At the edge the cones lean: images are {number(1e3 * result.microlens_image.pitch_mm)} µm apart, not "
-        "the microlens pitch, and decoding has to use that pitch."
+        else f"At the edge the cones lean: images are {number(1e3 * abs(result.microlens_image.pitch_mm))} µm apart, "
+        "not the microlens pitch, and decoding has to use that pitch."
     )
     if any(field.status != "full" for field in result.fields[:2]):
         drift += " Hatched cones never come: other rims block that light."
@@ -100,7 +100,7 @@ def _wave_sheet(design: Design, _: Evaluation) -> Figure:
     caption = (
         "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
         f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
-        f"{100 * light.cell:.1f} % in a cell of one image pitch; the rest lies on the neighbours."
+        f"{100 * light.cell:.1f} % in its cell; the rest lies on the neighbours."
     )
     return Figure.of("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
 

@@ -2,7 +2,8 @@
 
 Three rules, from exact to traditional, each told as two f-numbers that should agree or as the fill factor
 (microlens-image diameter over pitch) that should be 1. A fill factor above 1 means overlapping images, below 1 unused
-pixels.
+pixels. What neighbours are apart by is the pitch's magnitude: images in reversed order (an exit pupil between array and
+sensor) are matched as others are.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 
@@ -33,16 +34,19 @@ def main_lens_f_number(c: Camera) -> Array:
 
 
 def inverse_fill_factor(c: Camera) -> Array:
-    """Microlens-image pitch over diameter, ``d (A/d_2 + (f-d_3)/f)/D_F``: linear where the fill factor has poles."""
+    """Microlens-image pitch over diameter, ``d (A/d_2 + (f-d_3)/f)/D_F``: linear where the fill factor has poles.
+
+    Below 0 where images lie in reversed order.
+    """
     return c.d * (ratio(c.A, c.d_2) + (c.f - c.d_3) / c.f) / c.D_F
 
 
 def fill_factor(c: Camera) -> Array:
     """Microlens-image diameter over pitch, exactly: 1 where Eq. 7 holds.
 
-    ``D_F d_2 / (d (A + d_2 (f - d_3)/f))``; inf where the images have no pitch.
+    ``D_F d_2 / (d |A + d_2 (f - d_3)/f|)``; inf where the images have no pitch.
     """
-    return ratio(c.D_F * c.d_2, c.d * (c.A + c.d_2 * ((c.f - c.d_3) / c.f)))
+    return magnitude(ratio(c.D_F * c.d_2, c.d * (c.A + c.d_2 * ((c.f - c.d_3) / c.f))))
 
 
 def approximate_fill_factor(c: Camera) -> Array:
@@ -56,8 +60,11 @@ def traditional_fill_factor(c: Camera) -> Array:
 
 
 def mismatch_px(c: Camera) -> Array:
-    """Microlens-image diameter minus pitch [px]: overlap above 0, gap below; inf at d_3 = d_f."""
-    return (microlens_image_diameter(c) - microlens_image_pitch(c)) / c.q
+    """Microlens-image diameter minus the pitch's magnitude [px]: overlap above 0, gap below; +-inf at d_3 = d_f."""
+    order = np.where(np.real(microlens_image_pitch(c)) < 0, -1.0, 1.0)
+    # Diameter and pitch run off together at d_3 = d_f: what runs off is their difference.
+    apart = c.D_F - order * c.d * ((c.f - c.d_3) / c.f)
+    return (product(c.d_2 * apart / c.f, ratio(c.d_f - c.f, c.gap)) - order * c.d) / c.q
 
 
 class Matched(NamedTuple):
@@ -82,7 +89,8 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
     -------
     Matched
         Each rule is linear in each length, so there is one solution or none: where it would have to be zero, negative,
-        infinite, or put the FAP behind the lens or beyond the focal plane, the value is inf and `exists` False.
+        infinite, or put the FAP behind the lens or beyond the focal plane, the value is inf and `exists` False. D_F and
+        d match images in the order in which they lie, d_2 and d_3 those in direct order.
     """
     de, d, d2, f, df, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_f, c.d_3)
     image: NDArray[np.bool_] | bool = True
@@ -100,8 +108,8 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
     if symbol == "d_2":
         length, image = ratio(c.A, de / d - bend), de > 0
     elif symbol == "D_F":
-        length = d * (ratio(c.A, d2) + bend)
+        length = d * magnitude(ratio(c.A, d2) + bend)
     else:
-        length = ratio(de * d2, c.A + product(d2, bend))
+        length = ratio(de * d2, magnitude(c.A + product(d2, bend)))
     exists = image & (length > 0) & np.isfinite(length)
     return Matched(np.where(exists, length, np.inf)[()], exists)

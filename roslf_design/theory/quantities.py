@@ -208,7 +208,7 @@ register(
     Quantity(
         "image_pitch_mm",
         "mm",
-        "distance between neighbouring microlens images",
+        "distance between neighbouring microlens images, below 0 where their order is reversed",
         _whole(exit_pupil.microlens_image_pitch),
         lambda images: images.pitch,
         positive=False,

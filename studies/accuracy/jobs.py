@@ -116,7 +116,7 @@ class Job:
     def blur(self) -> tuple[float, float, float]:
         """Microlens diffraction in pixels: its width lambda d_2/d; image pitch; defocus 1/f_ml - 1/d_2 - 1/L [1/mm]."""
         c = self.design
-        pitch = float(microlens_image_pitch(Camera.of(c)))
+        pitch = abs(float(microlens_image_pitch(Camera.of(c))))
         bend = 1 / c.f_ml - 1 / c.d_2 - float(Camera.of(c).vergence)
         return c.wavelength * c.d_2 / c.d / c.q, pitch / c.q, bend
 
@@ -151,19 +151,15 @@ class Job:
 
 
 def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
-    """Jobs of one quantity, one a panel that it differs on.
-
-    Images with diffraction are those of square microlenses on a square grid, whatever the design has: that is what the
-    methods compute.
-    """
+    """Jobs of one quantity, one a panel that it differs on."""
     if quantity == LENS:
         cameras = {name: (camera, camera.microlens_array.size[0]) for name, camera in lens_designs(design).items()}
         return {name: Job(LENS, camera, (0.25 * side, 0.1 * side)) for name, (camera, side) in cameras.items()}
     if quantity == CUT:
-        return _cut_jobs(_square(design))
+        return _cut_jobs(design)
     waves = quantity == WAVES
     jobs = {}
-    for name, camera in _panels(_square(design) if waves else design).items():
+    for name, camera in _panels(design).items():
         is_wave = name.startswith("N_F")
         if not (is_wave or name == "mismatched" if waves else not is_wave):
             continue
@@ -175,8 +171,38 @@ def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
     return jobs
 
 
-def _square(design: Design) -> Design:
-    return design.replace({"microlens_array.layout": "square", "microlens_array.lens_shape": "square"})
+def unfit(design: Design, quantity: str, axis: tuple[float, float] | None = None) -> str:
+    """Why methods and references do not hold for a design; empty where they do.
+
+    Methods and references alike take every microlens image as a product of two lines, and neighbours as a square grid:
+    of other arrays they would agree with each other and be wrong.
+
+    Parameters
+    ----------
+    design : Design
+    quantity : str
+        One of `QUANTITIES`.
+    axis : (x, y), optional
+        Microlens on the array [mm]; None is the panels.
+    """
+    array = design.microlens_array
+    if quantity in (WAVES, CUT):
+        if array.lens_shape != "square" or array.rotation:
+            kind = f"{array.lens_shape} microlenses" if array.lens_shape != "square" else "turned microlenses"
+            return f"it is computed of upright square microlenses only, and this design has {kind}"
+        if quantity == WAVES and array.layout != "square":
+            return f"it is computed of square arrays only, and this design's is {array.layout}"
+    if axis is not None and quantity == WAVES and len(Job(quantity, design, axis).discs[1]) > 1:
+        return f'rims cut the image at {axis[0]:g}, {axis[1]:g} mm, and there no neighbour is like it; ask for "{CUT}"'
+    if axis is not None and quantity == LENS and not _traceable(design):
+        return "only panels, without --field, trace the lenses that ship; a field needs a real lens of the design's own"
+    return ""
+
+
+def square_twin(design: Design) -> Design:
+    """The design with upright square microlenses in a square array, which all quantities fit."""
+    return design.replace({f"microlens_array.{key}": "square" for key in ("layout", "lens_shape")}
+                          | {"microlens_array.rotation": 0.0})  # fmt: skip
 
 
 def _pencil(design: Design) -> tuple[float, float]:
@@ -253,14 +279,21 @@ def with_lens(design: Design, name: str) -> Design | None:
 
 def lens_designs(design: Design) -> dict[str, Design]:
     """The design's own real lens, if the reference is for such, then every shipped lens in its place."""
-    made, lens = {}, design.lens
-    if lens and design.aligned and lens.is_centred and not any(surface.asphere for surface in lens.surfaces):
-        made[lens.name or "own lens"] = design
+    made = {}
+    if design.lens and _traceable(design):
+        made[design.lens.name or "own lens"] = design
     for name in (name.upper() for name in shipped_names()):
         camera = with_lens(design.thin_twin, name)
         if camera is not None and name not in (key.upper() for key in made):
             made[name] = camera
     return made
+
+
+def _traceable(design: Design) -> bool:
+    """Whether the reference is for the design's own real lens."""
+    lens = design.lens
+    spherical = lens is not None and lens.is_centred and not any(surface.asphere for surface in lens.surfaces)
+    return spherical and design.aligned
 
 
 @lru_cache(maxsize=64)
@@ -288,8 +321,6 @@ def random_job(design: Design, quantity: str, rng: np.random.Generator) -> Job:
         camera = _random_lens_design(design, rng)
         x, y = (float(rng.uniform(-0.22, 0.22)) * side for side in camera.microlens_array.size)
         return Job(LENS, camera, (x, y))
-    if quantity in (WAVES, CUT):
-        design = _square(design)
     while True:
         d_3 = float(rng.uniform(0, 0.75)) * design.d_f
         x, y = (float(rng.uniform(-0.5, 0.5)) * side for side in design.sensor_size)
@@ -334,8 +365,8 @@ def _random_lens_design(design: Design, rng: np.random.Generator) -> Design:
 
 
 def random_jobs(design: Design, count: int, seed: int) -> Iterator[tuple[Job, float]]:
-    """Jobs of all quantities in turn, each with an accuracy between 1e-1 and 1e-9."""
+    """Jobs of all quantities that fit the design in turn, each with an accuracy between 1e-1 and 1e-9."""
     rng = np.random.default_rng(seed)
-    names = tuple(QUANTITIES)
+    names = [name for name in QUANTITIES if not unfit(design, name)]
     for n in range(count):
         yield random_job(design, names[n % len(names)], rng), 10 ** -float(rng.uniform(1, 9))

@@ -70,7 +70,13 @@ RATES = (
 
 
 def accuracy_report(
-    name: str, groups: Sequence[Group], table: Measured, trials: Sequence[Tried], command: str, accuracy: float
+    name: str,
+    groups: Sequence[Group],
+    table: Measured,
+    trials: Sequence[Tried],
+    command: str,
+    accuracy: float,
+    left_out: Sequence[str] = (),
 ) -> Report:
     """The whole page.
 
@@ -87,13 +93,15 @@ def accuracy_report(
         That makes this page.
     accuracy : float
         That the marked choices keep.
+    left_out : sequence of str
+        What the page is silent on, a sentence each.
     """
     figures = tuple(_figure(quantity, diagrams, answers, accuracy) for quantity, diagrams, answers in groups)
     jobs = {quantity: diagrams[0].job for quantity, diagrams, _ in groups if quantity in QUANTITIES}
     sections = [
         Section("What to choose when", (Bullets(ADVICE),)),
         Section("What is chosen", (choice_table(jobs, table),)),
-        Section("Error against time", (_reading(accuracy), *figures)),
+        Section("Error against time", (_reading(accuracy), *(Paragraph(said) for said in left_out), *figures)),
         Section("Methods", (method_table(),)),
     ]
     if trials:
@@ -107,8 +115,7 @@ def _reading(accuracy: float) -> Paragraph:
         "Each line is a method, each point a level of effort: medians, with bars over the middle half of times and all "
         "seeds' errors. Down and left is better; errors far above 1 are not drawn. A ring marks what is chosen for an "
         f"accuracy of {accuracy:g} (dotted). Errors against references of 22 to 50 digits; of cut diffraction images "
-        "against Huygens's integral in double precision. Diffraction is that of square microlenses on a square grid, "
-        "whatever the design has. Dashed: a floor that no effort gets past, as the model itself "
+        "against Huygens's integral in double precision. Dashed: a floor that no effort gets past, as the model itself "
         "leaves something out: by how much the best ray image misses the wave image of the same camera, neighbours "
         "alike; by how much a thin lens misses the real one."
     )

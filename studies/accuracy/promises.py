@@ -23,7 +23,7 @@ from roslf_design.scenes import Scene
 from roslf_design.shapes.coverage import coverage
 
 from . import shapes, waves
-from .jobs import LENS, WAVES, Job, panel_jobs, random_job, random_jobs
+from .jobs import LENS, WAVES, Job, panel_jobs, random_job, random_jobs, square_twin, unfit
 from .references import reference
 from .shapes import Method
 
@@ -97,7 +97,7 @@ def calibrate(
     Parameters
     ----------
     design : Design
-        To make the jobs from.
+        To make the jobs from; where its microlenses fit no method, square ones stand in.
     quantities : iterable of str
     extra : int
         Random jobs of each quantity beside the panels.
@@ -110,8 +110,9 @@ def calibrate(
     rows: list[Row] = []
     for number, quantity in enumerate(quantities):
         rng = np.random.default_rng([seed, number])
-        jobs = [*panel_jobs(design, quantity).values()]
-        jobs += [random_job(design, quantity, rng) for _ in range(extra)]
+        camera = square_twin(design) if unfit(design, quantity) else design
+        jobs = [*panel_jobs(camera, quantity).values()]
+        jobs += [random_job(camera, quantity, rng) for _ in range(extra)]
         for method in methods(quantity):
             progress(f"{quantity}, {method.name}")
             fewest = sum(method.tested_on(job) for job in jobs[: len(jobs) - extra + FEWEST_JOBS])
@@ -397,10 +398,13 @@ def _points(method: Method, job: Job, seed: int, repeats: int) -> list[WorkPoint
 
 
 def model_error(job: Job) -> float | None:
-    """What no effort gets past: a thin lens for a real one; rays for waves, of a white scene, neighbours alike."""
+    """What no effort gets past: a thin lens for a real one; rays for waves, of a white scene, neighbours alike.
+
+    None where nothing is known of it.
+    """
     if job.quantity == LENS:
         return job.error(shapes.thin_rays(job), reference(job))
-    if job.quantity not in ("pixel image", "textured image"):
+    if job.quantity not in ("pixel image", "textured image") or unfit(job.design, WAVES):
         return None
     alike = Job(WAVES, job.design)
     return float(np.max(np.abs(waves.rays_alike(alike) - waves.harmonic_series(alike))))

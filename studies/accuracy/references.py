@@ -110,7 +110,7 @@ def _alike(job: Job) -> Floats:
     vergence = ORACLES["exit_pupil_vergence"](**lens)
     with mp.workdps(WAVE_DIGITS):
         d, d_2, q = mp.mpf(c.d), mp.mpf(c.d_2), mp.mpf(c.q)
-        width, pitch = mp.mpf(c.wavelength) * d_2 / d / q, image_pitch / q
+        width, pitch = mp.mpf(c.wavelength) * d_2 / d / q, abs(image_pitch) / q
         turns = (1 / mp.mpf(c.f_ml) - 1 / d_2 - vergence) * d_2 * d / q
         radius = mp.mpf(job.radius)
         count = int(mp.floor(pitch / width)) + 1

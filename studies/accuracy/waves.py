@@ -236,6 +236,8 @@ def _cut_panels(job: Job, nodes: int, seed: int) -> Floats:
 def _arcs(job: Job, nodes: int, seed: int) -> Floats:
     """Green's theorem along the outline: no slices, no square roots; every arc in pieces of a quarter turn or less."""
     at, dy = outline_nodes(*job.discs, _enough(job, nodes))
+    if not len(at):
+        return np.zeros(job.pixels)
     x, y = job.centres
     # d/da of the line's integral over at is -k: the sign is that of the outline's turn.
     return np.asarray(((lines(job, y, at[:, 1]) * dy) @ -lines(job, x, at[:, 0], integral=True).T).ravel())

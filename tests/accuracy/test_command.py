@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from roslf_design.accuracy.table import read_table
+from roslf_design.accuracy.table import QUANTITIES, read_table
 from roslf_design.cli import main
 from studies.accuracy import hard_rows, promises
 
@@ -56,6 +56,7 @@ def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
         (["paper", "--quantity", "brightness"], "kept fraction"),
         (["paper", "--jobs", "-1"], "--jobs"),
         (["paper", "--field", "far"], "--field"),
+        (["paper", "--quantity", "real lens", "--field", "0"], "real lens of the design's own"),
         (["nowhere.toml"], "nowhere.toml"),
         (["hard-cases", "paper", "--seed", "-1"], "--seed"),
     ],
@@ -76,6 +77,26 @@ def test_calibrate_writes_where_it_is_told(tmp_path, capsys, monkeypatch):
     assert main(["accuracy", "calibrate", "-o", str(path)]) == 0
     assert read_table(path).of("depth")
     assert str(path) in capsys.readouterr().out
+
+
+def test_diffraction_of_round_microlenses_is_refused_by_name_and_file(root, tmp_path, capsys):
+    path = tmp_path / "round.toml"
+    paper = (root / "designs" / "paper.toml").read_text()
+    path.write_text(paper.replace('lens_shape = "square"', 'lens_shape = "circular"'))
+    assert main(["accuracy", str(path), "--quantity", "diffraction image"]) == 2
+    told = capsys.readouterr()
+    assert "circular microlenses" in told.err
+    assert str(path) in told.err
+    assert "--quantity" in told.err
+    assert told.out == ""
+
+
+def test_a_field_of_an_ideal_camera_leaves_the_real_lens_out_and_says_so(capsys, monkeypatch):
+    monkeypatch.setattr(promises, "REPEATS", 1)
+    assert main(["accuracy", "paper", "--field", "0", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [line.split()[0:2] for line in data["left_out"]] == [["Real", "lens"]]
+    assert {diagram["quantity"] for diagram in data["diagrams"]} == set(QUANTITIES) - {"real lens"}
 
 
 def test_help_shows_an_example(capsys):

@@ -9,9 +9,26 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.accuracy.table import QUANTITIES
+from roslf_design.effects import plan
+from roslf_design.imaging.camera import planned_camera
+from roslf_design.imaging.transfer import MicrolensTransfer
+from roslf_design.imaging.white import harmonic_series as rendered_series
 from roslf_design.lenses.lens_file import shipped_names
 from studies.accuracy import waves
-from studies.accuracy.jobs import CUT, LENS, RAYS, Job, lens_designs, microlens_rays, panel_jobs, random_job, with_lens
+from studies.accuracy.jobs import (
+    CUT,
+    LENS,
+    RAYS,
+    WAVES,
+    Job,
+    lens_designs,
+    microlens_rays,
+    panel_jobs,
+    random_job,
+    random_jobs,
+    unfit,
+    with_lens,
+)
 from studies.accuracy.oracles.discs import area, shape
 from studies.accuracy.promises import methods, model_error, work_diagram
 from studies.accuracy.references import EVERY, reference
@@ -126,13 +143,36 @@ def test_spread_of_depths_is_that_of_the_law():
         assert reference(job)[0] == pytest.approx(0.5 * (ends[0] - ends[1]), rel=1e-7)
 
 
-def test_diffraction_is_that_of_square_lenses_and_says_nothing_of_others():
-    """A hexagonal array of round lenses is not what these methods compute: their jobs are square ones."""
-    other = PAPER.replace({"microlens_array.layout": "hexagonal", "microlens_array.lens_shape": "circular"})
-    for quantity in ("diffraction image", CUT):
-        jobs = [*panel_jobs(other, quantity).values(), random_job(other, quantity, np.random.default_rng(1))]
-        assert {job.design.microlens_array.layout for job in jobs} == {"square"}
-        assert {job.design.microlens_array.lens_shape for job in jobs} == {"square"}
+@pytest.mark.parametrize(
+    "changes",
+    [{"layout": "hexagonal"}, {"lens_shape": "circular"}, {"rotation": 1e-3}],
+    ids=["hexagonal", "round", "turned"],
+)
+def test_diffraction_of_other_arrays_is_refused_where_methods_and_reference_would_agree_and_be_wrong(changes):
+    """The renderer, whose own tests are against Huygens's integral, sees another image than these methods do."""
+    other = PAPER.replace({f"microlens_array.{key}": value for key, value in changes.items()})
+    job = Job(WAVES, other)
+    assert unfit(other, WAVES)
+    assert (unfit(other, CUT) == "") == ("layout" in changes)  # one microlens alone has no neighbours
+    assert not any(unfit(PAPER, quantity) for quantity in QUANTITIES)
+    assert {job.quantity for job, _ in random_jobs(other, 27, 4)} == {q for q in QUANTITIES if not unfit(other, q)}
+    lines = plan(other, overrides=["-cos4"])
+    camera = planned_camera(other, lines.without("microlens_defocus"))
+    rendered = rendered_series(camera, MicrolensTransfer.of(camera, lines)).at(*(job.design.q * c for c in job.centres))
+    assert np.abs(rendered.ravel() - reference(job)).max() > 1e-4
+
+
+def test_diffraction_image_is_refused_where_neighbours_are_cut_otherwise():
+    eye = panel_jobs(PAPER, "area")["cat's eye"]
+    assert "rims cut" in unfit(eye.design, WAVES, eye.axis)
+    assert not unfit(eye.design, CUT, eye.axis)
+
+
+def test_cut_image_of_a_dark_field_is_black():
+    job = Job(CUT, roslf.load("mismatched-borescope"), (40.0, 0.0))
+    assert not reference(job).any()
+    for one in methods(CUT):
+        assert not one.compute(job, one.levels[0], 0).any(), one.name
 
 
 # --- cut pupils -------------------------------------------------------------------------------------------------------

@@ -28,20 +28,24 @@ def aperture(design, samples):
     return nodes * design.d / 2, weights * design.d / 2
 
 
-def square_images(design, pupil_points, x, y, steps, samples):
+def square_images(design, pupil_points, x, y, steps, samples, steps_y=None):
     """Images of microlenses alike, summed: intensity at the product grid of x and y [mm] per unit of light in each.
 
-    `steps` are the image centres, along each axis, of the neighbours that are counted. Of a square aperture the field
-    is a product of two one-dimensional integrals, and so is its intensity.
+    `steps` are the image centres, along each axis, of the neighbours that are counted (along y `steps_y`, where they
+    differ). Of a square aperture the field is a product of two one-dimensional integrals, and so is its intensity.
     """
     v, dv = aperture(design, samples)
     unit = design.wavelength * design.d_2 * design.d
 
-    def profile(points, sensor):
+    def profile(points, sensor, steps):
         light = dv[:, None] * from_pupil(design, points, 0.0, v)
         return sum(np.abs(towards_sensor(design, sensor - step, v) @ light) ** 2 for step in steps) / unit
 
-    return np.einsum("yn,xn->yx", profile(pupil_points[:, 1], y), profile(pupil_points[:, 0], x)) / len(pupil_points)
+    return np.einsum(
+        "yn,xn->yx",
+        profile(pupil_points[:, 1], y, steps if steps_y is None else steps_y),
+        profile(pupil_points[:, 0], x, steps),
+    ) / len(pupil_points)
 
 
 def round_image(design, pupil_points, x, y, samples, axis=(0.0, 0.0)):

@@ -341,6 +341,29 @@ def test_bars_of_effects_are_as_long_as_their_shares():
     assert "no effect has a size" in effects_budget(()).svg()
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.2])
+def test_a_hexagonal_array_is_hexagonal_by_rays_by_waves_and_in_its_cell(turn):
+    """Six neighbours a pitch away, at 60 degrees; the cell's corners lie between them."""
+    changes = {"microlens_array.layout": "hexagonal", "microlens_array.rotation": turn, "light.wavelength": 2e-5}
+    design = PAPER.replace(changes)
+    rays, waves = rays_and_waves(design, samples=61).panels[::2]
+    (ray,), (wave,) = ([mark for mark in panel.marks if isinstance(mark, Image)] for panel in (rays, waves))
+    pitch, radius = 0.062726086956521737, 2.9 * 35 / 23 * 2 / 140 / 2
+    x, y = np.meshgrid(*[np.linspace(-0.75, 0.75, 61) * pitch] * 2)
+    angles = turn + np.pi / 3 * np.arange(6)
+    middles = [(0.0, 0.0), *(pitch * np.stack([np.cos(angles), np.sin(angles)], -1))]
+    count = sum(((x - a) ** 2 + (y - b) ** 2 <= radius**2).astype(float) for a, b in middles)
+    near = np.hypot(x, y) < 0.8 * pitch  # farther out, light of the next ring
+    np.testing.assert_array_equal(ray.values[near], count[near])
+    assert np.abs(wave.values - count)[near].mean() < 0.05  # the wave image of short waves is that of rays
+    for panel in (rays, waves):
+        cells = [np.stack([mark.x, mark.y], -1) for mark in panel.marks if isinstance(mark, Area)]
+        for cell in cells:
+            assert np.allclose(np.hypot(*cell.T), 1e3 * pitch / np.sqrt(3))
+            corners = np.sort(np.mod(np.arctan2(cell[:, 1], cell[:, 0]) - turn, np.pi / 3))
+            assert np.allclose(corners, np.pi / 6)
+
+
 def test_waves_and_raw_images_are_shown_with_their_scales():
     picture = rays_and_waves(PAPER, samples=31)
     assert "74.1%" in picture.panels[2].title

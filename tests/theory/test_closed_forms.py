@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.optimization.problem import Constraint
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
 from roslf_design.theory.quantities import QUANTITIES
 from studies.accuracy.forms import CLOSED
@@ -340,3 +341,35 @@ def test_margin_vanishes_at_its_bound_for_any_object_distance():
     assert far.mla_radius == pytest.approx(92.0 * (50.8 - 2.9) / 240.0, rel=1e-14)
     with pytest.raises(ValueError, match="must be finite"):
         vignetting.nondistortion_margin(paper(), 0.15, np.inf)
+
+
+@pytest.mark.parametrize("D_F", [0.02, 0.06], ids=["gap", "overlap"])
+def test_images_in_reversed_order_are_apart_by_the_magnitude_of_their_pitch(D_F):
+    """An exit pupil between array and sensor; two neighbours' images by rays from the FAP's rim and centre."""
+    c = Camera.of(PAPER.replace(d_3=342.0, D_F=D_F))
+
+    def lands(place, axis):
+        """On the sensor, the ray from a place on the FAP through the middle of a microlens."""
+        B, D = c.d_3 + c.d_1 * (1 - c.d_3 / c.f), 1 - c.d_3 / c.f
+        return axis + (D * axis - place) / B * c.d_2  # slope behind the lens, from the ray matrix
+
+    ends = [sorted(lands(side * D_F / 2, axis) for side in (-1, 1)) for axis in (0.0, c.d)]
+    assert lands(0.0, c.d) < 0  # reversed
+    overlap = ends[1][1] - ends[0][0]
+    apart = abs(lands(0.0, c.d) - lands(0.0, 0.0))
+    assert f_number.mismatch_px(c) == pytest.approx(overlap / c.q, rel=1e-12)
+    assert f_number.fill_factor(c) == pytest.approx((ends[0][1] - ends[0][0]) / apart, rel=1e-12)
+    assert (f_number.mismatch_px(c) > 0) == (D_F == 0.06)
+    result = roslf.evaluate(PAPER.replace(d_3=342.0, D_F=D_F))
+    word = "overlap by" if D_F == 0.06 else "leave gaps of"
+    assert f"{word} {abs(overlap) / c.q:.3g} px" in result.verdicts[0].text
+    for symbol in ("D_F", "d", "d_2", "d_3"):
+        way = f_number.matched(c, symbol)
+        assert way.exists
+        assert f_number.fill_factor(c.replace({symbol: float(way.value)})) == pytest.approx(1, abs=1e-12)
+    slope = np.imag(f_number.fill_factor(c.replace({"d_3": np.array(342.0 + 1e-20j)}))) / 1e-20
+    near, far = (f_number.fill_factor(c.replace({"d_3": 342.0 + step})) for step in (-1e-5, 1e-5))
+    assert slope == pytest.approx((far - near) / 2e-5, rel=1e-6)
+    limit = Constraint(quantity="fill_factor", min=0.99, max=1.01)
+    of_limits = [limit.row(value, sign, 1.0)[0](limit.measured(c)) for value, sign in ((0.99, -1), (1.01, 1))]
+    assert [bool(row > 0) for row in of_limits] == [D_F == 0.02, D_F == 0.06]

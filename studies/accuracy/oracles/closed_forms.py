@@ -119,8 +119,10 @@ def _excess(camera: Planes, D_F: Any, d: Any, d_2: Any, d_3: Any, exact: bool) -
     return camera.diameter(D_F, d_2, d_3) - (camera.pitch(d, d_2, d_3) if exact else d)
 
 
-def _matched(unmatched: Form) -> tuple[Any, bool]:
+def _matched(unmatched: Form, either_order: bool = False) -> tuple[Any, bool]:
     value = affine_root(unmatched)
+    if either_order:  # a root below 0 is that of images in reversed order
+        value = abs(value)
     return (value, True) if 0 < value < mp.inf else (mp.inf, False)
 
 
@@ -219,21 +221,23 @@ TRACED: dict[str, Form] = {
     "microlens_f_number": lambda d_2, d: d_2 / d,
     "pupil_f_number": lambda D_F, f, d_f, d_3: _at(f, d_f).reach(d_3) / D_F,
     "main_lens_f_number": lambda D, d_1: d_1 / D,
-    "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: (
+    "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: abs(
         _at(f, d_f).diameter(D_F, d_2, d_3) / _at(f, d_f).pitch(d, d_2, d_3)
     ),
     "approximate_fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / d,
     # Any focal length: the pupil is at the lens.
     "traditional_fill_factor": lambda D, d, d_2, d_1: Planes(d_1, d_1).diameter(D, d_2, 0) / d,
-    "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: _excess(_at(f, d_f), D_F, d, d_2, d_3, True) / q,
+    "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: (
+        (_at(f, d_f).diameter(D_F, d_2, d_3) - abs(_at(f, d_f).pitch(d, d_2, d_3))) / q
+    ),
     "matched_sensor_distance": lambda D_F, d, f, d_f, d_3, exact=True: _matched(
         lambda d_2: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact)
     ),
     "matched_pupil_diameter": lambda d, d_2, f, d_f, d_3, exact=True: _matched(
-        lambda D_F: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact)
+        lambda D_F: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact), either_order=True
     ),
     "matched_microlens_pitch": lambda D_F, d_2, f, d_f, d_3, exact=True: _matched(
-        lambda d: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact)
+        lambda d: _excess(_at(f, d_f), D_F, d, d_2, d_3, exact), either_order=True
     ),
     "matched_pupil_distance": _matched_pupil_distance,
     # field and stops

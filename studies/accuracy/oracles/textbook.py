@@ -69,12 +69,12 @@ def _matched_sensor_distance(D_F: Any, d: Any, f: Any, d_f: Any, d_3: Any, exact
 
 def _matched_pupil_diameter(d: Any, d_2: Any, f: Any, d_f: Any, d_3: Any, exact: bool = True) -> Any:
     grow = 1 + d_2 * (_per_l(f, d_f, d_3) if exact else 0)
-    return _exists(d * grow / (_h(d_f, d_3) * d_2 / _d_1(f, d_f)))
+    return _exists(d * abs(grow) / (_h(d_f, d_3) * d_2 / _d_1(f, d_f)))
 
 
 def _matched_microlens_pitch(D_F: Any, d_2: Any, f: Any, d_f: Any, d_3: Any, exact: bool = True) -> Any:
     grow = 1 + d_2 * (_per_l(f, d_f, d_3) if exact else 0)
-    return _exists(_diameter(D_F, d_2, f, d_f, d_3) / grow if grow else math.inf)
+    return _exists(_diameter(D_F, d_2, f, d_f, d_3) / abs(grow) if grow else math.inf)
 
 
 def _matched_pupil_distance(D_F: Any, d: Any, d_2: Any, f: Any, d_f: Any, exact: bool = True) -> Any:
@@ -166,11 +166,11 @@ FORMULAS: dict[str, Form] = {
     "microlens_f_number": lambda d_2, d: d_2 / d,
     "pupil_f_number": lambda D_F, f, d_f, d_3: _d_1(f, d_f) / (D_F * _h(d_f, d_3)),
     "main_lens_f_number": lambda D, d_1: d_1 / D,
-    "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / _pitch(d, d_2, f, d_f, d_3),
+    "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: abs(_diameter(D_F, d_2, f, d_f, d_3) / _pitch(d, d_2, f, d_f, d_3)),
     "approximate_fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / d,
     "traditional_fill_factor": lambda D, d, d_2, d_1: D * d_2 / d_1 / d,
     "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: (
-        (_diameter(D_F, d_2, f, d_f, d_3) - _pitch(d, d_2, f, d_f, d_3)) / q
+        (_diameter(D_F, d_2, f, d_f, d_3) - abs(_pitch(d, d_2, f, d_f, d_3))) / q
     ),
     "matched_sensor_distance": _matched_sensor_distance,
     "matched_pupil_diameter": _matched_pupil_diameter,
