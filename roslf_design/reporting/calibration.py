@@ -14,6 +14,8 @@ from pydantic import Field, field_validator, model_validator
 from .. import __version__
 from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
 from ..calibration import plan as planned
+from ..calibration.fit import VISIBLE
+from ..calibration.misfit import DISAGREE
 from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
@@ -181,7 +183,13 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
     """The page: answers, tables, figures (SVG text by name), how to run it again."""
     board = result.board
     answers = (Statements(tuple(statements(result))), quantities_table(result.to_dict()))
-    evidence: tuple[Block, ...] = (*_drawings(drawings), ways_table(result), shares_table(result.shares))
+    evidence: tuple[Block, ...] = (
+        *_drawings(drawings),
+        design_table(result),
+        boards_table(result),
+        ways_table(result),
+        shares_table(result.shares),
+    )
     return Report(
         f"Calibration of {result.design.name}",
         f"from {len(result.calibration.observations.names)} images of a {board.columns} x {board.rows} board of "
@@ -204,6 +212,12 @@ def statements(result: Outcome) -> Iterator[Statement]:
         "plain",
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
         f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
+    )
+    misfit = result.misfit
+    yield Statement(
+        "good" if misfit.scale <= VISIBLE else "caution",
+        f"Residuals of places are {misfit.places:.2g} times, of slopes {misfit.slopes:.2g} times what views of one"
+        " corner scatter by (1 where the model holds).",
     )
     yield Statement("plain", f"{lenses_used(result)}.")
     if result.diffraction is not None:
@@ -264,6 +278,39 @@ def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     heads = ("", *(SOURCES[source][0] for source in sources))
     caption = note if "systematic" in sources else ""
     return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
+
+
+def design_table(result: Outcome) -> Table:
+    """Every quantity beside the design's."""
+    rows = []
+    for name, e in result.estimates.items():
+        off = "" if e.off is None else f"{e.off:+.1f}"
+        values = (rounded(e.value, e.sigma), f"{e.design:.6g}", rounded(e.value - e.design, e.sigma), f"{e.sigma:.2g}")
+        rows.append((name, *values, UNITS[name], off))
+    heads = ("", "calibrated", "design", "difference", "sigma", "", "in sigma")
+    caption = (
+        f"Beyond {DISAGREE:g} sigma the camera was built otherwise, or a length that the calibration rests on is wrong."
+    )
+    return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
+
+
+def boards_table(result: Outcome) -> Table:
+    """How each board fits."""
+    rows = tuple(
+        (
+            board.name,
+            str(board.corners),
+            f"{board.rms:.3g}",
+            *("" if math.isnan(scale) else f"{scale:.2g}" for scale in (board.places, board.slopes)),
+            str(board.strays or ""),
+        )
+        for board in result.misfit.boards
+    )
+    heads = ("image", "corners", "RMS [pitches]", "places", "slopes", "far off")
+    caption = (
+        "Places and slopes: residuals over what views of one corner scatter by. Far off: corners given little weight."
+    )
+    return Table(rows, "lrrrrr", heads, "Board by board", caption)
 
 
 def ways_table(result: Outcome) -> Table:

@@ -156,6 +156,29 @@ def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path):
     assert "board6.tif" in missing
 
 
+def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path):
+    told = {}
+    for cell in (CELL, 1.07 * CELL):
+        out = tmp_path / f"{cell:g}"
+        options = ["--design", captured / "small.toml", "--board", f"7x6 {cell} mm", "-o", out, "--no-posterior"]
+        code, said, err = run(capsys, "calibrate", captured / "images", *options)
+        assert (code, err) == (0, "")
+        assert "Calibrated against the design" in said
+        assert "Board by board" in said
+        told[cell] = json.loads((out / "calibration.json").read_text())
+    right, wrong = told.values()
+    assert [warning for warning in right["warnings"] if "design" in warning] == []
+    assert max(right["residual_scales"].values()) < 2
+    assert [board["image"] for board in right["boards"]] == right["images_used"]
+    d_2 = wrong["quantities"]["d_2"]
+    assert d_2["design"] == 2.0
+    # Cells 7 % too large make d_2 and m 7 % too small; the data sheet and the images know them to half a per cent.
+    assert d_2["off_design_sigma"] == pytest.approx((d_2["estimate"] - 2.0) / d_2["sigma"])
+    assert d_2["off_design_sigma"] < -10
+    (warning,) = [warning for warning in wrong["warnings"] if "far from the design" in warning]
+    assert "if the board's cells measured 1.7 mm, not 1.819 mm" in warning
+
+
 def no_white(folder):
     (folder / "white.tif").unlink()
     return "no white image"
