@@ -51,6 +51,8 @@ class Misfit:
     places: float
     """Scatter of places about the model over what the views promise; 1 where the model holds."""
     slopes: float
+    views: float
+    """What the corners of one view of one board are off by together, over what their scatter promises."""
     boards: tuple[BoardMisfit, ...]
     remedy: Remedy | None
     """What would halve the larger scale, or bring it below 2; None where that is not called for or nothing does."""
@@ -77,6 +79,11 @@ class Misfit:
                 )
             else:
                 yield f"{left}; {self.remedy.what} to {self.remedy.scale:.1f}"
+        if self.views > VISIBLE:
+            yield (
+                f"the corners of a view lie off together, {self.views:.1f} times as far as scatter explains: views do"
+                " not look from where their pixels say; are --diffraction, the design and the white image right?"
+            )
         astray = [f"{board.strays} of {board.corners} in {board.name}" for board in self.boards if board.strays]
         if astray:
             yield f"corners far from where the others put them weigh little: {', '.join(astray)}; look at these images"
@@ -124,8 +131,22 @@ def misfit_of(found: Calibration) -> Misfit:
     spread = fit.covariance.part(_NAMES) + fit.systematic.T @ fit.systematic
     apart = (found.second.camera.vector(_NAMES) - fit.camera.vector(_NAMES)) / np.sqrt(np.diag(spread))
     return Misfit(
-        float(scales[0]), float(scales[1]), tuple(boards), remedy, dict(zip(_NAMES, apart.tolist(), strict=True))
-    )
+        float(scales[0]), float(scales[1]), _of_views(found), tuple(boards), remedy,
+        dict(zip(_NAMES, apart.tolist(), strict=True)),
+    )  # fmt: skip
+
+
+def _of_views(found: Calibration) -> float:
+    """What a view's corners lie off their own lines together, over what their scatter promises; RMS over views."""
+    seen, lines = found.observations.seen, found.lines
+    if not lines.sigma > 0:
+        return 1.0
+    along = found.observations.views[:, None] - lines.at[:, None]
+    off = found.observations.uv - lines.mean[:, None] - np.nan_to_num(lines.slope)[:, None, :, None] * along
+    count = seen.sum(axis=2)
+    mean = np.where(seen[..., None], off, 0.0).sum(axis=2) / np.sqrt(np.maximum(count, 1))[..., None]
+    freedom = 2 * (count > 0).sum() - 3 * len(seen)
+    return float(np.sqrt(np.square(mean).sum() / freedom) / lines.sigma) if freedom > 0 else 1.0
 
 
 def _remedies(found: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[Remedy]:

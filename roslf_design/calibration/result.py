@@ -265,7 +265,7 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
 def _misfit_dict(misfit: Misfit) -> dict[str, object]:
     """As JSON's types."""
     return {
-        "residual_scales": {"places": misfit.places, "slopes": misfit.slopes},
+        "residual_scales": {"places": misfit.places, "slopes": misfit.slopes, "views": misfit.views},
         "remedy": None if misfit.remedy is None else {"what": misfit.remedy.what, "scale": misfit.remedy.scale},
         "ways_apart_sigma": misfit.apart,
         "boards": [

@@ -215,9 +215,9 @@ def statements(result: Outcome) -> Iterator[Statement]:
     )
     misfit = result.misfit
     yield Statement(
-        "good" if misfit.scale <= VISIBLE else "caution",
-        f"Residuals of places are {misfit.places:.2g} times, of slopes {misfit.slopes:.2g} times what views of one"
-        " corner scatter by (1 where the model holds).",
+        "good" if max(misfit.scale, misfit.views) <= VISIBLE else "caution",
+        f"Residuals of places are {misfit.places:.2g}, of slopes {misfit.slopes:.2g}, of whole views {misfit.views:.2g}"
+        " times what scatter from view to view explains (1 where the model holds).",
     )
     yield Statement("plain", f"{lenses_used(result)}.")
     if result.diffraction is not None:

@@ -27,6 +27,7 @@ def test_corners_that_only_scatter_are_a_good_fit(clean):
     misfit = misfit_of(calibrate(clean, SHEET))
     assert misfit.places == pytest.approx(1.0, abs=0.15)
     assert misfit.slopes == pytest.approx(1.0, abs=0.25)
+    assert misfit.views == pytest.approx(1.0, abs=0.15)
     assert list(misfit.warnings) == []
     # Each board's RMS is that of 60 corners in 13 views: 0.02 per coordinate.
     for board in misfit.boards:
@@ -92,3 +93,13 @@ def test_two_steps_far_from_the_joint_fit_are_told_with_which_to_believe(clean):
     assert "believe the joint fit" in said
     assert "of step one" in list(replace(misfit, slopes=2.5).warnings)[1]
     assert "believe neither" in list(replace(misfit, places=2.5).warnings)[1]
+
+
+def test_views_that_are_off_as_wholes_are_told(clean):
+    """As a correction that knows a view's place to half a pixel leaves them: no corner says so, all together do."""
+    rng = np.random.default_rng(2)
+    uv = clean.uv + 0.03 * rng.normal(size=(8, clean.uv.shape[1], 1, 2))
+    misfit = misfit_of(calibrate(replace(clean, uv=uv), SHEET))
+    assert misfit.scale < 2
+    assert misfit.views > 2
+    assert "the corners of a view lie off together" in next(misfit.warnings)
