@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
+from .sidedata import Combined, SideDatum, combine
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -76,6 +77,8 @@ class Outcome:
     estimates: Mapping[str, QuantityEstimate]
     misfit: Misfit
     """What the fit leaves over."""
+    combined: Combined
+    """With side data, where there are any."""
     warnings: tuple[str, ...]
     seed: int
     distortion: int
@@ -98,7 +101,7 @@ class Outcome:
 
     @property
     def calibrated(self) -> Design:
-        """The design with d_3, d_1 and d_2 as calibrated, f as on its data sheet, and the errors in its source.
+        """The design with d_3, d_1 and d_2 as calibrated, f as data sheet and side data have it, errors in its source.
 
         Raises
         ------
@@ -108,11 +111,15 @@ class Outcome:
         values = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
         said = ", ".join(f"{n} = {e.value:.6g} ± {e.sigma:.2g} {UNITS[n]}".strip() for n, e in values.items())
         images = len(self.calibration.observations.names)
+        known = f"f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm from the data sheet"
+        known = ", ".join([known, *(datum.what for datum in self.combined.data)])
         source = (
-            f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm"
-            f" from the data sheet: {said} (standard deviations); before: {self.design.name}"
+            f"roslf calibrate, {images} images of a board, {known}: {said} (standard deviations);"
+            f" before: {self.design.name}"
         )
         lengths = {name: values[name].value for name in ("d_3", "d_1", "d_2")}
+        if self.combined.data:
+            lengths["f"] = float(self.combined.best[-4])
         return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
 
     def to_dict(self) -> dict[str, object]:
@@ -157,6 +164,7 @@ class Outcome:
                 **{f"{name}_mm": getattr(self.sheet, name) for name in ("f", "f_sigma", "q", "d", "d_sigma")},
                 "cell_sigma_relative": self.sheet.cell_sigma,
             },
+            "side_data": _side_dict(self.combined, self.draws),
             "reprojection_rms_pitches": result.joint.rms,
             "step_one_rms_pitches": result.first.rms,
             "noise_pitches": result.lines.sigma,
@@ -194,12 +202,14 @@ def outcome_of(
     distortion: int,
     diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
+    data: Sequence[SideDatum] = (),
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
     fit = calibration.fit
     posterior = draws if isinstance(draws, Posterior) else None
-    shares = variance_shares(fit, sheet)
-    best = derived(fit.camera.vector(), sheet)
+    combined = combine(fit, sheet, data)
+    shares = variance_shares(fit, sheet, data)
+    best = combined.lengths(sheet)
     told = derived(camera_of(design).vector(), sheet)
     estimates = {
         name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(told[name]))
@@ -209,7 +219,7 @@ def outcome_of(
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
-    depths = depth_errors(draws, fit, sheet, distances)
+    depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []
     expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
     if abs(shown / expected - 1) >= 0.02:
@@ -219,7 +229,7 @@ def outcome_of(
         )
     elif away := _off_design(estimates, board):
         notes.append(away)
-    notes += misfit.warnings
+    notes += [*misfit.warnings, *combined.warnings]
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.observations.missing:
@@ -233,7 +243,7 @@ def outcome_of(
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius, draws, depths, shares, estimates,
-        misfit, tuple(notes), seed, distortion, accuracy,
+        misfit, combined, tuple(notes), seed, distortion, accuracy,
     )  # fmt: skip
 
 
@@ -260,6 +270,18 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
         f"far from the design: {said}; the camera was built otherwise, or the board's cell, f, pixel or microlens pitch"
         " are not as told: measure them"
     )
+
+
+def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | None:
+    """What side data say of f, as JSON's types; None where there are none."""
+    if not combined.data:
+        return None
+    return {
+        "used": [datum.name for datum in combined.data],
+        "off_sigma": dict(combined.apart),
+        "f_mm": float(combined.best[-4]),
+        "f_sigma_mm": float(draws.draws("f").std(ddof=1)),
+    }
 
 
 def _misfit_dict(misfit: Misfit) -> dict[str, object]:

@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from .. import __version__
-from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
+from ..calibration import (
+    Board,
+    CalibrationError,
+    CapturePlan,
+    Captures,
+    DataSheet,
+    Reason,
+    camera_of,
+    derived,
+    sheet_of,
+)
 from ..calibration import plan as planned
 from ..calibration.fit import VISIBLE
 from ..calibration.misfit import DISAGREE
@@ -23,7 +33,7 @@ from ..errors import InputError, Problem
 from ..pictures import calibration as pictures
 from ..pictures.picture import Picture
 from ..tolerancing.study import StrictTable
-from ..units import Angle, Distance, Length
+from ..units import Angle, AnyLength, Distance, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
@@ -43,6 +53,8 @@ SOURCES: dict[str, tuple[str, str, str]] = {
         "systematic errors of the corners",
         "show the boards nearer the focal plane, where corners hardly move from view to view",
     ),
+    "white": ("white image", "the white image's pitch", "know it, and the microlens and pixel pitch, better"),
+    "distances": ("distances", "the boards' distances", "measure them better"),
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
@@ -90,6 +102,12 @@ class CalibrationPart(StrictTable):
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
+    d_sigma: str = "0.1 %"
+    """How well the microlens pitch is known."""
+    cell_sigma: str = "0.1 %"
+    """How well the board's cells are known."""
+    white_pitch: str | None = None
+    """How well the white image's pitch is known, where it is used."""
     seed: Annotated[int, Field(ge=0)] = 0
 
     @field_validator("board")
@@ -99,18 +117,47 @@ class CalibrationPart(StrictTable):
             Board.parse(text)
         return text
 
-    @field_validator("f_sigma")
+    @field_validator("f_sigma", "d_sigma", "cell_sigma", "white_pitch")
     @classmethod
-    def _understood(cls, text: str) -> str:
+    def _understood(cls, text: str | None) -> str | None:
         try:
-            relative_sigma(text, 1.0)
+            relative = 0.0 if text is None else relative_sigma(text, 1.0)
         except ValueError:
             raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
+        if not 0 <= relative < math.inf:
+            raise ValueError(f'"{text}" must not be negative')
+        return text
+
+    @field_validator("white_pitch")
+    @classmethod
+    def _positive_share(cls, text: str | None) -> str | None:
+        if text is not None and not (text.strip().endswith("%") and relative_sigma(text, 1.0) > 0):
+            raise ValueError(f'"{text}" is no share above zero; give "0.01 %"')
         return text
 
     @model_validator(mode="after")
     def _possible(self) -> CalibrationPart:
         Captures(boards=self.boards, tilt=self.tilt, noise=self.noise)
+        return self
+
+
+class BoardDistances(StrictTable):
+    """A file that tells how far from the lens boards stood."""
+
+    sigma: Length
+    """Standard deviation of each [mm]."""
+    relative: bool = False
+    """Measured from any one place, as a rail shows them, instead of from the main lens."""
+    distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
+    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
+
+    @model_validator(mode="after")
+    def _before_the_lens(self) -> BoardDistances:
+        behind = [name for name, away in self.distances.items() if not self.relative and away <= 0]
+        if behind:
+            raise ValueError(
+                f"{behind[0]} stands {self.distances[behind[0]]:g} mm before the lens; say relative = true?"
+            )
         return self
 
 
@@ -220,9 +267,18 @@ def statements(result: Outcome) -> Iterator[Statement]:
         " times what scatter from view to view explains (1 where the model holds).",
     )
     yield Statement("plain", f"{lenses_used(result)}.")
+    if result.combined.data:
+        used = " and ".join(datum.what for datum in result.combined.data)
+        apart = ", ".join(f"{far:.1f}" for far in result.combined.apart.values())
+        f = float(result.combined.best[-4])
+        sigma = float(result.draws.draws("f").std(ddof=1))
+        yield Statement(
+            "caution" if result.combined.warnings else "good",
+            f"With {used} ({apart} sigma from the rest): f = {rounded(f, sigma)} ± {sigma:.2g} mm.",
+        )
     if result.diffraction is not None:
         yield _diffraction(result, result.diffraction)
-    parts = {source: result.shares["d_3"][source] for source in SOURCES}
+    parts = {source: result.shares["d_3"].get(source, 0.0) for source in SOURCES}
     worst = max(parts, key=lambda source: parts[source])
     _, source, advice = SOURCES[worst]
     text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
@@ -333,14 +389,21 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
     try:
         captures = captures_for(design, asked)
-        sheet = sheet_of(design, relative_sigma(asked.f_sigma, design.f))
+        sheet = data_sheet(design, captures.board, asked.f_sigma, asked.d_sigma, asked.cell_sigma)
+        white = None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
     except CalibrationError as error:
         return " ".join(str(error).split())
     try:
-        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed)
+        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
         return text if why in text or "into the bore" in text else f"{text}: {why}"
+
+
+def data_sheet(design: Design, board: Board, f_sigma: str, d_sigma: str, cell_sigma: str) -> DataSheet:
+    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm"."""
+    scales = zip((f_sigma, d_sigma, cell_sigma), (design.f, design.d, board.cell), strict=True)
+    return sheet_of(design, *(relative_sigma(text, scale) for text, scale in scales))
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
@@ -363,20 +426,24 @@ def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
     if isinstance(plan, str):
         none = Statements((Statement("caution", f"No plan: {plan}."),))
         return Finding(Section("Calibration plan", (none,)), None, seed)
-    blocks = plan_blocks(design, plan, asked.f_sigma)
+    blocks = plan_blocks(design, plan, asked)
     assert isinstance(blocks[1], Statements)
     return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
 
 
-def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; f as well known as `known` says."""
+def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tuple[Block, ...]:
+    """A plan with its promise and its changes."""
     c, before = plan.captures, plan.expected
+    known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
+    if asked.d_sigma == asked.cell_sigma:
+        known = f"microlens pitch and board to {asked.d_sigma}"
+    white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
     text = (
         f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
-        f"to {known}, microlens pitch and board to 0.1 %. Standard deviations are from the Fisher matrix, medians over "
+        f"to {asked.f_sigma}, {known}{white}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
     sigma = before.sigma
