@@ -26,6 +26,7 @@ from .planning import (
 )
 from .posterior import CameraDraws, Posterior, depth_errors, laplace_draws, sample_posterior, variance_shares
 from .result import Outcome, outcome_of, undistorted_radius
+from .sidedata import SideDatum, board_distances, white_pitch
 
 __all__ = [
     "Board",
@@ -46,6 +47,8 @@ __all__ = [
     "Poses",
     "Posterior",
     "Reason",
+    "SideDatum",
+    "board_distances",
     "calibrate",
     "calibrate_corrected",
     "camera_of",
@@ -68,4 +71,5 @@ __all__ = [
     "synthetic_observations",
     "undistorted_radius",
     "variance_shares",
+    "white_pitch",
 ]

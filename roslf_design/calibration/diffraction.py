@@ -50,6 +50,15 @@ _INNER = 0.75
 """Views within this share of the outermost one's distance from the centre count as inner."""
 _FINE = 8
 """Bins per pitch in which shifted corners are counted."""
+_PER_BLUR = 4.0
+"""Places on the pupil per width of the blur, along a line: fewer, and a view's light comes from beside the view."""
+_PHASES = np.array([[0.25, 0.25], [-0.25, 0.25], [0.25, -0.25], [-0.25, -0.25]])
+"""Places between samples [samples] at which a corner is looked at: it comes to lie otherwise at each, and between these
+that cancels, by symmetry and to second order."""
+_SLOPES = 5
+"""Slopes over a board's range at which displacements are computed."""
+_DIM = 1e-7
+"""Share of a view's light from one place that is passed over."""
 _PARTS = 5
 """Places across a microlens's aperture, per axis."""
 _NAMES = GLOBALS[:3]
@@ -200,9 +209,9 @@ def _straightened(
     weights = view_weights(image, observations.views)
     slopes = fit_lines(observations if start is None else start).slope
     central = fit_lines(observations).central
+    tables = [_shifts_of_board(weights, *one, board, image.circular) for one in zip(slopes, central, strict=True)]
     for _ in range(_ROUNDS):
-        boards = zip(slopes, central, strict=True)
-        shift = np.stack([_shift_of_board(weights, *one, board, image.circular) for one in boards])
+        shift = np.stack([table.at(own) for table, own in zip(tables, slopes, strict=True)])
         straight = replace(observations, uv=observations.uv - shift)
         before, slopes = slopes, fit_lines(straight).slope
         if np.nanmax(np.abs(slopes - before)) < 1e-4:
@@ -210,16 +219,30 @@ def _straightened(
     return straight
 
 
-def _shift_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, circular: bool) -> Array:
-    """Displacement of a board's corners in all views, shape (v, n, 2): at three slopes, and a parabola between."""
+class ShiftTable(NamedTuple):
+    """Displacements of a board's corners at some slopes, equally far apart."""
+
+    slopes: Array
+    """[pitches/px], shape (k,)."""
+    shifts: Array
+    """[pitches], shape (v, k, 2)."""
+
+    def at(self, slopes: Array) -> Array:
+        """Displacement of corners in all views by straight lines, shape (v, n, 2); the middle one's without slope."""
+        x = (slopes - self.slopes[0]) / (self.slopes[1] - self.slopes[0])
+        x = np.where(np.isfinite(x), x, 0.5 * (len(self.slopes) - 1))
+        before = np.clip(x.astype(int), 0, len(self.slopes) - 2)
+        part = (x - before)[None, :, None]
+        return np.asarray((1 - part) * self.shifts[:, before] + part * self.shifts[:, before + 1])
+
+
+def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, circular: bool) -> ShiftTable:
+    """Displacements over the range of a board's slopes and a little beyond, as taking them off changes slopes."""
     low, high = float(np.nanmin(slopes)), float(np.nanmax(slopes))
-    middle, half = 0.5 * (low + high), max(0.5 * (high - low), 5e-3)
-    at = middle + half * np.array([-1.0, 0.0, 1.0])
+    middle, half = 0.5 * (low + high), max(0.55 * (high - low), 5e-3)
+    at = middle + half * np.linspace(-1.0, 1.0, _SLOPES)
     edges, window = fit_window(central, board)
-    shift = apparent_shifts(weights, at, edges, window, circular)
-    x = ((np.where(np.isfinite(slopes), slopes, middle) - middle) / half)[None, :, None]
-    before, centre, after = (shift[:, k, None] for k in range(3))
-    return np.asarray(centre + 0.5 * x * (after - before) + 0.5 * x * x * (before + after - 2 * centre))
+    return ShiftTable(at, apparent_shifts(weights, at, edges, window, circular))
 
 
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
@@ -293,8 +316,11 @@ class ViewWeights(NamedTuple):
     """(s', t') on the pupil's geometric image [px], shape (n, 2)."""
 
 
-def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeights:
-    """Where the light of the samples of `views`, (s', t') [px], shape (v, 2), came from; `points` on the pupil."""
+def view_weights(image: PupilImage, views: Array, points: int | None = None) -> ViewWeights:
+    """Where the light of the samples of `views`, (s', t') [px], shape (v, 2), came from; `points` on the pupil.
+
+    By default as many as the blur, or a pixel, calls for.
+    """
     from scipy.ndimage import map_coordinates
 
     reach = (_RINGS + 1.5) * image.pitch + image.radius
@@ -302,12 +328,18 @@ def view_weights(image: PupilImage, views: Array, points: int = 400) -> ViewWeig
     count = 2 ** math.ceil(math.log2(2 * reach / step))
     frequency = np.asarray(np.fft.fftfreq(count, step), np.float64)
     spread = np.fft.fftshift(np.fft.ifft2(image.transfer(frequency[None, :], frequency[:, None])).real)
+    if points is None:
+        width = math.hypot(image.blur, 1.0)
+        points = max(400, math.ceil(math.pi * (_PER_BLUR * image.radius / width) ** 2))
     places = image.radius * _sunflower(points)
-    around = image.neighbours()
-    away = views[:, None, None] - image.pitch * around[None, :, None] - places[None, None]
-    shares = map_coordinates(spread, [away[..., 1] / step + count // 2, away[..., 0] / step + count // 2], order=1)
-    shares = shares / shares.sum(axis=(1, 2), keepdims=True)
-    return ViewWeights(np.asarray(views, float), np.ascontiguousarray(shares), around, places)
+    around, shares = image.neighbours(), []
+    for neighbour in around:
+        away = views[:, None] - image.pitch * neighbour - places
+        at = [away[..., 1] / step + count // 2, away[..., 0] / step + count // 2]
+        shares.append(map_coordinates(spread, at, order=1))
+    light = np.stack(shares, axis=1)
+    light /= light.sum(axis=(1, 2), keepdims=True)
+    return ViewWeights(np.asarray(views, float), light, around, places)
 
 
 def _whole_numbers(most: int) -> Array:
@@ -407,17 +439,19 @@ def apparent_shifts(
     views, count = len(weights.shares), len(slopes)
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
-    # Corners fall anywhere between samples: a different place for each patch.
-    turns = np.arange(views * count)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])
-    phases = turns % 1 - 0.5
     aperture = 0.5 * _sunflower(_PARTS**2) if circular else _whole_numbers(_PARTS // 2) / _PARTS
-    out = np.empty((size, views * count * size))
+    aperture = aperture - aperture.mean(axis=0)
+    out = np.empty((size, views * count * len(_PHASES) * size))
     with THREADS:
-        _patches.compiled(*weights, np.asarray(slopes, float), normals, phases, aperture, half, out)
-    at = np.stack([np.arange(views * count) * size + half + 1.0, np.full(views * count, half + 1.0)], axis=-1)
-    start = at + phases
-    saddles = fit_saddles(out, np.ones(out.shape, bool), start, np.tile(edges, (len(start), 1)), half)
-    shift = np.where(saddles.settled[:, None], saddles.corners - start, np.nan)
+        _patches.compiled(*weights, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
+    patches = views * count * len(_PHASES)
+    start = np.stack([np.arange(patches) * size + half + 1.0, np.full(patches, half + 1.0)], axis=-1)
+    start += np.tile(_PHASES, (views * count, 1))
+    saddles = fit_saddles(out, np.ones(out.shape, bool), start, np.tile(edges, (patches, 1)), half)
+    settled = saddles.settled.reshape(-1, len(_PHASES))
+    shift = np.where(settled[..., None], (saddles.corners - start).reshape(-1, len(_PHASES), 2), 0.0).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        shift /= settled.sum(axis=1)[:, None]
     return np.asarray(shift.reshape(views, count, 2))
 
 
@@ -443,6 +477,8 @@ def _patches(
         held = np.zeros((bins + 1, bins + 1))
         for m in range(neighbours.shape[0]):
             for n in range(places.shape[0]):
+                if shares[v, m, n] < _DIM and shares[v, m, n] > -_DIM:
+                    continue
                 x = slopes[q] * (places[n, 0] - views[v, 0]) - neighbours[m, 0]
                 y = slopes[q] * (places[n, 1] - views[v, 1]) - neighbours[m, 1]
                 # Shared among the four nearest bins, so that the mean stays where it is.
@@ -459,23 +495,24 @@ def _patches(
             for column in range(1, bins + 1):
                 along += held[row, column]
                 held[row, column] = held[row - 1, column] + along
-        for row in range(size):
-            for column in range(size):
-                total = 0.0
-                for p in range(aperture.shape[0]):
-                    x = column - half - 1 + aperture[p, 0] - phases[k, 0]
-                    y = row - half - 1 + aperture[p, 1] - phases[k, 1]
-                    a = (normals[0, 0] * x + normals[0, 1] * y + reach) * _FINE
-                    b = (normals[1, 0] * x + normals[1, 1] * y + reach) * _FINE
-                    i, j = math.floor(a), math.floor(b)
-                    fa, fb = a - i, b - j
-                    # Light of corners on each side of both edges: sums of the cumulative table.
-                    below_a = held[bins, i] * (1 - fa) + held[bins, i + 1] * fa
-                    below_b = held[j, bins] * (1 - fb) + held[j + 1, bins] * fb
-                    both = (held[j, i] * (1 - fa) + held[j, i + 1] * fa) * (1 - fb)
-                    both += (held[j + 1, i] * (1 - fa) + held[j + 1, i + 1] * fa) * fb
-                    total += 4.0 * both - 2.0 * below_a - 2.0 * below_b + 1.0
-                out[row, k * size + column] = total / aperture.shape[0]
+        for f in range(phases.shape[0]):
+            for row in range(size):
+                for column in range(size):
+                    total = 0.0
+                    for p in range(aperture.shape[0]):
+                        x = column - half - 1 + aperture[p, 0] - phases[f, 0]
+                        y = row - half - 1 + aperture[p, 1] - phases[f, 1]
+                        a = (normals[0, 0] * x + normals[0, 1] * y + reach) * _FINE
+                        b = (normals[1, 0] * x + normals[1, 1] * y + reach) * _FINE
+                        i, j = math.floor(a), math.floor(b)
+                        fa, fb = a - i, b - j
+                        # Light of corners on each side of both edges: sums of the cumulative table.
+                        below_a = held[bins, i] * (1 - fa) + held[bins, i + 1] * fa
+                        below_b = held[j, bins] * (1 - fb) + held[j + 1, bins] * fb
+                        both = (held[j, i] * (1 - fa) + held[j, i + 1] * fa) * (1 - fb)
+                        both += (held[j + 1, i] * (1 - fa) + held[j + 1, i + 1] * fa) * fb
+                        total += 4.0 * both - 2.0 * below_a - 2.0 * below_b + 1.0
+                    out[row, (k * phases.shape[0] + f) * size + column] = total / aperture.shape[0]
 
 
 # --- what views disagree on -------------------------------------------------------------------------------------------

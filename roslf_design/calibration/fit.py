@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,17 @@ from .model import (
     rotation_matrix,
 )
 
+_SETTLED = 10
+"""Most rounds in which a fit and the scatter about it settle; from a tenth of the scatter it takes five."""
 _MOST = 200
 """Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
 _SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_1": 10.0, "k_2": 1000.0}
 _LOST = 0.3
 """Relative standard deviation of A, m or d_2 above which it counts as not determined."""
+_FAR = 3.0
+"""Standard deviations beyond which a corner pulls no harder (Huber's loss): scatter alone puts one in 400 there."""
+VISIBLE = 2.0
+"""Scale of residuals, against what views of one corner scatter by, from which a misfit is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +95,14 @@ def calibrate(
                 " as their corners tell; tilt them by 20 degrees in several directions"
             ) from error
         raise
-    statistics = corner_statistics(observations, lines, lines.sigma if lines.sigma > 0 else joint.sigma)
+    statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
     fit = fit_statistics(statistics, joint.camera, joint.poses, names)
     return Calibration(observations, lines, first, second, joint, fit)
+
+
+def independent_sigma(lines: EpiLines, joint: Refined) -> float:
+    """Standard deviation of one coordinate by its scatter about the views' lines; where there is none, by the fit's."""
+    return lines.sigma if lines.sigma > 0 else joint.sigma
 
 
 def _why(poses: Poses) -> str:
@@ -421,6 +432,9 @@ class StatisticsFit(NamedTuple):
     """Of the shared parameters, poses eliminated."""
     pose_by_shared: Array
     """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
+    scales: tuple[float, float] = (1.0, 1.0)
+    """Scatter of places and of slopes about the model over what the views' scatter about their lines promises: 1 where
+    the model holds."""
     systematic: Array = np.zeros((0, 3))
     """Standard deviations of what corners' scatter does not show, as independent shifts of (A, m, 1/d_2), (k, 3)."""
 
@@ -432,20 +446,26 @@ def fit_statistics(
 
     Errors of a corner in neighbouring views are seldom independent (interpolation, diffraction, the detector's own
     bias). So the scatter about the model of places and of slopes, each over its own degrees of freedom, replaces what
-    independence would promise.
+    independence would promise. Huber's loss keeps corners that are simply wrong from pulling; their standard deviations
+    come back widened so that plain least squares, and the likelihood, weigh them the same way.
 
     Raises
     ------
     CalibrationError
         A parameter is not determined, or the fit does not settle.
     """
-    for _ in range(3):
-        fit = settle(statistics.linear, camera, poses, names)
+    scales = np.ones(3)
+    for _ in range(_SETTLED):
+        fit = settle(statistics.linear, camera, poses, names, far=_FAR)
         if not fit.done:
             raise CalibrationError("the fit of the camera does not settle: the boards' views hardly determine it")
-        camera, poses = fit.camera, fit.poses
-        statistics = replace(statistics, sigma=statistics.sigma * _scatter(fit.linear))
-    return fit_at(statistics, camera, poses, names)
+        camera, poses, change = fit.camera, fit.poses, _scatter(fit.linear)
+        statistics, scales = replace(statistics, sigma=statistics.sigma * change), scales * change
+        if np.abs(change - 1).max() < 0.01:
+            break
+    off = statistics.linear(camera.vector(), poses.vector).off.reshape(statistics.sigma.shape)
+    statistics = replace(statistics, sigma=statistics.sigma * np.sqrt(_beyond(off)))
+    return fit_at(statistics, camera, poses, names)._replace(scales=(float(scales[0]), float(scales[2])))
 
 
 def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
@@ -456,19 +476,44 @@ def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names
     return StatisticsFit(camera, poses, statistics, covariance_of(linear.information(), names), follow)
 
 
-def _scatter(linear: Linear) -> Array:
-    """Scatter of u, v and slope over their standard deviations, places and slopes by their own degrees of freedom."""
-    free = linear.eliminated()
+def _beyond(off: Array) -> Array:
+    """How many times as far as `_FAR` residuals lie, 1 for those within: the square of what widens their errors."""
+    return np.maximum(np.abs(off) / _FAR, 1.0)
+
+
+class Leftover(NamedTuple):
+    """What a linear model leaves over once its columns have taken up what they can."""
+
+    off: Array
+    """Residuals [standard deviations], shape (b, r)."""
+    free: Array
+    """Degrees of freedom of each, shape (b, r); 0 where nothing was seen."""
+
+    def scales(self, far: float = math.inf) -> tuple[float, float]:
+        """Scatter of places and of slopes; residuals beyond `far` count as at it. NaN without degrees of freedom."""
+        sloped = np.broadcast_to(np.arange(self.off.shape[1]) % 3 == 2, self.off.shape)
+        near = np.square(np.clip(self.off, -far, far))
+        place, slope = ((near[rows].sum(), self.free[rows].sum()) for rows in (~sloped, sloped))
+        places, slopes = (math.sqrt(squares / free) if free > 1 else math.nan for squares, free in (place, slope))
+        return places, slopes
+
+
+def leftover(linear: Linear) -> Leftover:
+    """What a model of corner statistics leaves over; corners beyond `_FAR` pull no harder than there."""
+    weight = 1 / np.sqrt(_beyond(linear.off))
+    free = Linear(*(part * weight.reshape(weight.shape + (1,) * (part.ndim - 2)) for part in linear)).eliminated()
     flat = free.shared.reshape(-1, free.shared.shape[-1])
     basis = np.linalg.qr(flat / np.sqrt(np.square(flat).sum(axis=0)))[0]
-    taken = np.square(basis).sum(axis=1) + np.square(free.own).sum(axis=-1).ravel()
-    off, used = linear.off.ravel(), (linear.own != 0).any(axis=-1).ravel()
-    sloped = np.arange(off.size) % 3 == 2
-    scales = []
-    for rows in (used & ~sloped, used & sloped):
-        freedom = rows.sum() - taken[rows].sum()
-        scales.append(float(np.sqrt(np.square(off[rows]).sum() / freedom)) if freedom > 8 else 1.0)
-    return np.array(scales)[[0, 0, 1]]
+    off = (free.off - (basis @ (basis.T @ free.off.ravel())).reshape(free.off.shape)) / weight
+    taken = np.square(basis).sum(axis=1).reshape(off.shape) + np.square(free.own).sum(axis=-1)
+    used = (linear.own != 0).any(axis=-1)
+    return Leftover(np.where(used, off, 0.0), np.where(used, 1.0 - taken, 0.0))
+
+
+def _scatter(linear: Linear) -> Array:
+    """Scatter of u, v and slope over their standard deviations."""
+    place, slope = np.nan_to_num(leftover(linear).scales(_FAR), nan=1.0)
+    return np.array([place, place, slope])
 
 
 # --- least squares with one pose a board ------------------------------------------------------------------------------
@@ -522,11 +567,16 @@ class SettledFit(NamedTuple):
 
 
 def settle(
-    model: Callable[[Array, Array, bool], Linear], camera: Intrinsics, poses: Poses, names: tuple[str, ...]
+    model: Callable[[Array, Array, bool], Linear],
+    camera: Intrinsics,
+    poses: Poses,
+    names: tuple[str, ...],
+    far: float | None = None,
 ) -> SettledFit:
-    """Fit the shared parameters `names` and all poses by Levenberg-Marquardt, from `camera` and `poses`.
+    """Fit the shared parameters `names` and all poses by least squares, from `camera` and `poses`.
 
-    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns.
+    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
+    `far`, residuals beyond it count by Huber's loss: linearly.
     """
     from scipy.optimize import least_squares
 
@@ -547,9 +597,10 @@ def settle(
             full[b, :, count + 6 * b : count + 6 * b + 6] = linear.own[b]
         return full.reshape(boards * rows, -1)
 
+    way: dict[str, Any] = {"method": "lm"} if far is None else {"method": "trf", "loss": "huber", "f_scale": far}
     run = least_squares(
         residuals, np.concatenate([camera.vector(names), poses.vector.ravel()]), jacobian,
-        method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST,
+        x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=_MOST, **way,
     )  # fmt: skip
     linear = at(run.x, True)
     linear = linear._replace(shared=linear.shared[..., columns])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermine
 from .frames import Array, CalibrationError
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, project_boards
 from .posterior import variance_shares
+from .sidedata import image_pitch, white_pitch
 
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
@@ -257,12 +259,19 @@ class CapturePlan(NamedTuple):
 
 
 def expected_errors(
-    camera: Intrinsics, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
+    camera: Intrinsics,
+    sheet: DataSheet,
+    captures: Captures,
+    *,
+    distortion: int = 0,
+    seed: int = 0,
+    samples: int = 8,
+    white: float | None = None,
 ) -> ExpectedErrors:
     """Standard deviations from the Fisher matrix, poses eliminated, data-sheet errors added.
 
-    `distortion` counts the radial coefficients that the calibration will fit; medians are over so many `samples` of
-    random poses.
+    `white` is the relative standard deviation of the white image's pitch, where that is used; `distortion` counts the
+    radial coefficients that the calibration will fit; medians are over so many `samples` of random poses.
 
     Raises
     ------
@@ -289,7 +298,9 @@ def expected_errors(
         if lost:
             raise CalibrationError(f"these captures do not determine {lost}: {reason(captures)}")
         fits.append(fit)
-        shares.append(variance_shares(fit, sheet))
+        pitch = float(image_pitch(camera.vector(), sheet))
+        data = () if white is None else (white_pitch(fit, sheet, pitch, white),)
+        shares.append(variance_shares(fit, sheet, data))
     sigma = {name: float(np.median([one[name]["sigma"] for one in shares])) for name in shares[0]}
     middle = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
     typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[middle].items()}
@@ -298,7 +309,14 @@ def expected_errors(
 
 
 def plan(
-    camera: Intrinsics, sheet: DataSheet, captures: Captures, *, distortion: int = 0, seed: int = 0, samples: int = 8
+    camera: Intrinsics,
+    sheet: DataSheet,
+    captures: Captures,
+    *,
+    distortion: int = 0,
+    seed: int = 0,
+    samples: int = 8,
+    white: float | None = None,
 ) -> CapturePlan:
     """Expected errors of a set of captures, and of those that differ from it by one change, best first.
 
@@ -307,13 +325,16 @@ def plan(
     """
     d_3 = sheet.f + (sheet.f - camera.A) / camera.m
     seen_whole = _fits(camera, d_3, captures)
-    before = expected_errors(camera, sheet, captures, distortion=distortion, seed=seed, samples=samples)
+    expected = functools.partial(
+        expected_errors, camera, distortion=distortion, seed=seed, samples=samples, white=white
+    )
+    before = expected(sheet, captures)
     changes = []
     for what, other, known in _alternatives(captures, sheet):
         if seen_whole and not _fits(camera, d_3, other):
             continue
         try:
-            after = expected_errors(camera, known, other, distortion=distortion, seed=seed, samples=samples)
+            after = expected(known, other)
         except CalibrationError:
             continue
         changes.append(PlanChange(what, after))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from ..accuracy.statement import Accuracy, check_accuracy
 from .fit import StatisticsFit
 from .frames import Array, CalibrationError
 from .model import GLOBALS, QUANTITIES, DataSheet, derived
+from .sidedata import Combined, SideDatum, combine
 
 ENSEMBLES = 4
 """Between which convergence is judged: fewer would not tell."""
@@ -50,17 +51,32 @@ class CameraDraws:
         return np.asarray(self.parameters[:, self.names.index(name)])
 
 
-def laplace_draws(fit: StatisticsFit, sheet: DataSheet, count: int, rng: np.random.Generator) -> CameraDraws:
+def laplace_draws(
+    fit: StatisticsFit,
+    sheet: DataSheet,
+    count: int,
+    rng: np.random.Generator,
+    data: Sequence[SideDatum] = (),
+) -> CameraDraws:
     """Draws from Laplace's approximation: the normal law of the Fisher matrix about the best fit, and the data sheet.
 
-    Systematic errors of the fit are drawn along.
+    Systematic errors of the fit are drawn along; side `data` then condition all.
     """
     names = fit.covariance.names
     root = np.linalg.cholesky(fit.covariance.matrix)
     cameras = fit.camera.vector(names) + rng.normal(size=(count, len(root))) @ root.T
     cameras[:, :3] += rng.normal(size=(count, len(fit.systematic))) @ fit.systematic
     drawn = sheet.draws(count, rng)
-    return CameraDraws((*names, "f"), np.column_stack([cameras, drawn[0]]), derived(cameras, sheet, drawn))
+    parameters, quantities = _with_data(np.column_stack([cameras, drawn.T]), sheet, combine(fit, sheet, data), rng)
+    return CameraDraws((*names, "f"), parameters, quantities)
+
+
+def _with_data(
+    states: Array, sheet: DataSheet, combined: Combined, rng: np.random.Generator
+) -> tuple[Array, dict[str, Array]]:
+    """Parameters of draws, f the last, and `QUANTITIES`, once side data are known."""
+    states = combined.conditioned(states, rng)
+    return states[:, :-3], derived(states, sheet, states[:, -4:].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +107,7 @@ def sample_posterior(
     chunk: int = 500,
     most_steps: int = DEFAULT_STEPS,
     ess: float = DEFAULT_ESS,
+    data: Sequence[SideDatum] = (),
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Posterior:
     """Sample (A, m, 1/d_2, x_0, y_0, distortion, f) until separate ensembles agree.
@@ -100,7 +117,7 @@ def sample_posterior(
     bulk and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
     `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
     board's scale as the data sheet says; q, d, scale and the fit's systematic errors, which no image informs, are drawn
-    afterwards.
+    afterwards, and side `data` condition the draws.
 
     The same `seed` gives the same draws; after each `chunk` of steps `progress` is called with (steps, R-hat, effective
     sample size).
@@ -148,13 +165,14 @@ def sample_posterior(
     flat = target.parameters(chain.swapaxes(0, 1).reshape(-1, dimension))
     flat = flat[:: max(1, len(flat) // _KEPT)]
     rng = np.random.default_rng(seeds[-1])
-    drawn = [flat[:, -1], *sheet.draws(len(flat), rng)[1:]]
-    flat[:, :3] += rng.normal(size=(len(flat), len(fit.systematic))) @ fit.systematic
+    drawn_states: Array = np.column_stack([flat, sheet.draws(len(flat), rng)[1:].T])
+    drawn_states[:, :3] += rng.normal(size=(len(flat), len(fit.systematic))) @ fit.systematic
+    parameters, quantities = _with_data(drawn_states, sheet, combine(fit, sheet, data), rng)
     means, spread = chain.mean(axis=(1, 2)), chain.reshape(-1, dimension).std(axis=0)
     return Posterior(
         names=target.names,
-        parameters=flat,
-        quantities=derived(flat, sheet, drawn),
+        parameters=parameters,
+        quantities=quantities,
         r_hat=r_hat,
         bulk_ess=bulk,
         tail_ess=tail,
@@ -292,7 +310,13 @@ class ProfileLikelihood:
 # --- what follows from them -------------------------------------------------------------------------------------------
 
 
-def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, distances: Array) -> dict[str, Array]:
+def depth_errors(
+    draws: CameraDraws,
+    fit: StatisticsFit,
+    sheet: DataSheet,
+    distances: Array,
+    data: Sequence[SideDatum] = (),
+) -> dict[str, Array]:
     """What the calibration's uncertainty does to depths measured with it.
 
     Parameters
@@ -303,6 +327,8 @@ def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, dista
     sheet : DataSheet
     distances : ndarray
         From the main lens [mm], beyond the FAP, shape (k,).
+    data : sequence of SideDatum
+        That the draws were conditioned on.
 
     Returns
     -------
@@ -317,7 +343,7 @@ def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, dista
     and the error of A stays.
     """
     distances = np.asarray(distances, float)
-    best = derived(fit.camera.vector(), sheet)
+    best = combine(fit, sheet, data).lengths(sheet)
     depth = distances - best["d_3"]
     if not (depth > 0).all():
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
@@ -337,25 +363,31 @@ def depth_errors(draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, dista
     }
 
 
-def variance_shares(fit: StatisticsFit, sheet: DataSheet) -> dict[str, dict[str, float]]:
+def variance_shares(
+    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum] = ()
+) -> dict[str, dict[str, float]]:
     """To first order, what share of each quantity's variance comes from the images and from each data-sheet value.
 
     Returns
     -------
     dict
-        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board`` and ``systematic`` (what
-        scatter does not show) that add up to 1, and ``sigma``, the standard deviation of all.
+        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board``, ``systematic`` (what scatter
+        does not show) and of side data by name, that add up to 1, and ``sigma``, the standard deviation of all.
     """
-    images = np.linalg.cholesky(fit.covariance.part(("A", "m", "inverse_d_2"))).T
-    # Steps of one standard deviation in (A, m, 1/d_2, f, q, d, board), by their source.
+    count, known = len(fit.covariance.names), combine(fit, sheet, data)
+    images = np.linalg.cholesky(fit.covariance.matrix).T
+    # Steps of one standard deviation in (shared parameters, f, q, d, board), by their source.
     steps = {"images": np.pad(images, ((0, 0), (0, 4)))}
-    by_sheet = np.eye(4, 7, 3) * sheet.sigma[:, None]
+    by_sheet = np.eye(4, count + 4, count) * sheet.sigma[:, None]
     steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet, strict=True)}
-    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, 4)))
-    best = np.concatenate([fit.camera.vector()[:3], sheet.mean])
+    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + 1)))
+    steps = {source: step @ known.keeps.T for source, step in steps.items()}
+    for datum in data:
+        steps[datum.name] = known.gain[:, [source == datum.name for source in known.sources]].T
 
     def variance(step: Array) -> dict[str, float]:
-        ahead, behind = (derived(at, sheet, at[:, 3:].T) for at in (best + 0.01 * step, best - 0.01 * step))
+        ends = (known.best + 0.01 * step, known.best - 0.01 * step)
+        ahead, behind = (derived(at[:, :count], sheet, at[:, count:].T) for at in ends)
         return {name: float(np.square((ahead[name] - behind[name]) / 0.02).sum()) for name in QUANTITIES}
 
     parts = {source: variance(step) for source, step in steps.items()}

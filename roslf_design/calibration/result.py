@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -17,8 +17,11 @@ from .centres import MicrolensCentres
 from .diffraction import DiffractionCheck
 from .fit import Calibration
 from .frames import Array
+from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
+from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
+from .sidedata import Combined, SideDatum, combine
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -42,6 +45,13 @@ class QuantityEstimate:
     """None where nothing was sampled."""
     ess: float | None
     """The smaller of bulk and tail."""
+    design: float
+    """What the design says."""
+
+    @property
+    def off(self) -> float | None:
+        """Calibrated less design [standard deviations]; None where nothing is uncertain."""
+        return (self.value - self.design) / self.sigma if self.sigma > 0 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +75,10 @@ class Outcome:
     shares: Mapping[str, Mapping[str, float]]
     """`variance_shares`."""
     estimates: Mapping[str, QuantityEstimate]
+    misfit: Misfit
+    """What the fit leaves over."""
+    combined: Combined
+    """With side data, where there are any."""
     warnings: tuple[str, ...]
     seed: int
     distortion: int
@@ -87,7 +101,7 @@ class Outcome:
 
     @property
     def calibrated(self) -> Design:
-        """The design with d_3, d_1 and d_2 as calibrated, f as on its data sheet, and the errors in its source.
+        """The design with d_3, d_1 and d_2 as calibrated, f as data sheet and side data have it, errors in its source.
 
         Raises
         ------
@@ -97,11 +111,15 @@ class Outcome:
         values = {name: self.estimates[name] for name in ("d_3", "d_1", "d_2", "H")}
         said = ", ".join(f"{n} = {e.value:.6g} ± {e.sigma:.2g} {UNITS[n]}".strip() for n, e in values.items())
         images = len(self.calibration.observations.names)
+        known = f"f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm from the data sheet"
+        known = ", ".join([known, *(datum.what for datum in self.combined.data)])
         source = (
-            f"roslf calibrate, {images} images of a board, f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm"
-            f" from the data sheet: {said} (standard deviations); before: {self.design.name}"
+            f"roslf calibrate, {images} images of a board, {known}: {said} (standard deviations);"
+            f" before: {self.design.name}"
         )
         lengths = {name: values[name].value for name in ("d_3", "d_1", "d_2")}
+        if self.combined.data:
+            lengths["f"] = float(self.combined.best[-4])
         return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
 
     def to_dict(self) -> dict[str, object]:
@@ -126,6 +144,7 @@ class Outcome:
                     "estimate": e.value,
                     "unit": UNITS[name],
                     **{key: value for key, value in asdict(e).items() if key != "value"},
+                    "off_design_sigma": e.off,
                     "variance_shares": {s: v for s, v in self.shares[name].items() if s != "sigma"},
                 }
                 for name, e in self.estimates.items()
@@ -145,9 +164,11 @@ class Outcome:
                 **{f"{name}_mm": getattr(self.sheet, name) for name in ("f", "f_sigma", "q", "d", "d_sigma")},
                 "cell_sigma_relative": self.sheet.cell_sigma,
             },
+            "side_data": _side_dict(self.combined, self.draws),
             "reprojection_rms_pitches": result.joint.rms,
             "step_one_rms_pitches": result.first.rms,
             "noise_pitches": result.lines.sigma,
+            **_misfit_dict(self.misfit),
             "images_used": list(result.observations.names),
             "images_missing": list(result.observations.missing),
             "views": len(result.observations.views),
@@ -181,17 +202,24 @@ def outcome_of(
     distortion: int,
     diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
+    data: Sequence[SideDatum] = (),
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
     fit = calibration.fit
     posterior = draws if isinstance(draws, Posterior) else None
-    shares = variance_shares(fit, sheet)
-    best = derived(fit.camera.vector(), sheet)
-    estimates = {name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior) for name in QUANTITIES}
+    combined = combine(fit, sheet, data)
+    shares = variance_shares(fit, sheet, data)
+    best = combined.lengths(sheet)
+    told = derived(camera_of(design).vector(), sheet)
+    estimates = {
+        name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(told[name]))
+        for name in QUANTITIES
+    }
+    misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
-    depths = depth_errors(draws, fit, sheet, distances)
+    depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []
     expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
     if abs(shown / expected - 1) >= 0.02:
@@ -199,6 +227,9 @@ def outcome_of(
             f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
             " pixel and its microlens pitch those of this camera?"
         )
+    elif away := _off_design(estimates, board):
+        notes.append(away)
+    notes += [*misfit.warnings, *combined.warnings]
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.observations.missing:
@@ -212,20 +243,81 @@ def outcome_of(
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius, draws, depths, shares, estimates,
-        tuple(notes), seed, distortion, accuracy,
+        misfit, combined, tuple(notes), seed, distortion, accuracy,
     )  # fmt: skip
 
 
-def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None) -> QuantityEstimate:
+def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
+    """Which quantities lie far from the design's, and what would explain it; "" where none does."""
+    far = {name: e.off for name, e in estimates.items() if e.off is not None and abs(e.off) > DISAGREE}
+    if not far:
+        return ""
+    said = ", ".join(f"{name} {abs(off):.0f} sigma" for name, off in sorted(far.items(), key=lambda one: -abs(one[1])))
+    # A board of other cells scales m and d_2 alike and leaves A.
+    m, d_2 = (estimates[name] for name in ("m", "d_2"))
+    ratio = math.log(m.value / m.design) - math.log(d_2.value / d_2.design)
+    if (
+        {"m", "d_2"} <= far.keys()
+        and "A" not in far
+        and abs(ratio) < 2 * math.hypot(*(e.sigma / e.value for e in (m, d_2)))
+    ):
+        cell = board.cell * m.value / m.design
+        return (
+            f"far from the design: {said}; m and d_2 would agree with it if the board's cells measured {cell:.4g} mm,"
+            f" not {board.cell:g} mm: measure them"
+        )
+    return (
+        f"far from the design: {said}; the camera was built otherwise, or the board's cell, f, pixel or microlens pitch"
+        " are not as told: measure them"
+    )
+
+
+def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | None:
+    """What side data say of f, as JSON's types; None where there are none."""
+    if not combined.data:
+        return None
+    return {
+        "used": [datum.name for datum in combined.data],
+        "off_sigma": dict(combined.apart),
+        "f_mm": float(combined.best[-4]),
+        "f_sigma_mm": float(draws.draws("f").std(ddof=1)),
+    }
+
+
+def _misfit_dict(misfit: Misfit) -> dict[str, object]:
+    """As JSON's types."""
+    return {
+        "residual_scales": {"places": misfit.places, "slopes": misfit.slopes, "views": misfit.views},
+        "remedy": None if misfit.remedy is None else {"what": misfit.remedy.what, "scale": misfit.remedy.scale},
+        "ways_apart_sigma": misfit.apart,
+        "boards": [
+            {
+                "image": board.name,
+                "corners": board.corners,
+                "rms_pitches": board.rms,
+                "scale_places": _finite(board.places),
+                "scale_slopes": _finite(board.slopes),
+                "strays": board.strays,
+            }
+            for board in misfit.boards
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None, design: float) -> QuantityEstimate:
     if posterior is None:
         low, lower, higher, high = (value + end * sigma for end in _GAUSS)
-        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None)
+        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design)
     draws = posterior.quantities[name]
     low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
     spread = float(draws.std(ddof=1))
-    return QuantityEstimate(value, spread, (lower, higher), (low, high), posterior.r_hat[key], ess)
+    return QuantityEstimate(value, spread, (lower, higher), (low, high), posterior.r_hat[key], ess, design)
 
 
 def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, object]:

@@ -14,25 +14,27 @@ from pydantic import ValidationError
 from .. import calibration
 from ..calibration import (
     Board,
+    Calibration,
     CalibrationError,
     CameraDraws,
     LightField,
     MicrolensCentres,
     Outcome,
+    SideDatum,
 )
 from ..calibration.frames import Capture
 from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
-from ..design import DesignError, dumps, load
+from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import InputError, Problem
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.printers import render_html
 from ..tables import plain_text
-from ..toml_files import problems_of
+from ..toml_files import nearest, problems_of, read_toml
 from .terminal import (
     Flag,
     OptionalOutput,
@@ -56,6 +58,10 @@ def calibrate(
     json: Flag = False,
     seed: int = 0,
     f_sigma: str = "1%",
+    d_sigma: str = "0.1%",
+    cell_sigma: str = "0.1%",
+    white_pitch: str | None = None,
+    distances: Path | None = None,
     distortion: Literal[0, 1, 2] = 0,
     no_posterior: Flag = False,
     accuracy: float | None = None,
@@ -89,6 +95,16 @@ def calibrate(
         Of the posterior, or of a plan's random poses; the same seed gives the same bytes.
     f_sigma
         Standard deviation of the data sheet's focal length, as "1 mm" or "1%".
+    d_sigma
+        Standard deviation of the microlens pitch, as "0.05 um" or "0.01%".
+    cell_sigma
+        Standard deviation of the board's cells, all alike, as "10 um" or "0.1%".
+    white_pitch
+        Use the pitch of the white image's microlens images, known to this share, as "0.01%". Where --d-sigma is as
+        small it ties the focal length, better than most data sheets.
+    distances
+        A TOML file of how far the boards stood: sigma = "0.1 mm", relative = true for readings of a rail instead of
+        distances from the main lens, and under [distances] lines such as "board1.tif" = "320 mm".
     distortion
         Radial coefficients to find: 0, 1 or 2.
     no_posterior
@@ -114,7 +130,7 @@ def calibrate(
     """
     choices = {"boards": boards, "tilt": tilt, "distance": distance, "range": range, "noise": noise}
     planned = {name: value for name, value in choices.items() if value is not None}
-    places = {"FOLDER": folder, "--design": design, "--output": output}
+    places = {"FOLDER": folder, "--design": design, "--output": output, "--distances": distances}
     needed = {"--design": (design, "paper"), "--board": (board, '"4x5 6 mm"'), "--output": (output, "out/calibration")}
     if plan is not None:
         idle = [key for key, value in places.items() if value is not None]
@@ -129,7 +145,8 @@ def calibrate(
         wrong["--accuracy"] = f"is the posterior's, and has no place beside {beside}; drop one"
     check_options(seed, output, *(Problem(key, message) for key, message in wrong.items()))
     if plan is not None:
-        asked = {"board": board or "4x5 6 mm", **planned, "f_sigma": f_sigma, "seed": seed}
+        asked: dict[str, Any] = {"board": board or "4x5 6 mm", **planned, "f_sigma": f_sigma, "seed": seed}
+        asked |= {"d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
         print_plan(plan, asked, distortion, json)
         return
     if accuracy is not None:
@@ -140,11 +157,15 @@ def calibrate(
     assert output is not None
     began = time.perf_counter()
     try:
-        result = calibrated(folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy)
+        result = calibrated(
+            folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy,
+            d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances,
+        )  # fmt: skip
     except CalibrationError as error:
         raise InputError((Problem("", " ".join(str(error).split())),), str(folder)) from None
     command = typed(
-        "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, distortion=distortion,
+        "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, d_sigma=d_sigma,
+        cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
         seed=seed, diffraction=diffraction, no_posterior=no_posterior, accuracy=accuracy,
     )  # fmt: skip
     seconds = time.perf_counter() - began
@@ -181,6 +202,11 @@ def calibrated(
     no_posterior: bool,
     diffraction: Literal["auto", "on", "off"],
     accuracy: float | None = None,
+    *,
+    d_sigma: str = "0.1%",
+    cell_sigma: str = "0.1%",
+    white_pitch: str | None = None,
+    distances: Path | None = None,
 ) -> Outcome:
     """From a folder of images to what they say; options as on the command line.
 
@@ -194,12 +220,8 @@ def calibrated(
     except CalibrationError as error:
         raise refusal("--board", str(error)) from None
     loaded = load(design)
-    try:
-        sheet = calibration.sheet_of(loaded, relative_sigma(f_sigma, loaded.f))
-    except CalibrationError:
-        raise
-    except ValueError as error:
-        raise refusal("--f-sigma", str(error)) from None
+    sheet, white = _known(loaded, checkerboard, f_sigma, d_sigma, cell_sigma, white_pitch)
+    stood = None if distances is None else _read_distances(distances)
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = calibration.read_capture(folder)
@@ -214,9 +236,14 @@ def calibrated(
             observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
             dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
         )  # fmt: skip
+        data = []
+        if white is not None:
+            data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))
+        if stood is not None:
+            data.append(_stood(stood, str(distances), fitted, sheet))
         if no_posterior:
             draws: CameraDraws = calibration.laplace_draws(
-                fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed)
+                fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed), data
             )
         else:
             status.tell("sampling the posterior")
@@ -229,12 +256,46 @@ def calibrated(
             size = sample_size_for(accuracy)
             most = most_steps_for(size)
             draws = calibration.sample_posterior(
-                fitted.fit, sheet, seed=seed, ess=size, most_steps=most, progress=progress
+                fitted.fit, sheet, seed=seed, ess=size, most_steps=most, data=data, progress=progress
             )
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
-        seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius,
+        seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius, data=data,
     )  # fmt: skip
+
+
+def _known(
+    design: Design, board: Board, f_sigma: str, d_sigma: str, cell_sigma: str, white_pitch: str | None
+) -> tuple[calibration.DataSheet, float | None]:
+    """The data sheet, and how well the white image's pitch is known."""
+    told = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
+    try:
+        pages.CalibrationPart.model_validate(told, context={"from_file": True})
+    except ValidationError as error:
+        faults = problems_of(error, pages.CalibrationPart)
+        raise InputError(
+            tuple(Problem("--" + (fault.key or "").replace("_", "-"), fault.message) for fault in faults)
+        ) from None
+    sheet = pages.data_sheet(design, board, f_sigma, d_sigma, cell_sigma)
+    return sheet, None if white_pitch is None else relative_sigma(white_pitch, 1.0)
+
+
+def _read_distances(file: Path) -> pages.BoardDistances:
+    try:
+        return pages.BoardDistances.model_validate(read_toml(file, str(file)), context={"from_file": True})
+    except ValidationError as error:
+        raise InputError(problems_of(error, pages.BoardDistances), str(file)) from None
+
+
+def _stood(stood: pages.BoardDistances, file: str, found: Calibration, sheet: calibration.DataSheet) -> SideDatum:
+    """Distances of the boards that were found; images without one are left out."""
+    names, missing = found.observations.names, found.observations.missing
+    wrong = [name for name in stood.distances if name not in (*names, *missing)]
+    if wrong:
+        said = {name: f"is no image of the board; {nearest(name, names)}" for name in wrong}
+        raise InputError(tuple(Problem(f"distances.{name}", message) for name, message in said.items()), file)
+    boards = {names.index(name): away for name, away in stood.distances.items() if name in names}
+    return calibration.board_distances(found.fit, sheet, boards, stood.sigma, relative=stood.relative)
 
 
 def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) -> Iterator[tuple[str, LightField]]:
@@ -272,4 +333,4 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: b
 
     console = Console()
     console.print(plain_text(f"Plan of a calibration of {loaded.name}", "bold"))
-    print_blocks(pages.plan_blocks(loaded, plan, asked.f_sigma), console)
+    print_blocks(pages.plan_blocks(loaded, plan, asked), console)

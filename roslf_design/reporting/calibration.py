@@ -12,8 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from .. import __version__
-from ..calibration import Board, CalibrationError, CapturePlan, Captures, Reason, camera_of, derived, sheet_of
+from ..calibration import (
+    Board,
+    CalibrationError,
+    CapturePlan,
+    Captures,
+    DataSheet,
+    Reason,
+    camera_of,
+    derived,
+    sheet_of,
+)
 from ..calibration import plan as planned
+from ..calibration.fit import VISIBLE
+from ..calibration.misfit import DISAGREE
 from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
@@ -24,7 +36,7 @@ from ..pictures.picture import Picture
 from ..pictures.svg import redrawn
 from ..tolerancing.study import StrictTable
 from ..toml_files import problems_of
-from ..units import Angle, Distance, Length
+from ..units import Angle, AnyLength, Distance, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
@@ -45,6 +57,8 @@ SOURCES: dict[str, tuple[str, str, str]] = {
         "systematic errors of the corners",
         "show the boards nearer the focal plane, where corners hardly move from view to view",
     ),
+    "white": ("white image", "the white image's pitch", "know it, and the microlens and pixel pitch, better"),
+    "distances": ("distances", "the boards' distances", "measure them better"),
 }
 """Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
@@ -92,6 +106,12 @@ class CalibrationPart(StrictTable):
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
+    d_sigma: str = "0.1 %"
+    """How well the microlens pitch is known."""
+    cell_sigma: str = "0.1 %"
+    """How well the board's cells are known."""
+    white_pitch: str | None = None
+    """How well the white image's pitch is known, where it is used."""
     seed: Annotated[int, Field(ge=0)] = 0
 
     @field_validator("board")
@@ -101,13 +121,22 @@ class CalibrationPart(StrictTable):
             Board.parse(text)
         return text
 
-    @field_validator("f_sigma")
+    @field_validator("f_sigma", "d_sigma", "cell_sigma", "white_pitch")
     @classmethod
-    def _understood(cls, text: str) -> str:
+    def _understood(cls, text: str | None) -> str | None:
         try:
-            relative_sigma(text, 1.0)
+            relative = 0.0 if text is None else relative_sigma(text, 1.0)
         except ValueError:
             raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
+        if not 0 <= relative < math.inf:
+            raise ValueError(f'"{text}" must not be negative')
+        return text
+
+    @field_validator("white_pitch")
+    @classmethod
+    def _positive_share(cls, text: str | None) -> str | None:
+        if text is not None and not (text.strip().endswith("%") and relative_sigma(text, 1.0) > 0):
+            raise ValueError(f'"{text}" is no share above zero; give "0.01 %"')
         return text
 
     @model_validator(mode="after")
@@ -160,6 +189,26 @@ class FoundTable(LenientTable):
         bare = [name for name, row in self.quantities.items() if None in (row.r_hat, row.ess)]
         if bare and self.posterior is not None:
             raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
+        return self
+
+
+class BoardDistances(StrictTable):
+    """A file that tells how far from the lens boards stood."""
+
+    sigma: Length
+    """Standard deviation of each [mm]."""
+    relative: bool = False
+    """Measured from any one place, as a rail shows them, instead of from the main lens."""
+    distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
+    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
+
+    @model_validator(mode="after")
+    def _before_the_lens(self) -> BoardDistances:
+        behind = [name for name, away in self.distances.items() if not self.relative and away <= 0]
+        if behind:
+            raise ValueError(
+                f"{behind[0]} stands {self.distances[behind[0]]:g} mm before the lens; say relative = true?"
+            )
         return self
 
 
@@ -235,7 +284,13 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
     """The page: answers, tables, figures (SVG text by name), how to run it again."""
     board = result.board
     answers = (Statements(tuple(statements(result))), quantities_table(result.to_dict()))
-    evidence: tuple[Block, ...] = (*_drawings(drawings), ways_table(result), shares_table(result.shares))
+    evidence: tuple[Block, ...] = (
+        *_drawings(drawings),
+        design_table(result),
+        boards_table(result),
+        ways_table(result),
+        shares_table(result.shares),
+    )
     return Report(
         f"Calibration of {result.design.name}",
         f"from {len(result.calibration.observations.names)} images of a {board.columns} x {board.rows} board of "
@@ -259,10 +314,25 @@ def statements(result: Outcome) -> Iterator[Statement]:
         f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
         f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
     )
+    misfit = result.misfit
+    yield Statement(
+        "good" if max(misfit.scale, misfit.views) <= VISIBLE else "caution",
+        f"Residuals of places are {misfit.places:.2g}, of slopes {misfit.slopes:.2g}, of whole views {misfit.views:.2g}"
+        " times what scatter from view to view explains (1 where the model holds).",
+    )
     yield Statement("plain", f"{lenses_used(result)}.")
+    if result.combined.data:
+        used = " and ".join(datum.what for datum in result.combined.data)
+        apart = ", ".join(f"{far:.1f}" for far in result.combined.apart.values())
+        f = float(result.combined.best[-4])
+        sigma = float(result.draws.draws("f").std(ddof=1))
+        yield Statement(
+            "caution" if result.combined.warnings else "good",
+            f"With {used} ({apart} sigma from the rest): f = {rounded(f, sigma)} ± {sigma:.2g} mm.",
+        )
     if result.diffraction is not None:
         yield _diffraction(result, result.diffraction)
-    parts = {source: result.shares["d_3"][source] for source in SOURCES}
+    parts = {source: result.shares["d_3"].get(source, 0.0) for source in SOURCES}
     worst = max(parts, key=lambda source: parts[source])
     _, source, advice = SOURCES[worst]
     text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
@@ -320,6 +390,39 @@ def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
 
 
+def design_table(result: Outcome) -> Table:
+    """Every quantity beside the design's."""
+    rows = []
+    for name, e in result.estimates.items():
+        off = "" if e.off is None else f"{e.off:+.1f}"
+        values = (rounded(e.value, e.sigma), f"{e.design:.6g}", rounded(e.value - e.design, e.sigma), f"{e.sigma:.2g}")
+        rows.append((name, *values, UNITS[name], off))
+    heads = ("", "calibrated", "design", "difference", "sigma", "", "in sigma")
+    caption = (
+        f"Beyond {DISAGREE:g} sigma the camera was built otherwise, or a length that the calibration rests on is wrong."
+    )
+    return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
+
+
+def boards_table(result: Outcome) -> Table:
+    """How each board fits."""
+    rows = tuple(
+        (
+            board.name,
+            str(board.corners),
+            f"{board.rms:.3g}",
+            *("" if math.isnan(scale) else f"{scale:.2g}" for scale in (board.places, board.slopes)),
+            str(board.strays or ""),
+        )
+        for board in result.misfit.boards
+    )
+    heads = ("image", "corners", "RMS [pitches]", "places", "slopes", "far off")
+    caption = (
+        "Places and slopes: residuals over what views of one corner scatter by. Far off: corners given little weight."
+    )
+    return Table(rows, "lrrrrr", heads, "Board by board", caption)
+
+
 def ways_table(result: Outcome) -> Table:
     """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
     found, sheet = result.calibration, result.sheet
@@ -340,14 +443,21 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
     try:
         captures = captures_for(design, asked)
-        sheet = sheet_of(design, relative_sigma(asked.f_sigma, design.f))
+        sheet = data_sheet(design, captures.board, asked.f_sigma, asked.d_sigma, asked.cell_sigma)
+        white = None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
     except CalibrationError as error:
         return " ".join(str(error).split())
     try:
-        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed)
+        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
         return text if why in text or "into the bore" in text else f"{text}: {why}"
+
+
+def data_sheet(design: Design, board: Board, f_sigma: str, d_sigma: str, cell_sigma: str) -> DataSheet:
+    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm"."""
+    scales = zip((f_sigma, d_sigma, cell_sigma), (design.f, design.d, board.cell), strict=True)
+    return sheet_of(design, *(relative_sigma(text, scale) for text, scale in scales))
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
@@ -370,20 +480,24 @@ def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
     if isinstance(plan, str):
         none = Statements((Statement("caution", f"No plan: {plan}."),))
         return Finding(Section("Calibration plan", (none,)), None, seed)
-    blocks = plan_blocks(design, plan, asked.f_sigma)
+    blocks = plan_blocks(design, plan, asked)
     assert isinstance(blocks[1], Statements)
     return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
 
 
-def plan_blocks(design: Design, plan: CapturePlan, known: str) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; f as well known as `known` says."""
+def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tuple[Block, ...]:
+    """A plan with its promise and its changes."""
     c, before = plan.captures, plan.expected
+    known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
+    if asked.d_sigma == asked.cell_sigma:
+        known = f"microlens pitch and board to {asked.d_sigma}"
+    white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
     text = (
         f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
-        f"to {known}, microlens pitch and board to 0.1 %. Standard deviations are from the Fisher matrix, medians over "
+        f"to {asked.f_sigma}, {known}{white}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
     sigma = before.sigma

@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,12 +116,36 @@ def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
     np.testing.assert_allclose(sharp[[0, 1, 4]], VIEWS[[0, 1, 4]], atol=0.05)  # inside the rim nothing moves
 
 
+EDGES = (0.15, 0.15 + math.pi / 2)
+LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", True)
+"""A 100 um microlens on pixels of 1.55 um."""
+
+
+@pytest.mark.parametrize("s", [10.0, 20.0, 27.0])
+def test_views_of_a_large_pupil_look_from_where_they_are(s):
+    """400 places on it, 2.9 px apart, put views up to 0.5 px beside: either way, by the slope's sign."""
+    at = np.array([[s, 0.0], [-s, 0.0], [0.0, s]])
+    true = brute_baseline(s, replace(LARGE, circular=False))
+    found = baseline(view_weights(replace(LARGE, circular=False), at))
+    np.testing.assert_allclose(found, true / s * at, atol=0.06)
+
+
+def test_shifts_are_smooth_in_the_slope_and_those_of_a_smaller_pupil_with_finer_pixels():
+    """Nothing about a view depends on pixels but their own width, here a tenth of the blur's effect."""
+    slopes = np.array([-0.12, -0.11, -0.1, 0.1, 0.11, 0.12])
+    views = np.array([[0.0, 0.0], [14.0, 0.0], [26.0, 0.0]])
+    shifts = apparent_shifts(view_weights(LARGE, views), slopes, EDGES, 4, circular=True)
+    np.testing.assert_allclose(shifts[0], 0, atol=2e-3)  # the middle view is what it is by symmetry
+    assert np.abs(np.diff(shifts[:, :3], axis=1)).max() < 4e-3
+    assert np.abs(np.diff(shifts[:, 3:], axis=1)).max() < 4e-3
+    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", True)
+    same = apparent_shifts(view_weights(finer, 2 * views), slopes / 2, EDGES, 4, circular=True)
+    np.testing.assert_allclose(same, shifts, atol=3e-3)
+
+
 def as_weights(places, shares, neighbours=((0.0, 0.0),)):
     shares = np.asarray(shares, float).reshape(1, len(neighbours), len(places))
     return ViewWeights(np.array([[3.0, -2.0]]), shares, np.array(neighbours), np.array(places, float))
-
-
-EDGES = (0.15, 0.15 + math.pi / 2)
 
 
 def test_light_from_elsewhere_on_the_pupil_moves_corners_by_the_slope():

@@ -156,6 +156,75 @@ def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path):
     assert "board6.tif" in missing
 
 
+def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path):
+    told = {}
+    for cell in (CELL, 1.07 * CELL):
+        out = tmp_path / f"{cell:g}"
+        options = ["--design", captured / "small.toml", "--board", f"7x6 {cell} mm", "-o", out, "--no-posterior"]
+        code, said, err = run(capsys, "calibrate", captured / "images", *options)
+        assert (code, err) == (0, "")
+        assert "Calibrated against the design" in said
+        assert "Board by board" in said
+        told[cell] = json.loads((out / "calibration.json").read_text())
+    right, wrong = told.values()
+    assert [warning for warning in right["warnings"] if "design" in warning] == []
+    assert max(right["residual_scales"].values()) < 2
+    assert [board["image"] for board in right["boards"]] == right["images_used"]
+    d_2 = wrong["quantities"]["d_2"]
+    assert d_2["design"] == 2.0
+    # Cells 7 % too large make d_2 and m 7 % too small; the data sheet and the images know them to half a per cent.
+    assert d_2["off_design_sigma"] == pytest.approx((d_2["estimate"] - 2.0) / d_2["sigma"])
+    assert d_2["off_design_sigma"] < -10
+    (warning,) = [warning for warning in wrong["warnings"] if "far from the design" in warning]
+    assert "if the board's cells measured 1.7 mm, not 1.819 mm" in warning
+
+
+def test_side_data_reach_the_answer(capsys, captured, small, tmp_path):
+    stood = "\n".join(f'"board{k}.tif" = "{small.d_f + away:.9g} mm"' for k, (away, _, _) in enumerate(POSES, 1))
+    (tmp_path / "stood.toml").write_text(f'sigma = "0.05 mm"\nrelative = true\n[distances]\n{stood}\n')
+    options = ["--design", captured / "small.toml", "--board", BOARD, "-o", tmp_path / "out", "--no-posterior"]
+    known = ["--d-sigma", "0.01%", "--cell-sigma", "1 um", "--white-pitch", "0.01%"]
+    code, said, err = run(
+        capsys, "calibrate", captured / "images", *options, *known, "--distances", tmp_path / "stood.toml"
+    )
+    assert (code, err) == (0, "")
+    assert "With the white image's pitch and the boards' distances" in said
+    result = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert result["data_sheet"]["d_sigma_mm"] == pytest.approx(1e-4 * small.d)
+    assert result["data_sheet"]["cell_sigma_relative"] == pytest.approx(0.001 / CELL)
+    side = result["side_data"]
+    assert side["used"] == ["white", "distances"]
+    assert max(side["off_sigma"].values()) < 3
+    assert side["f_sigma_mm"] < 0.2 * result["data_sheet"]["f_sigma_mm"]
+    assert side["f_mm"] == pytest.approx(small.f, abs=3 * side["f_sigma_mm"])
+    d_3 = result["quantities"]["d_3"]
+    assert d_3["sigma"] < 0.2  # 1.2 mm by the data sheet's f
+    assert d_3["estimate"] == pytest.approx(40.0, abs=3 * d_3["sigma"])
+    assert load(tmp_path / "out" / "calibrated.toml").f == pytest.approx(side["f_mm"])
+    assert "--distances" in (tmp_path / "out" / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('sigma = "1 mm"\n[distances]\n"boardx.tif" = "9 mm"', "distances.boardx.tif: is no image of the board"),
+        ('sigma = "1"\n[distances]\n"board1.tif" = "9 mm"', '"1" has no unit'),
+        ('sigma = "1 mm"\n[distances]\n"board1.tif" = "-9 mm"', "say relative = true?"),
+        ('sigma = "1 mm"', "distances: is missing"),
+        ("sigma", "is not valid TOML"),
+    ],
+)
+def test_distances_that_cannot_be_read_are_refused(capsys, captured, tmp_path, text, said):
+    (tmp_path / "stood.toml").write_text(text)
+    options = ["--design", captured / "small.toml", "--board", BOARD, "-o", tmp_path / "out", "--no-posterior"]
+    code, out, err = run(capsys, "calibrate", captured / "images", *options, "--distances", tmp_path / "stood.toml")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert "stood.toml" in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
 def no_white(folder):
     (folder / "white.tif").unlink()
     return "no white image"
@@ -249,6 +318,14 @@ def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, capture
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "x%"], "--f-sigma"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--f-sigma", "30%"], "20 % at most"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--seed=-1"], "--seed"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--d-sigma", "x"], "--d-sigma"),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--cell-sigma=-1%"], "must not be negative"),
+        (
+            ["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--white-pitch", "1 um"],
+            "no share above zero",
+        ),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--distances", "none"], "no such file"),
+        (["--plan", "paper", "--distances", "none"], "--distances: has no place beside --plan"),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--tilt", "9 deg"], "--tilt: goes with"),
         (["--plan", "paper", "-o", "out"], "--output: has no place beside --plan"),
         (["--plan", "paper", "--tilt", "0 deg"], "up to 0.0 degrees); tilt them by up to 20 degrees"),
@@ -302,6 +379,11 @@ def test_the_plan_of_the_paper(capsys):
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out
+    pitch = ["--white-pitch", "0.01%", "--d-sigma", "0.01%"]
+    code, tied, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", *pitch)
+    assert code == 0
+    assert json.loads(tied)["expected_sigma"]["d_3"] < plan["expected_sigma"]["d_3"] / 3
+    assert json.loads(tied)["variance_shares"]["d_3"]["white"] > 0
 
 
 def test_a_board_that_the_sensor_cannot_see_whole_is_noted():

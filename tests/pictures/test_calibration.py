@@ -1,6 +1,7 @@
 """Pictures of a calibration of synthetic corners: what they show is what was found."""
 
 import re
+from dataclasses import replace
 from pathlib import Path as FilePath
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration import Captures, calibrate
+from roslf_design.pictures.calibration import residuals
 from roslf_design.pictures.marks import Area, Disc, Dots, Line
 from roslf_design.pictures.svg import redrawn
 from roslf_design.reporting.calibration import calibration_pictures
@@ -24,7 +26,7 @@ def outcome():
     return SimpleNamespace(
         calibration=found, sheet=SHEET, posterior=None, draws=SimpleNamespace(draws=samples.get), samples=samples,
         depths={"distance": distance, "low_95": -half, "high_95": half, "from_lens": half / 2, "from_pupil": half / 3},
-        estimates={"d_3": SimpleNamespace(value=120.0)},
+        estimates={"d_3": SimpleNamespace(value=120.0)}, seed=0,
     )  # fmt: skip
 
 
@@ -51,6 +53,23 @@ def test_residuals_and_lines_are_those_of_the_fit(outcome, pictures):
     rest = next(mark for mark in pictures["epi-lines"].panels[1].marks if isinstance(mark, Dots))
     order = np.argsort(found.second.inverse_depth)
     np.testing.assert_allclose(rest.y, 1e3 * (found.second.slope - found.second.fitted)[order])
+
+
+def test_residuals_are_drawn_at_random_from_all_views(outcome):
+    found = outcome.calibration
+    off = np.zeros((4, 50, 20, 2))  # a stride of the whole would meet the same corner in every view
+    off[..., 0] = np.arange(50)[:, None]
+    off[..., 1] = np.arange(20)
+    seen = SimpleNamespace(seen=np.ones(off.shape[:3], bool), names="abcd")
+    lines = found.lines._replace(mean=np.zeros((4, 20, 2)), at=np.zeros((4, 20, 2)), slope=np.zeros((4, 20)))
+    joint = found.joint._replace(residuals=off)
+    many = SimpleNamespace(calibration=replace(found, joint=joint, observations=seen, lines=lines), seed=3)
+    dots = next(mark for mark in residuals(many).panels[0].marks if isinstance(mark, Dots))
+    assert len(dots.x) == 2000
+    assert len(set(dots.x)) == 50
+    assert len(set(dots.y)) == 20
+    other = SimpleNamespace(calibration=many.calibration, seed=4)
+    assert residuals(other).svg() != residuals(many).svg() == residuals(many).svg()
 
 
 def test_regions_hold_the_shares_of_the_draws_that_they_promise(outcome, pictures):

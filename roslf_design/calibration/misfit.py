@@ -1,0 +1,194 @@
+"""What a fit leaves over, board by board, what would explain it, and whether the ways to the camera agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .fit import VISIBLE, Calibration, Leftover, Linear, corner_statistics, independent_sigma, leftover
+from .frames import Array
+from .model import GLOBALS, rotation_matrix
+
+DISAGREE = 4.0
+"""Standard deviations between two ways to one number from which they disagree."""
+_STRAY = 5.0
+"""Standard deviations from which a corner is told: scatter alone does not reach so far."""
+_NAMES = GLOBALS[:3]
+
+
+class BoardMisfit(NamedTuple):
+    """How one board fits."""
+
+    name: str
+    corners: int
+    """Seen in any view."""
+    rms: float
+    """Reprojection error of the joint fit over all views [pitches]."""
+    places: float
+    """Scatter of its corners' places about the model over what their scatter from view to view promises."""
+    slopes: float
+    """The same of slopes; NaN where it has too few corners to tell."""
+    strays: int
+    """Corners so far off that they were given little weight."""
+
+
+class Remedy(NamedTuple):
+    """A change that would explain a misfit."""
+
+    what: str
+    """As a clause."""
+    scale: float
+    """The larger of both scales with it."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What the fit leaves over."""
+
+    places: float
+    """Scatter of places about the model over what the views promise; 1 where the model holds."""
+    slopes: float
+    views: float
+    """What the corners of one view of one board are off by together, over what their scatter promises."""
+    boards: tuple[BoardMisfit, ...]
+    remedy: Remedy | None
+    """What would halve the larger scale, or bring it below 2; None where that is not called for or nothing does."""
+    apart: dict[str, float]
+    """A, m, 1/d_2 by steps one and two less those of the joint fit, in its standard deviations."""
+
+    @property
+    def scale(self) -> float:
+        """The larger of both."""
+        return max(self.places, self.slopes)
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """What an engineer should know before believing the fit, each with its remedy."""
+        if self.scale > VISIBLE:
+            left = (
+                f"corners lie {self.scale:.1f} times as far from the fitted camera as they scatter from view to view"
+                f" (places {self.places:.1f}, slopes {self.slopes:.1f}; 1 where the model holds)"
+            )
+            if self.remedy is None:
+                yield (
+                    f"{left}: no single cause was found; is the board flat, are its cells even, sharp and 10"
+                    " microlenses wide or more?"
+                )
+            else:
+                yield f"{left}; {self.remedy.what} to {self.remedy.scale:.1f}"
+        if self.views > VISIBLE:
+            yield (
+                f"the corners of a view lie off together, {self.views:.1f} times as far as scatter explains: views do"
+                " not look from where their pixels say; are --diffraction, the design and the white image right?"
+            )
+        astray = [f"{board.strays} of {board.corners} in {board.name}" for board in self.boards if board.strays]
+        if astray:
+            yield f"corners far from where the others put them weigh little: {', '.join(astray)}; look at these images"
+        far = {name: off for name, off in self.apart.items() if abs(off) > DISAGREE}
+        if far:
+            said = ", ".join(f"{_said(name)} by {abs(off):.1f} sigma" for name, off in far.items())
+            yield f"steps one and two and the joint fit disagree: {said}; {self._believed}"
+
+    @property
+    def _believed(self) -> str:
+        if self.scale <= VISIBLE:
+            return "believe the joint fit: it weighs every corner by its error and leaves scatter only"
+        if self.slopes > self.places:
+            return "the slopes misfit: believe A, H and d_3 of step one, which knows no slopes, and no d_2 yet"
+        return "believe neither before the misfit is mended"
+
+
+def _said(name: str) -> str:
+    return "d_2" if name == "inverse_d_2" else name
+
+
+def misfit_of(found: Calibration) -> Misfit:
+    """What a calibration's fit leaves over, and why."""
+    fit, seen = found.fit, found.observations.seen
+    scales = np.array(fit.scales)
+    told = corner_statistics(found.observations, found.lines, independent_sigma(found.lines, found.joint))
+    told = replace(told, sigma=told.sigma * scales[[0, 0, 1]])
+    linear = told.linear(fit.camera.vector(), fit.poses.vector)
+    columns = [GLOBALS.index(name) for name in fit.covariance.names]
+    whole = linear._replace(shared=linear.shared[..., columns])
+    left = leftover(whole)
+    strays = (np.abs(left.off) > _STRAY).reshape(*seen.shape[::2], 3).any(axis=-1).sum(axis=1)
+    boards = []
+    for k, name in enumerate(found.observations.names):
+        places, slopes = (scales * Leftover(left.off[k : k + 1], left.free[k : k + 1]).scales()).tolist()
+        squares = np.square(found.joint.residuals[k][seen[k]]).sum(axis=-1)
+        corners = int(seen[k].any(axis=0).sum())
+        boards.append(BoardMisfit(name, corners, float(np.sqrt(squares.mean())), places, slopes, int(strays[k])))
+    worst = float(scales.max())
+    remedy = None
+    if worst > VISIBLE:
+        remedies = list(_remedies(found, linear, whole, scales))
+        best = min(remedies, key=lambda one: round(one.scale, 1), default=None)  # the simplest of those alike
+        remedy = best if best is not None and best.scale < max(VISIBLE, worst / 2) else None
+    spread = fit.covariance.part(_NAMES) + fit.systematic.T @ fit.systematic
+    apart = (found.second.camera.vector(_NAMES) - fit.camera.vector(_NAMES)) / np.sqrt(np.diag(spread))
+    return Misfit(
+        float(scales[0]), float(scales[1]), _of_views(found), tuple(boards), remedy,
+        dict(zip(_NAMES, apart.tolist(), strict=True)),
+    )  # fmt: skip
+
+
+def _of_views(found: Calibration) -> float:
+    """What a view's corners lie off their own lines together, over what their scatter promises; RMS over views."""
+    seen, lines = found.observations.seen, found.lines
+    if not lines.sigma > 0:
+        return 1.0
+    along = found.observations.views[:, None] - lines.at[:, None]
+    off = found.observations.uv - lines.mean[:, None] - np.nan_to_num(lines.slope)[:, None, :, None] * along
+    count = seen.sum(axis=2)
+    mean = np.where(seen[..., None], off, 0.0).sum(axis=2) / np.sqrt(np.maximum(count, 1))[..., None]
+    freedom = 2 * (count > 0).sum() - 3 * len(seen)
+    return float(np.sqrt(np.square(mean).sum() / freedom) / lines.sigma) if freedom > 0 else 1.0
+
+
+def _remedies(found: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[Remedy]:
+    """Changes, and the larger scale with each, to first order."""
+
+    def with_columns(more: Array) -> float:
+        return _larger(whole._replace(shared=np.concatenate([whole.shared, more], axis=-1)), scales)
+
+    fitted = len(found.fit.covariance.names) - 5
+    for count in range(fitted + 1, 3):
+        radial = slice(5 + fitted, 5 + count)
+        yield Remedy(f"--distortion {count} would take that", with_columns(linear.shared[..., radial]))
+    points = found.observations.points
+    bow, height = _bow(found, linear, points)
+    coefficients = _taken_up(whole._replace(shared=np.concatenate([whole.shared, bow], axis=-1)))[-3:]
+    tall = float(np.ptp(height @ coefficients))
+    yield Remedy(f"a board bowed by {tall:.2g} mm would explain it: mount it flat, which takes that", with_columns(bow))
+    count = len(found.observations.names)
+    for k in range(count if count > 2 else 0):
+        name = found.observations.names[k]
+        kept = np.arange(count) != k
+        yield Remedy(f"dropping {name} would take that", _larger(Linear(*(part[kept] for part in whole)), scales))
+
+
+def _larger(linear: Linear, scales: Array) -> float:
+    return float(np.nanmax(leftover(linear).scales() * scales))
+
+
+def _bow(found: Calibration, linear: Linear, points: Array) -> tuple[Array, Array]:
+    """Derivatives by a bow x^2, x y, y^2 of the board off its plane, shape (b, r, 3), and its heights, shape (n, 3)."""
+    x, y = (points[:, :2] / np.abs(points[:, :2]).max()).T
+    height = np.stack([x * x, x * y, y * y], axis=-1)
+    plane = np.linalg.qr(np.stack([np.ones_like(x), x, y], axis=-1))[0]
+    height = height - plane @ (plane.T @ height)
+    normal = rotation_matrix(found.fit.poses.rotation)[..., 2]
+    lifted = np.einsum("brk,bk->br", linear.own[..., 3:], normal)
+    return lifted[..., None] * np.repeat(height, 3, axis=0), height
+
+
+def _taken_up(linear: Linear) -> Array:
+    """What the shared columns take up of the residuals."""
+    free = linear.eliminated()
+    columns = free.shared.reshape(-1, free.shared.shape[-1])
+    size = np.sqrt(np.square(columns).sum(axis=0))
+    return np.asarray(np.linalg.lstsq(columns / size, -free.off.ravel(), rcond=None)[0] / size)
