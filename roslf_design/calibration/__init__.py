@@ -25,7 +25,7 @@ from .planning import (
     synthetic_observations,
 )
 from .posterior import CameraDraws, Posterior, depth_errors, laplace_draws, sample_posterior, variance_shares
-from .result import Outcome, outcome_of, undistorted_radius
+from .result import Outcome, image_pitch, outcome_of, undistorted_radius
 from .sidedata import SideDatum, board_distances, white_pitch
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "expected_errors",
     "find_centres",
     "find_corners",
+    "image_pitch",
     "laplace_draws",
     "observe",
     "observe_pictures",

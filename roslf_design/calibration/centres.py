@@ -20,6 +20,16 @@ _ALL_OVER = 0.9
 """Share of saturated pixels above which no lattice is left to find; below it, microlens images are counted."""
 _FEWEST = 12
 """Whole microlens images that a fit takes."""
+_START = 6.0
+"""Lenses about the light's middle from which the lattice is followed, and which tell how much contrast an image has."""
+_DIM = 0.05
+"""Contrast under which a microlens shows no image, against those in the light's middle."""
+_BEND = 0.05
+"""Least distance between straight and bent lattice that a bend is worth [px]."""
+_OFF = 0.1
+"""Distance from their lattice that the centres of a neighbourhood may share [px]: more is told."""
+_MOST_CUT, _LEAST_USED = 0.05, 0.5
+"""Share of the lenses cut where the design has none, and of the lit lenses used, beyond which it is told."""
 
 
 class Reason(IntEnum):
@@ -63,6 +73,8 @@ class MicrolensCentres:
     """A `Reason` for each lens: 0 where it was used in the fit."""
     rms: float
     """RMS distance per axis between the used lenses' own centres and the lattice [px]."""
+    warnings: tuple[str, ...] = ()
+    """What the image shows that a lattice of whole images does not."""
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -84,13 +96,15 @@ def find_centres(
     dark: ArrayLike | None = None,
     *,
     layout: Layout | None = None,
+    pitch: float | None = None,
     undistorted_radius: float | None = None,
 ) -> MicrolensCentres:
     """Centres of the microlens images in a white image, for square and hexagonal arrays at any rotation.
 
     The lattice is fitted to the lenses whose image is whole. Towards the edge of the field a second stop cuts images
-    to cat's eyes and draws their centroids towards the axis; those lenses are known by their shape and left out, and
-    get their centres from the lattice.
+    to cat's eyes and draws their centroids towards the axis; those lenses are known by what they lost of their shape,
+    their size and their light, and left out, and get their centres from the lattice. The field may be a part of the
+    image, round as behind an endoscope. A lattice that distortion bends is followed to third order.
 
     Parameters
     ----------
@@ -98,6 +112,9 @@ def find_centres(
         White image and, optionally, a frame without light, shape (rows, columns).
     layout : {"square", "hexagonal"}, optional
         Expected layout.
+    pitch : float, optional
+        Expected pitch of the microlens images [px], such as the design's: to be preferred where dirt, missing lenses or
+        the field's edge show other periods. An image of another pitch is measured as it is.
     undistorted_radius : float, optional
         Radius [px] about the image's middle inside which Eq. 6 promises whole images: lenses beyond are left out, and
         those inside still judged by their shape.
@@ -111,10 +128,12 @@ def find_centres(
     frame = grey_frame(white, dark, "white image")
     level = refuse_saturated(np.asarray(white), "white image", _ALL_OVER)
     raw = frame if dark is None else grey_frame(white, None, "white image")
-    lattice = _grown(frame, estimate_lattice(frame, layout))
-    for _ in range(2):
-        found = _fitted(frame, raw, level, undistorted_radius, lattice)
-        lattice = found.lattice
+    if dark is None:  # a pedestal hides what cut images lose
+        frame = frame - np.float32(np.quantile(frame.ravel()[:: 1 + frame.size // 500_000], 0.01))
+    lattice = _grown(frame, estimate_lattice(frame, layout, pitch))
+    found = _fitted(frame, raw, level, undistorted_radius, lattice)
+    for _ in range(1 if found.lattice.bend is None else 2):
+        found = _fitted(frame, raw, level, undistorted_radius, found.lattice)
     return found
 
 
@@ -122,9 +141,9 @@ def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattic
     """One round: measure every cell at the current lattice, judge, fit anew."""
     indices = lattice.inside((frame.shape[0], frame.shape[1]))
     nodes = lattice.nodes(indices[:, 0], indices[:, 1])
-    moments = cell_moments(frame, lattice, nodes)
-    reasons = _first_reasons(frame, raw, level, lattice, nodes, moments)
-    distance = np.hypot(*(nodes - (np.array(frame.shape[::-1]) - 1) / 2).T)
+    moments, core = cell_moments(frame, lattice, nodes), cell_moments(frame, lattice, nodes, scale=_CORE)
+    reasons = _first_reasons(frame, raw, level, lattice, indices, nodes, _contrast(lattice, moments, core))
+    lit = (reasons != Reason.BORDER) & (reasons != Reason.DARK)
 
     def enough(said: str) -> NDArray[np.bool_]:
         good = np.equal(reasons, Reason.USED)
@@ -133,58 +152,103 @@ def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattic
         return good
 
     good = enough(f"whole microlens images in the white image: {_FEWEST} are needed")
+    within = np.ones(len(nodes), bool)
     if radius is not None:
-        reasons[good & (distance > radius)] = Reason.BEYOND
+        within = np.hypot(*(nodes - (np.array(frame.shape[::-1]) - 1) / 2).T) <= radius
+        reasons[good & ~within] = Reason.BEYOND
         good = enough(
             f"microlens images lie within the {radius:.4g} px of the axis that Eq. 6 leaves undistorted:"
             f" {_FEWEST} are needed; does the design describe this camera?"
         )
-    reasons[good & _cut(indices, moments.spread, good, distance)] = Reason.CUT
+    distance = np.hypot(*(nodes - nodes[good].mean(axis=0)).T)
+    cut = good & _cut(indices, moments, good, distance)
+    reasons[cut] = Reason.CUT
     good = enough(
         "microlens images are not cut by a stop: the lattice cannot be told from cat's eyes; capture the white image"
         " with the second stop opened or give `undistorted_radius`"
     )
-    offset, fit = _centred(frame, lattice, indices, moments, good)
+    offset, fit = _centred(frame, lattice, indices, moments, core, good)
     reasons[np.flatnonzero(good)[~fit.inliers]] = Reason.OUTLIER
-    return MicrolensCentres(fit.lattice, indices, nodes + offset, reasons, fit.rms)
+    notes = []
+    if radius is not None and cut.sum() > _MOST_CUT * (within & lit).sum():
+        notes.append(
+            f"{cut.sum()} of {(within & lit).sum()} microlens images look cut by a stop where Eq. 6 says that the"
+            " design cuts none: are its aperture, stops and main lens those of this camera?"
+        )
+    used = np.equal(reasons, Reason.USED)
+    if used.sum() < _LEAST_USED * lit.sum():
+        notes.append(f"only {used.sum()} of {lit.sum()} microlens images with light say where the lattice lies")
+    own = fit.lattice.nodes(indices[:, 0], indices[:, 1])
+    if fit.lattice.bend is not None:
+        bend = float(np.hypot(*fit.lattice.bend.at(indices[lit]).T).max())
+        notes.append(
+            f"the microlens images depart from a regular lattice by up to {bend:.2g} px, as a relay's or the main"
+            " lens's distortion has them do; their centres follow it to third order"
+        )
+    astray = _neighbourhood_mean(indices, nodes + offset - own, np.asarray(used))[used]
+    left = float(np.quantile(np.hypot(*astray.T), 0.99))
+    if left > _OFF:
+        notes.append(
+            f"neighbouring microlens images lie up to {left:.2g} px off the lattice together, and views are read as far"
+            " beside them: is there distortion, or a seam in the array?"
+        )
+    return MicrolensCentres(fit.lattice, indices, nodes + offset, reasons, fit.rms, tuple(notes))
 
 
 def _first_reasons(
-    frame: Frame, raw: Frame, level: float, lattice: CentreLattice, nodes: Array, moments: CellMoments
+    frame: Frame,
+    raw: Frame,
+    level: float,
+    lattice: CentreLattice,
+    indices: NDArray[np.int64],
+    nodes: Array,
+    contrast: Array,
 ) -> NDArray[np.int8]:
     reasons = np.zeros(len(nodes), np.int8)
     reach = float(lattice.cell()[1].max()) * (1.4143 if lattice.layout == "square" else 1.1548) + 1
     border = ((nodes < reach) | (nodes > np.array(frame.shape[::-1]) - 1 - reach)).any(axis=1)
+    middle = ~border & (np.hypot(*indices.T) <= _START)
+    if not middle.any():
+        raise CalibrationError(f"only 0 whole microlens images in the white image: {_FEWEST} are needed")
+    # Noise can lend a dark cell contrast, but not its neighbours as well.
+    around = _neighbourhood_mean(indices, contrast[:, None], np.asarray(~border))[:, 0]
+    lit = ~border & (np.minimum(contrast, around) > _DIM * float(np.median(contrast[middle])))
     hot = np.zeros(len(nodes), bool)
     if np.isfinite(level):
         hot = cell_moments(raw, lattice, nodes, level).saturated > 0
-    inside = ~border
-    if inside.any() and hot[inside].mean() > 0.2:
+    if lit.any() and hot[lit].mean() > 0.2:
         raise CalibrationError(
-            f"the white image is saturated: {100 * hot[inside].mean():.0f} % of its microlens images reach"
+            f"the white image is saturated: {100 * hot[lit].mean():.0f} % of its microlens images reach"
             f" grey level {level:g}; expose less"
         )
-    typical = float(np.median(moments.light[inside])) if inside.any() else 0.0
-    reasons[moments.light < 0.05 * typical] = Reason.DARK
+    reasons[~lit] = Reason.DARK
     reasons[hot] = Reason.SATURATED
     reasons[border] = Reason.BORDER
     return reasons
 
 
+def _contrast(lattice: CentreLattice, whole: CellMoments, core: CellMoments) -> Array:
+    """Mean level in the middle of each cell less that of all of it: light of an image, no pedestal's, no glow's."""
+    area = abs(float(np.linalg.det(lattice.basis)))
+    return core.light / (_CORE**2 * area) - whole.light / area
+
+
 def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
-    """Follow the lattice from the middle of the image to its corners, doubling the radius with every fit."""
+    """Follow the lattice from the light's middle to the image's corners, doubling the radius with every fit."""
     everywhere = lattice.inside((frame.shape[0], frame.shape[1]), margin=float(lattice.cell()[1].max()) * 1.5)
     distance = np.hypot(*everywhere.T)
-    reach, farthest = 6.0, float(distance.max(initial=0.0))
+    reach, farthest, typical = _START, float(distance.max(initial=0.0)), 0.0
     while True:
         near = everywhere[distance <= reach]
         if len(near) < 9:
             raise CalibrationError("the white image holds too few whole microlens images: at least 5 x 5 are needed")
         near = near[:: max(1, len(near) // _SAMPLE)]
-        for _ in range(3 if reach == 6.0 else 1):
+        for _ in range(3 if reach == _START else 1):
             nodes = lattice.nodes(near[:, 0], near[:, 1])
             moments = cell_moments(frame, lattice, nodes)
-            lit = moments.light > 0.05 * np.median(moments.light)
+            contrast = _contrast(lattice, moments, cell_moments(frame, lattice, nodes, scale=_CORE))
+            typical = float(np.median(contrast)) if reach == _START else typical
+            lit = contrast > 0.2 * typical
             lattice = fit_lattice(near[lit], (nodes + moments.offset)[lit], lattice.layout).lattice
         if reach >= farthest:
             return lattice
@@ -272,12 +336,19 @@ _CORE = 0.45
 """Size of the inner window against the cell: inside the bright disc of most microlens images."""
 _LEAST_PITCH = 11.5
 """Below it [px] the inner window is too few pixels wide, and shading moves centroids by under 0.01 px."""
+_SURE = 100
+"""Lenses from which a bend is told from their errors."""
 _MELTED = 0.97
 """Pull of the cells' sides above which nothing is left to centre on."""
 
 
 def _centred(
-    frame: Frame, lattice: CentreLattice, indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_]
+    frame: Frame,
+    lattice: CentreLattice,
+    indices: NDArray[np.int64],
+    moments: CellMoments,
+    inner: CellMoments,
+    good: NDArray[np.bool_],
 ) -> tuple[Array, LatticeFit]:
     """Centre minus node of every lens [px], freed of the drag of its cell's sides and of shading; lattice of the good.
 
@@ -287,7 +358,7 @@ def _centred(
     pupil and of the lenses all come out as h; nothing is assumed of how they share it. Only the change of h over the
     array is taken off: a constant h moves all centres alike, which no calibration notices, and looks the same as a
     pixel grid that beats with the lattice. Where the images have no flat top (heavy blur) the two equations say the
-    same, and nothing is taken off.
+    same, and nothing is taken off. `moments` are those of the cells, `inner` those of the smaller windows.
     """
     nodes = lattice.nodes(indices[:, 0], indices[:, 1])
     sample = nodes[good][:: max(1, int(good.sum()) // 500)]
@@ -297,13 +368,13 @@ def _centred(
             "the microlens images melt into each other: the white image shows no contrast to centre on"
         )
     free = 1 - pull
+    whole = _without_ripple(nodes, indices, moments.offset / free, good)
+    bent = _bent(indices[good], (nodes + whole)[good], lattice.layout)
 
     def fitted(offset: Array) -> LatticeFit:
-        return fit_lattice(indices[good], (nodes + offset)[good], lattice.layout)
+        return fit_lattice(indices[good], (nodes + offset)[good], lattice.layout, bent)
 
-    whole = _without_ripple(nodes, indices, moments.offset / free, good)
     plain = fitted(whole)
-    inner = cell_moments(frame, lattice, nodes, scale=_CORE)
     # Mean second moments about the windows' middles along one axis [px^2].
     size, inner_size = (
         float(np.median((m.spread[good][:, [0, 2]] + m.offset[good] ** 2).mean(axis=1))) for m in (moments, inner)
@@ -323,6 +394,18 @@ def _centred(
     if np.sqrt(np.mean(moved**2)) < 4 * noise:
         return whole, plain
     return whole - moved, fitted(whole - moved)
+
+
+def _bent(indices: NDArray[np.int64], centres: Array, layout: Layout) -> bool:
+    """Whether centres follow a bent lattice, surely and by more than the images' own noise matters."""
+    if len(indices) < _SURE:
+        return False
+    fit = fit_lattice(indices, centres, layout, bent=True)
+    assert fit.lattice.bend is not None
+    # What of the bend no straight lattice takes up.
+    straight = fit_lattice(indices, fit.lattice.nodes(indices[:, 0], indices[:, 1]), layout).residuals
+    away = np.hypot(*straight[fit.inliers].T)
+    return bool(np.quantile(away, 0.99) > _BEND and np.sqrt(np.mean(away**2)) > 6 * np.sqrt(np.mean(fit.bend_error**2)))
 
 
 def _window_pull(image: Frame, lattice: CentreLattice, centres: Array, scale: float) -> float:
@@ -373,30 +456,37 @@ _CUT = 0.003
 its centroid moved by about r e/4 or a little more."""
 _CLEAR = 0.015
 """A cut is clear above this; a field without one is taken whole, since slow changes of shape are then aberrations."""
+_LOST = 0.2
+"""Least share of size and of light that a cut image has lost, against its ellipticity; half of it where all is even."""
 
 
-def _cut(indices: NDArray[np.int64], spread: Array, good: NDArray[np.bool_], radius: Array) -> NDArray[np.bool_]:
-    """Lenses whose neighbourhood is cut: its shape departs from that in the middle of the field.
+def _cut(indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_], radius: Array) -> NDArray[np.bool_]:
+    """Lenses whose neighbourhood is cut: its shape departs from that in the middle of the field, and it lost by it.
 
     A stop that cuts a disc makes it narrower along the field's radius: its second moments become elliptical before its
-    centroid moves by much. A shape common to all lenses (square lenses, astigmatism) is taken off first. `spread` are
-    the second moments xx, xy, yy (n, 3), `radius` the distance from the field's middle (n,).
+    centroid moves by much. A shape common to all lenses (square lenses, astigmatism) is taken off first. Aberrations
+    stretch images as well, and distortion moves them out of their cells, but neither takes size and light away: a disc
+    that loses a sliver of the share e/2 of its area has an ellipticity of e, and its light and the sum of its moments
+    are e/2 less. `radius` is the distance from the field's middle (n,).
     """
-    xx, xy, yy = spread.T
+    xx, xy, yy = moments.spread.T
     total = np.where(xx + yy > 0, xx + yy, 1.0)
     shape = np.column_stack([(xx - yy) / total, 2 * xy / total])
-    smooth = _neighbourhood_mean(indices, shape, good)
+    smooth = _neighbourhood_mean(indices, np.column_stack([shape, total, moments.light]), good)
     threshold = _CUT + 4 * _noise(indices, shape, good) / _AROUND
     trusted = good & (radius <= max(float(np.quantile(radius[good], 0.15)), float(np.sort(radius[good])[:9][-1])))
     ellipticity = np.zeros(len(shape))
     for _ in range(8):
-        ellipticity = np.hypot(*(smooth - np.median(smooth[trusted], axis=0)).T)
+        middle = np.median(smooth[trusted], axis=0)
+        ellipticity = np.hypot(*(smooth[:, :2] - middle[:2]).T)
         grown = good & (ellipticity <= threshold)
         if np.array_equal(grown, trusted) or grown.sum() < 9:
             break
         trusted = grown
-    clear = np.count_nonzero(ellipticity[good] > max(_CLEAR, threshold)) >= max(0.002 * good.sum(), 4)
-    return np.asarray(ellipticity > threshold if clear else np.zeros(len(shape), bool))
+    lost = (1 - smooth[:, 2:] / middle[2:]).min(axis=1)
+    cut = (ellipticity > threshold) & (lost > _LOST * ellipticity)
+    clear = np.count_nonzero(cut[good] & (ellipticity[good] > _CLEAR)) >= max(0.002 * good.sum(), 4)
+    return cut if clear else np.zeros(len(shape), bool)
 
 
 def _neighbourhood_mean(indices: NDArray[np.int64], values: Array, good: NDArray[np.bool_]) -> Array:

@@ -388,8 +388,7 @@ def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None 
     reach = int(np.ceil((_HALF + 2) * lattice.pitch))
     top, left = max(0, rows // 2 - reach), max(0, columns // 2 - reach)
     piece = frame[top : rows // 2 + reach, left : columns // 2 + reach]
-    i, j = np.round(lattice.indices([left + piece.shape[1] / 2, top + piece.shape[0] / 2])).astype(int)
-    field = decode(piece, lattice.at(lattice.nodes(i, j) - (left, top)))
+    field = decode(piece, lattice.at(np.asarray(lattice.origin) - (left, top)))
     whole = (field.weight > 0).all(axis=(0, 1))
     if whole.sum() < 3:
         raise CalibrationError("the middle of the white image holds too few whole microlens images")

@@ -12,9 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from .frames import Array, CalibrationError
 
 Layout = Literal["square", "hexagonal"]
-_PERIODS = (4.5, 110.0)
-"""Shortest and longest lattice period searched [px]."""
+_PERIODS = (4.2, 110.0)
+"""Shortest and longest lattice period searched [px]; rows of a hexagonal array stand closer than its lenses."""
+_NEAR, _BESIDE = (0.8, 1.25), 0.55
+"""Frequencies taken for those of an expected pitch, against its own, and the least amplitude of other peaks beside
+theirs: what dirt and missing lenses make has less, and a lattice of which only a harmonic was expected has more."""
 _CROP = 1024
+_BLOCK, _BLOCKS = 16, 7
+"""Side of the blocks [px] whose contrast is measured, and how many are averaged along an axis: the longest period."""
+_LIT = 0.25
+"""Squared contrast of a lit part of the image against the strongest."""
 _SIGNIFICANT = 0.1
 """Amplitude of a lattice peak against the strongest: touching images leave 0.77 of a hexagonal array's first order."""
 _BINS = 24
@@ -23,18 +30,44 @@ _CLIP, _ROUNDS = 5.0, 6
 
 
 @dataclass(frozen=True)
+class LatticeBend:
+    """How far nodes lie from a regular lattice: a polynomial of second and third order, 0 with its slopes at `middle`.
+
+    Distortion by a relay or by the main lens's pupil, tilts, and decentres of either are of these orders.
+    """
+
+    middle: tuple[float, float]
+    """Indices (i, j) about which it is expanded."""
+    reach: float
+    """Indices from there that count as 1."""
+    terms: tuple[tuple[float, float], ...]
+    """Displacement (x, y) [px] of each column of `bend_columns`."""
+
+    def at(self, indices: Array) -> Array:
+        """Displacement [px] of nodes of `indices`, both of shape (..., 2)."""
+        return np.asarray(bend_columns((indices - self.middle) / self.reach) @ np.array(self.terms))
+
+
+def bend_columns(places: Array) -> Array:
+    """Monomials of second and third order of places (..., 2), shape (..., 7)."""
+    x, y = places[..., 0], places[..., 1]
+    return np.stack([x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=-1)
+
+
+@dataclass(frozen=True)
 class CentreLattice:
     """Centres of the microlens images, in pixels; the centre of the sensor's first pixel is (0, 0), x right, y down.
 
-    The node (i, j) is at ``origin + i first + j second``. `second` stands about 90 degrees (square) or 60 degrees
-    (hexagonal) from `first`, towards +y. Nothing forces equal lengths or the exact angle: an anamorphic relay or a
-    sheared array is a lattice too.
+    The node (i, j) is at ``origin + i first + j second``, and as far off as `bend` says. `second` stands about 90
+    degrees (square) or 60 degrees (hexagonal) from `first`, towards +y. Nothing forces equal lengths or the exact
+    angle: an anamorphic relay or a sheared array is a lattice too.
     """
 
     origin: tuple[float, float]
     first: tuple[float, float]
     second: tuple[float, float]
     layout: Layout
+    bend: LatticeBend | None = None
 
     def at(self, origin: Array) -> CentreLattice:
         """The same with another node (0, 0) [px]."""
@@ -65,11 +98,16 @@ class CentreLattice:
         """Positions of the nodes (i, j) [px], shape (..., 2); indices may be fractional."""
         i, j = np.broadcast_arrays(np.asarray(i, float), np.asarray(j, float))
         steps = i[..., None] * np.asarray(self.first) + j[..., None] * np.asarray(self.second)
-        return np.asarray(np.asarray(self.origin) + steps)
+        bend = 0.0 if self.bend is None else self.bend.at(np.stack([i, j], axis=-1))
+        return np.asarray(np.asarray(self.origin) + steps + bend)
 
     def indices(self, xy: ArrayLike) -> Array:
         """Fractional indices (i, j) of positions `xy` [px], shape (..., 2); the inverse of `nodes`."""
-        return np.asarray((np.asarray(xy, float) - np.asarray(self.origin)) @ np.linalg.inv(self.basis).T)
+        away, back = np.asarray(xy, float) - np.asarray(self.origin), np.linalg.inv(self.basis).T
+        found = away @ back
+        for _ in range(0 if self.bend is None else 8):  # each a few hundred times nearer than the one before
+            found = (away - self.bend.at(found)) @ back  # type: ignore[union-attr]
+        return np.asarray(found)
 
     def cell(self) -> tuple[Array, Array]:
         """Normals (n, 2) to the sides of a node's Voronoi cell and the half widths (n,) along them [px].
@@ -101,6 +139,8 @@ class LatticeFit(NamedTuple):
     inliers: NDArray[np.bool_]
     covariance: Array
     """Of (origin, first, second) along one axis [px^2], shape (3, 3); the same for x and y."""
+    bend_error: Array
+    """Standard deviation of the lattice's bend at every lens, along one axis [px], shape (n,); 0 without."""
 
     @property
     def rms(self) -> float:
@@ -108,10 +148,10 @@ class LatticeFit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals[self.inliers] ** 2)))
 
 
-def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout) -> LatticeFit:
+def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bool = False) -> LatticeFit:
     """Least-squares lattice through measured centres [px] of the lattice indices (i, j), both of shape (n, 2).
 
-    Outliers are clipped at 5 robust standard deviations an axis.
+    Outliers are clipped at 5 robust standard deviations an axis. With `bent`, the lattice's `bend` is fitted as well.
 
     Raises
     ------
@@ -121,9 +161,12 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout) -> Latti
     ij, xy = np.asarray(indices, float), np.asarray(centres, float)
     used = np.ones(len(ij), bool)
     middle = ij.mean(axis=0) if len(ij) else np.zeros(2)
+    reach = max(float(np.abs(ij - middle).max(initial=0.0)), 1.0)
     design = np.column_stack([np.ones(len(ij)), ij - middle])
+    if bent:
+        design = np.column_stack([design, bend_columns((ij - middle) / reach)])
     for _ in range(_ROUNDS):
-        if used.sum() < 4 or np.linalg.matrix_rank(design[used]) < 3:
+        if used.sum() <= design.shape[1] or np.linalg.matrix_rank(design[used]) < design.shape[1]:
             raise CalibrationError(
                 f"a lattice needs at least four microlenses, not all in one line; got {int(used.sum())}"
             )
@@ -135,40 +178,78 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout) -> Latti
         if np.array_equal(inliers, used):
             break
         used = inliers
+    variance = float(np.sum(residuals[used] ** 2)) / max(2 * (int(used.sum()) - design.shape[1]), 1)
+    inverse = np.linalg.inv(design[used].T @ design[used]) * variance
     shift = np.array([[1.0, -middle[0], -middle[1]], [0, 1, 0], [0, 0, 1]])
-    origin, first, second = ((float(x), float(y)) for x, y in shift @ solution)
-    variance = float(np.sum(residuals[used] ** 2)) / max(2 * int(used.sum()) - 6, 1)
-    covariance = shift @ np.linalg.inv(design[used].T @ design[used]) @ shift.T * variance
-    return LatticeFit(CentreLattice(origin, first, second, layout), residuals, used, covariance)
+    origin, first, second = ((float(x), float(y)) for x, y in shift @ solution[:3])
+    bend = None
+    if bent:
+        terms = tuple((float(x), float(y)) for x, y in solution[3:])
+        bend = LatticeBend((float(middle[0]), float(middle[1])), reach, terms)
+    lattice = CentreLattice(origin, first, second, layout, bend)
+    error = np.sqrt(np.einsum("nk,kl,nl->n", design[:, 3:], inverse[3:, 3:], design[:, 3:]))
+    return LatticeFit(lattice, residuals, used, shift @ inverse[:3, :3] @ shift.T, error)
 
 
-def estimate_lattice(image: NDArray[np.floating], layout: Layout | None = None) -> CentreLattice:
-    """Find pitch, rotation, layout and phase of the lattice in the middle of a white image to a fraction of a pixel.
+def estimate_lattice(
+    image: NDArray[np.floating], layout: Layout | None = None, pitch: float | None = None
+) -> CentreLattice:
+    """Find pitch, rotation, layout and phase of the lattice in the lit part of a white image to a fraction of a pixel.
 
     The shortest significant peaks of the power spectrum span the reciprocal lattice; its inverse, reduced to the
     shortest vectors, is the lattice; folding the image into one cell finds where the bright images sit in it. (0, 0) is
-    the node nearest to the middle. Where no `layout` is expected, the angle between the two shortest vectors decides.
+    the node nearest to the light's middle. Where no `layout` is expected, the angle between the two shortest vectors
+    decides. Where peaks of an expected `pitch` [px] are seen, weak ones of longer periods are not believed.
 
     Raises
     ------
     CalibrationError
-        If no lattice with a period from 4.5 to 110 px is seen, or not the one expected.
+        If no lattice with a period from 4.2 to 110 px is seen, or not the one expected.
     """
-    rows, columns = (min(n, _CROP) for n in image.shape)
-    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - columns) // 2
-    crop = np.asarray(image[top : top + rows, left : left + columns], float)
-    basis = _direct_basis(_spectral_peaks(crop))
+    crop, corner = _lit_part(image)
+    frequency = None
+    if pitch is not None:
+        frequency = 1 / pitch if layout == "square" else 2 / math.sqrt(3) / pitch
+    basis = _direct_basis(_spectral_peaks(crop, frequency))
     shown = _layout_of(basis)
     if layout is not None and shown != layout:
         raise CalibrationError(f"the white image shows a {shown} lattice, not a {layout} one")
     (a, c), (b, d) = _oriented(basis, shown).tolist()
     lattice = CentreLattice((0.0, 0.0), (a, b), (c, d), shown)
-    lattice = lattice.at(lattice.nodes(*_phase(crop, lattice)) + np.array([left, top]))
-    middle = lattice.indices([(image.shape[1] - 1) / 2, (image.shape[0] - 1) / 2])
+    lattice = lattice.at(lattice.nodes(*_phase(crop, lattice)) + corner)
+    middle = lattice.indices(corner + (np.array(crop.shape[::-1]) - 1) / 2)
     return lattice.at(lattice.nodes(*np.round(middle)))
 
 
-def _spectral_peaks(crop: Array) -> Array:
+def _lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
+    """The part of an image that holds microlens images, at most 1024 px a side, and where its first pixel is (x, y).
+
+    It is told by contrast, which neither a pedestal nor a glow has, and reaches as far about its mean as a rectangle of
+    the same second moments: 0.87 of the radius of a round field.
+    """
+    from scipy.ndimage import uniform_filter
+
+    held = np.square(np.diff(image, axis=0))[:, :-1] + np.square(np.diff(image, axis=1))[:-1]
+    held = np.minimum(held, np.quantile(held.ravel()[:: 1 + held.size // 500_000], 0.999)).astype(float)  # hot pixels
+    for axis in (0, 1):
+        starts = np.arange(0, held.shape[axis], _BLOCK)
+        sizes = np.diff(starts, append=held.shape[axis])
+        held = np.add.reduceat(held, starts, axis) / (sizes[:, None] if axis == 0 else sizes)
+    held = uniform_filter(held, _BLOCKS, mode="nearest")
+    lit = held >= _LIT * held.max()
+    ends = []
+    for axis, length in enumerate(image.shape):
+        edges = np.minimum(_BLOCK * np.arange(lit.shape[axis] + 1), length)
+        weight = lit.sum(axis=1 - axis) * np.diff(edges)
+        middle = float(np.average((edges[1:] + edges[:-1]) / 2, weights=weight))
+        power = ((edges[1:] - middle) ** 3 - (edges[:-1] - middle) ** 3) / 3 / np.diff(edges)
+        half = min(math.sqrt(3 * float(np.average(power, weights=weight))), _CROP / 2)
+        ends.append((max(0, round(middle - half)), min(length, round(middle + half))))
+    (top, bottom), (left, right) = ends
+    return np.asarray(image[top:bottom, left:right], float), np.array([left, top], float)
+
+
+def _spectral_peaks(crop: Array, expected: float | None) -> Array:
     """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
     rows, columns = crop.shape
     y, x = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
@@ -183,7 +264,11 @@ def _spectral_peaks(crop: Array) -> Array:
     noise = float(np.median(amplitude[amplitude > 0])) if strongest > 0 else 0.0
     if strongest < 8 * noise or np.ptp(crop) <= 1e-6 * np.abs(crop).max():
         raise CalibrationError("the white image shows no periodic lattice of microlenses with a pitch of 5 to 100 px")
-    peak = amplitude > max(_SIGNIFICANT * strongest, 4 * noise)
+    least = max(_SIGNIFICANT * strongest, 4 * noise)
+    if expected is not None:
+        near = (radius >= _NEAR[0] * expected) & (radius <= _NEAR[1] * expected)
+        least = max(least, _BESIDE * float(amplitude[near].max(initial=0.0)))
+    peak = amplitude > least
     for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
         peak &= amplitude >= np.roll(amplitude, step, axis)
     at = np.argwhere(peak)

@@ -221,7 +221,7 @@ def outcome_of(
     distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []
-    expected, shown = _pitch(Camera.of(design)), centres.lattice.pitch
+    expected, shown = image_pitch(design), centres.lattice.pitch
     if abs(shown / expected - 1) >= 0.02:
         notes.append(
             f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
@@ -230,6 +230,7 @@ def outcome_of(
     elif away := _off_design(estimates, board):
         notes.append(away)
     notes += [*misfit.warnings, *combined.warnings]
+    notes += centres.warnings
     if diffraction is not None and diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.observations.missing:
@@ -346,9 +347,10 @@ def undistorted_radius(design: Design) -> float:
     """
     c = Camera.of(design)
     bound = field_limit(c).mla_radius
-    return bound * _pitch(c) / design.d if math.isfinite(bound) else math.inf
+    return bound * image_pitch(design) / design.d if math.isfinite(bound) else math.inf
 
 
-def _pitch(c: Camera) -> float:
-    """Of the microlens images [px]."""
+def image_pitch(design: Design) -> float:
+    """Pitch of the microlens images by the design [px]."""
+    c = Camera.of(design)
     return abs(float(microlens_image_pitch(c) / c.q))

@@ -228,8 +228,9 @@ def calibrated(
         status.tell("finding microlens centres")
         radius = calibration.undistorted_radius(loaded) or None
         centres = calibration.find_centres(
-            capture.white, capture.dark, layout=loaded.microlens_array.layout, undistorted_radius=radius
-        )
+            capture.white, capture.dark, layout=loaded.microlens_array.layout,
+            pitch=calibration.image_pitch(loaded), undistorted_radius=radius,
+        )  # fmt: skip
         observations = calibration.observe(_decoded(capture, centres, status), checkerboard)
         status.tell("fitting")
         fitted, waves = calibration.calibrate_corrected(

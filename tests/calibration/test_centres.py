@@ -12,7 +12,7 @@ from roslf_design.calibration.lattice import fit_lattice
 from roslf_design.camera import Camera
 from roslf_design.imaging.render import render
 from roslf_design.theory.exit_pupil import microlens_image_pitch
-from tests.oracles.calibration import nodes_over, white_image
+from tests.oracles.calibration import nodes_over, stretched_image, white_image
 
 PITCH, ROTATION = 14.07, math.radians(0.31)
 
@@ -54,6 +54,102 @@ def test_cats_eyes_do_not_bias_the_lattice(layout, sign):
     whole = (0.62 - 0.475) * PITCH / 5 * np.hypot(*middle)  # the second disc touches the first here
     assert cut[radius > 1.15 * whole].mean() > 0.9
     assert not cut[radius < 0.7 * whole].any()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize(
+    ("share", "aside", "pedestal", "rim"),
+    [(0.45, (0, 0), 0.0, 1), (0.45, (0, 0), 0.08, 1), (0.2, (90, -60), 0.08, 1), (0.25, (-80, 40), 0.1, 40)],
+)
+def test_a_round_field_is_measured_where_it_is_lit(layout, share, aside, pedestal, rim):
+    """As an endoscope shows it: a disc of light, sharp or fading at its rim, on a sensor with or without a pedestal."""
+    shape = (600, 800)
+    truth = nodes_over(shape, PITCH, ROTATION, layout, (1.3, 0.4))
+    middle, radius = np.array([399.5, 299.5]) + aside, math.sqrt(share * 600 * 800 / math.pi)
+    inside = np.hypot(*(truth - middle).T) < radius
+    y, x = np.mgrid[:600, :800]
+    fading = np.clip((radius - np.hypot(x - middle[0], y - middle[1])) / rim + 1, 0, 1) if rim > 1 else 1.0
+    found = find_centres(white_image(shape, truth[inside], 0.47 * PITCH, noise=0.01) * fading + pedestal)
+    lit = np.hypot(*(found.centres - middle).T) < radius
+    assert found.lattice.layout == layout
+    assert rms(errors(found, truth)[lit]) < 0.003  # refused, or 0.05 to 0.26 px where dark cells were counted
+    assert found.used[lit].mean() > (0.9 if rim == 1 else 0.5)
+    assert not found.used[~lit].any()
+
+
+@pytest.mark.parametrize("across", [0, -1], ids=["longer", "as long as narrow"])
+def test_images_that_aberrations_stretch_are_not_cut(across):
+    """3 % at the field's corner: elliptical as a cut makes them, but nothing is lost."""
+    shape = (500, 600)
+    truth = nodes_over(shape, PITCH, ROTATION, "square", (1.3, 0.4))
+    stretch = 1 + 0.03 * np.square(truth - (299.5, 249.5)).sum(axis=1) / (299.5**2 + 249.5**2)
+    image = stretched_image(shape, truth, 6.3 * stretch, 6.3 * stretch**across, noise=0.01)
+    found = find_centres(image, undistorted_radius=math.inf)
+    assert not (found.reasons == Reason.CUT).any()
+    assert found.used[found.reasons != Reason.BORDER].mean() > 0.99
+    assert rms(errors(found, truth)) < 0.002
+    assert found.warnings == ()
+
+
+def test_distortion_of_the_field_is_followed_and_told():
+    """Barrel distortion of 0.6 and 4 px at the corner, touching images: no cat's eyes, no silent error."""
+    shape = (700, 900)
+    straight = nodes_over(shape, PITCH, ROTATION, "square", (1.3, 0.4))
+    away = straight - (449.5, 349.5)
+    corner = math.hypot(449.5, 349.5)
+    for barrel in (0.6, 4.0):
+        truth = straight - barrel * away / corner * (np.square(away).sum(axis=1) / corner**2)[:, None]
+        found = find_centres(white_image(shape, truth, PITCH / 2, noise=0.01), undistorted_radius=math.inf)
+        assert rms(errors(found, truth)) < 0.003  # 0.05 and 0.44 as a straight lattice
+        assert found.used[found.reasons != Reason.BORDER].mean() > 0.99
+        assert found.lattice.pitch == pytest.approx(PITCH, abs=0.002)  # the field's middle is as it was
+        (said,) = found.warnings
+        told = float(said.split("up to ")[1].split(" px")[0])
+        lattice = found.lattice
+        np.testing.assert_allclose(lattice.indices(found.centres), found.indices, atol=1e-9)
+        assert told == pytest.approx(barrel, rel=0.12)  # the outermost microlens stands inside the corner
+
+
+def test_cats_eyes_where_the_design_has_none_and_few_whole_images_are_told():
+    shape = (700, 700)
+    truth = nodes_over(shape, PITCH, ROTATION, "square", (1.3, 0.4))
+    shift = 6.0 * (truth - (349.5, 349.5)) / math.hypot(349.5, 349.5)
+    image = white_image(shape, truth, 0.95 * PITCH / 2, cut_radius=0.55 * PITCH, cut_shift=shift, noise=0.01)
+    found = find_centres(image, undistorted_radius=math.inf)
+    cut, few = found.warnings
+    assert "cut by a stop where Eq. 6 says that the design cuts none" in cut
+    assert few.startswith(f"only {found.used.sum()} of ")
+    assert rms(errors(found, truth)) < 0.01
+    assert find_centres(image, undistorted_radius=75.0).warnings[0].startswith("only ")
+
+
+@pytest.mark.parametrize(
+    ("layout", "pitch", "expected", "lit"),
+    [
+        ("hexagonal", PITCH, PITCH, "95 %"),  # dirt's long periods were taken for the lattice's
+        ("square", PITCH, PITCH, "left half"),
+        ("hexagonal", PITCH, 1.1 * PITCH, "left half"),
+        ("hexagonal", 5.0, 5.0, "all"),  # its rows stand 4.33 px apart
+        ("square", 5.0, 5.0, "all"),
+        ("hexagonal", PITCH, PITCH / 2, "all"),  # what another design promises is not found in harmonics
+        ("square", PITCH, 2 * PITCH, "all"),
+    ],
+)
+def test_the_design_s_pitch_finds_the_lattice_where_much_is_missing(layout, pitch, expected, lit):
+    shape = (600, 700) if pitch > 6 else (300, 350)
+    truth = nodes_over(shape, pitch, ROTATION, layout, (1.3, 0.4))
+    kept = {
+        "all": np.ones(len(truth), bool),
+        "95 %": np.random.default_rng(4).random(len(truth)) > 0.05,
+        "left half": truth[:, 0] < shape[1] / 2,
+    }[lit]
+    fill = 1.0 if lit == "95 %" else 0.95  # touching images have a weak first order; at an edge they pull
+    image = white_image(shape, truth[kept], fill * pitch / 2, noise=0.01)
+    found = find_centres(image, layout=layout, pitch=expected)
+    there = cKDTree(truth[kept]).query(found.centres)[0] < 1
+    assert rms(errors(found, truth)[there]) < 0.003
+    assert found.used[there].mean() > 0.75
 
 
 def test_lenses_beyond_the_promised_radius_are_left_out():

@@ -65,6 +65,24 @@ def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0
     return image
 
 
+def stretched_image(shape, centres, along, across, noise=0.0, seed=0):
+    """Ellipses of semi-axes `along` the field's radius and `across` it (n,), coverage by 8 x 8 sub-samples."""
+    image = np.zeros(shape)
+    k = math.ceil(max(along.max(), across.max())) + 1
+    offset = (np.arange(SUB) + 0.5) / SUB - 0.5
+    grid = np.arange(-k, k + 1)
+    middle = (np.array(shape[::-1]) - 1) / 2
+    for (x, y), a, b in zip(centres, along, across, strict=True):
+        c, s = (np.array([x, y]) - middle) / max(np.hypot(x - middle[0], y - middle[1]), 1e-9)
+        dx = (round(x) + grid - x)[None, :, None, None] + offset[None, :]
+        dy = (round(y) + grid - y)[:, None, None, None] + offset[:, None]
+        value = (((c * dx + s * dy) / a) ** 2 + ((c * dy - s * dx) / b) ** 2 < 1).mean(axis=(2, 3))
+        columns, rows = np.meshgrid(round(x) + grid, round(y) + grid)
+        on = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
+        image[rows[on], columns[on]] += value[on]
+    return image + np.random.default_rng(seed).normal(0, noise, shape)
+
+
 def traced_view(camera, scene, view):
     """Microlens and pixel of a ray through thin lens and pinhole microlens, at 60 digits, from the ray alone.
 
