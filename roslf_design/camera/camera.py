@@ -225,6 +225,27 @@ class Camera(Symbols[Number]):
             return Plane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
         return self.chain.plane(self._numbers, z)
 
+    def see(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
+        """Where the main lens sees a point of object space, all of it against the system's axis [mm].
+
+        Parameters
+        ----------
+        x, y, z : float or ndarray
+            The point; z is its distance before the main lens.
+        """
+        if self.chain is None:
+            return x, y, z
+        plane, lens = self.plane(z), [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        x, y = (
+            (at - off - aside) / plane.magnification + off
+            for at, off, aside in zip((x, y), lens, plane.aside, strict=True)
+        )
+        return x, y, plane.distance
+
+    def plane_seen_at(self, distance: Number) -> Number:
+        """Which plane in front of the farthest element the main lens sees at a distance [both mm before it]."""
+        return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
+
     @cached_property
     def focus(self) -> Plane:
         """The focal plane."""

@@ -171,6 +171,25 @@ class Chain:
         last = self.plane(numbers, np.nextafter(far, np.inf))
         return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
 
+    @property
+    def bends(self) -> bool:
+        """Whether anything in it changes what size things are seen in."""
+        return not all(isinstance(element, Block) for element in self.elements)
+
+    def stands_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
+        """Where a plane stands that is seen at a distance through flat glass [mm]; nan inside glass."""
+        place: Number = 0.0
+        reduced: Number = 0.0
+        stands: Number = np.full(np.shape(distance), np.nan)
+        for k in self.order:
+            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
+            before = np.greater_equal(distance, reduced) & np.less_equal(distance, reduced + (start - place))
+            stands = np.where(before, place + (distance - reduced), stands)
+            reduced = reduced + (start - place) + length / numbers[f"elements.{k}.index"]
+            place = start + length
+        medium = numbers.get(MEDIUM, 1.0) if self.elements else 1.0
+        return np.where(np.greater_equal(distance, reduced), place + medium * (distance - reduced), stands)[()]
+
     def end(self, numbers: Mapping[str, Number]) -> Number:
         """The scene's side of the farthest element [mm before the main lens]; 0 where there is none."""
         if not self.elements:

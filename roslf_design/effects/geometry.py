@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from ..camera import Camera, Number
-from ..design import Design
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.stop_images import stop_discs
@@ -17,7 +16,7 @@ from .effect import Effect, Estimate, Subject
 
 def pupil_geometry(s: Subject) -> Estimate:
     """Centre shift X_ml d_2/L at the field's rim [px], signed: negative towards the axis (Eqs. 2-4)."""
-    shift = s.x_ml * s.design.d_2 * float(s.camera.vergence) / s.design.q
+    shift = s.x_ml * float(s.camera.d_2 * s.camera.vergence) / s.design.q
     return Estimate(shift, f"image centre {shift:.3g} px from the microlens axis {s.at}")
 
 
@@ -53,7 +52,7 @@ def overlap(s: Subject) -> Estimate:
     return Estimate(width, f"images overlap by {width:.3g} px")
 
 
-def blur_on_mla(design: Design, distance: float) -> float:
+def blur_on_mla(c: Camera, distance: float) -> float:
     """Width on the MLA over which an object point at Z = `distance` spreads [mm].
 
     D_F d_1 |1/(H Z_F) - 1/d_f| with Z_F = Z - d_3, in the form D_F (d_1/d_f) |d_f - Z|/(Z - d_3) that does not
@@ -64,17 +63,19 @@ def blur_on_mla(design: Design, distance: float) -> float:
     InputError
         Where the object is not beyond the FAP.
     """
-    if distance <= design.d_3:
-        fault = f"{distance:g} mm is not beyond the aperture at d_3 = {design.d_3:g} mm; move the object out"
+    bore = float(c.fap.stands)
+    if distance <= bore:
+        fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
-    return design.D_F * design.d_1 / design.d_f * abs(design.d_f - distance) / (distance - design.d_3)
+    seen = c.plane(distance).distance
+    return float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - seen) / (seen - c.d_3)))
 
 
 def object_defocus(s: Subject) -> Estimate:
     """Spread over the MLA [microlens pitches] of the scene's nearest or farthest point; zero for a uniform scene."""
     if s.brief.distances is None:
         return Estimate(0.0, "the scene lies on the focal plane")
-    spread = max(blur_on_mla(s.design, distance) for distance in s.brief.distances) / s.design.d
+    spread = max(blur_on_mla(s.camera, distance) for distance in s.brief.distances) / s.design.d
     nearest, farthest = s.brief.distances
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene looks alike at any distance (detail would spread {spread:.3g} pitches)")
@@ -119,7 +120,7 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
     """
 
     def tilt(part: str) -> float:
-        return math.hypot(*(float(camera[f"{part}.tilt.{axis}"]) for axis in (0, 1)))
+        return math.hypot(*map(float, camera.tilt(part)))
 
     def scale(distance: Number) -> float:
         return float(camera.d_2 * stop_angle(camera, distance))
@@ -150,12 +151,17 @@ def decentres(s: Subject) -> Estimate:
     Microlens images move there; what is seen in them moves over the array too, by e (1 + m) with the main lens and by e
     with the array, unless the scene is uniform. The larger of the two counts.
     """
-    design = s.design
+    design, c = s.design, s.camera
     lens, array = (math.hypot(*part.decentre) for part in (design.main_lens, design.microlens_array))
-    images = lens * s.scale(design.d_3) * design.d_3 / design.f + array * abs(s.pitch) / design.d
+    images = lens * abs(s.scale(float(c.d_3))) * float(c.d_3) / design.f + array * abs(s.pitch) / design.d
     images += math.hypot(*design.sensor.decentre)
-    images += sum(math.hypot(*stop.decentre) * s.scale(stop.distance) for stop in design.all_stops)
-    picture = 0.0 if s.brief.white else lens * (1 + float(s.camera.m)) + array
+    for rim in (c.fap, *c.rims[1:]):
+        # As seen: decentres, tilts and wedges of elements count.
+        x, y = (float(a) + b for a, b in zip(c.decentre(rim.part), design.main_lens.decentre, strict=True))
+        images += math.hypot(x, y) * abs(s.scale(float(rim.distance)))
+    picture = 0.0 if s.brief.white else lens * (1 + float(c.m)) + array
+    if not s.brief.white:
+        picture += float(np.hypot(*c.focus.aside) * c.m / np.abs(c.focus.magnification))
     images, picture = images / design.q, picture / design.q
     if images == picture == 0:
         return Estimate(0.0, "nothing is decentred")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
-from ..design import Design
 from ..theory import light
 from ..theory.f_number import fill_factor
 from .effect import Effect, Estimate, Subject
@@ -83,15 +82,15 @@ def microlens_defocus(s: Subject) -> Estimate:
     return Estimate(left / s.design.q, f"{note}, mostly hidden by diffraction" if 10 * hidden > blur else note)
 
 
-def footprint(design: Design, distance: float) -> float:
+def footprint(c: Camera, distance: float) -> float:
     """Width on the object, at Z = `distance`, of what one sensor point sees through a whole microlens [mm].
 
     At the focal plane this is d d_f/d_1 whatever the microlens's own focus.
     """
-    bend = 1 / design.f_ml - 1 / design.d_2
-    on_lens = 1 - design.d_1 * bend
-    slope = bend + on_lens / design.f
-    return design.d * abs(on_lens - slope * distance)
+    bend = 1 / c.f_ml - 1 / c.d_2
+    on_lens = 1 - c.d_1 * bend
+    slope, plane = bend + on_lens / c.f, c.plane(distance)
+    return float(c.d * np.abs(on_lens * plane.a - slope * plane.b))
 
 
 def finite_microlens_aperture(s: Subject) -> Estimate:
@@ -101,7 +100,7 @@ def finite_microlens_aperture(s: Subject) -> Estimate:
     period along each axis, each change by a ramp of width F: sqrt(F/3P) rms.
     """
     distances = (s.design.d_f,) if s.brief.distances is None else s.brief.distances
-    width = max(footprint(s.design, distance) for distance in distances)
+    width = max(footprint(s.camera, distance) for distance in distances)
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene has no detail within the object footprint of {width:.3g} mm")
     period = s.brief.smallest_period

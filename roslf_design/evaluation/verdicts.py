@@ -189,10 +189,12 @@ class Near(NamedTuple):
 
 def near_cases(design: Design) -> tuple[Near, ...]:
     """Distance from every place where a textbook formula loses digits, closest first."""
-    f, d_f, d_3 = design.f, design.d_f, design.d_3
-    fill = float(fill_factor(Camera.of(design)))
+    camera = Camera.of(design)
+    f, d_f, d_3, D_F = (float(length) for length in (camera.f, camera.d_f, camera.d_3, camera.D_F))
+    fill = float(fill_factor(camera))
     # The pupil at the lens has no distance to scale by: a little in front of it the images touch at about the same D_F.
-    touching = float(matched(Camera.of(design, {"d_3": d_3 or 0.01 * f}), "D_F").value)
+    near = camera if d_3 else camera.replace({"d_3": 0.01 * f})
+    touching = float(matched(near, "D_F").value / near.fap.scale)
     # Discs near containment or tangency, at the centre, edge and corner of the sensor.
     centres, radii = field_discs(design, default_fields(design))
     r, R = radii[:, :1], radii[:, 1:]
@@ -204,7 +206,7 @@ def near_cases(design: Design) -> tuple[Near, ...]:
         _near("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
         _near("d_f → f", (d_f - f) / f, "the object is almost in the front focus"),
         _near("d_f → ∞", f / d_f, "focused almost at infinity"),
-        _near("images just touch", abs(design.D_F / touching - 1), f"fill factor {fill:.6g}"),
+        _near("images just touch", abs(D_F / touching - 1), f"fill factor {fill:.6g}"),
         _near("d_3 → 0", d_3 / d_f, "the aperture is almost at the main lens") if d_3 > 0 else at_lens,
         _near("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
         _near("discs near tangency", outer, "a rim leaves almost nothing of the pupil's image somewhere in the field"),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
+from ..design.elements import Block
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
@@ -28,15 +29,23 @@ def planned_camera(design: Design, plan: Plan) -> Camera:
     the microlenses image the exit pupil onto the sensor.
     """
     camera = Camera.of(straightened(design, plan).thin_twin)
-    wide = {} if plan.on("vignetting") else {f"{rim.part}.diameter": math.inf for rim in camera.rims}
+    wide = {} if plan.on("vignetting") else {rim.diameter_place: math.inf for rim in camera.rims}
     return camera.replace(wide, in_focus=not plan.on("microlens_defocus"))
 
 
 def straightened(design: Design, plan: Plan) -> Design:
     """The design without the misalignments that the plan leaves out; a real main lens stays."""
-    places = ("main_lens", "aperture", *(f"stops.{k}" for k in range(len(design.stops))), "microlens_array", "sensor")
-    off = [key for effect, key in (("tilts", "tilt"), ("decentres", "decentre")) if not plan.on(effect)]
-    straight: dict[str, object] = {f"{place}.{key}": (0.0, 0.0) for key in off for place in places}
+    elements = [f"elements.{k}" for k in range(len(design.elements))]
+    stops = [f"stops.{k}" for k in range(len(design.stops))]
+    places = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
+    straight: dict[str, object] = {}
+    if not plan.on("tilts"):
+        straight |= {f"{place}.tilt": (0.0, 0.0) for place in places}
+    if not plan.on("decentres"):  # what tilted and wedged elements do is shift what is seen through them
+        straight |= {f"{place}.decentre": (0.0, 0.0) for place in (*places, *elements)}
+        straight |= {f"{place}.tilt": (0.0, 0.0) for place in elements}
+        wedged = [place for place, element in zip(elements, design.elements, strict=True) if isinstance(element, Block)]
+        straight |= {f"{place}.wedge": (0.0, 0.0) for place in wedged}
     if not plan.on("mla_rotation"):
         straight["microlens_array.rotation"] = 0.0
     return design.replace(straight)

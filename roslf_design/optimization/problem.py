@@ -339,7 +339,9 @@ class DesignProblem:
             yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
         rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
         for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
-            yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c.d_f)  # type: ignore[misc]
+            yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c[PATHS["d_f"]])  # type: ignore[misc]
+        if self.base.chain is not None:
+            yield row("focal plane in front of the bore", lambda c: 1 - c.tip / c[PATHS["d_f"]])
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:

@@ -173,6 +173,9 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
     if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
+    chain = problem.base.chain
+    if chain is not None and (chain.bends or any(name.startswith("elements.") for name in names)):
+        return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box
@@ -204,7 +207,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
         cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
         shape = units.shape[:2]
         image = np.broadcast_to(cameras.d_f > cameras.f * (1 + ROOM), shape)
-        ahead = np.broadcast_to(cameras.d_f * (1 - ROOM) > cameras.tip, shape)
+        ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
         certain = image.all(axis=0)
         # d_f > f and d_f > tip hold somewhere in the box only if they do at a corner: both are monotone.
         possible = image.any(axis=0) & (ahead | ~image).any(axis=0)

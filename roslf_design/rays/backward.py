@@ -59,7 +59,7 @@ def lay_out(camera: Camera) -> Layout:
     ]
     if not camera.tilted:
         maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
-    rims = [[*(lens - decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
+    rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
     return Layout(np.array([*ones, camera.D / 2, camera.d / 2], float), np.array(maps, float), np.array(rims, float))
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
+from ..design import PATHS
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 
 
@@ -92,7 +93,7 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
         infinite, or put the FAP behind the lens or beyond the focal plane, the value is inf and `exists` False. D_F and
         d match images in the order in which they lie, d_2 and d_3 those in direct order.
     """
-    de, d, d2, f, df, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_f, c.d_3)
+    de, d, d2, f, df, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_f, c.d_3)  # as the main lens sees them
     image: NDArray[np.bool_] | bool = True
     if symbol == "d_3":
         share, nearness = ratio(df - f, df), f / df
@@ -103,12 +104,17 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
             length = ratio(f - de * (d2 / d) * share, nearness)
             image = image & np.isfinite(df)
         exists = image & (length >= 0) & (length < df)
+        if c.chain is not None:
+            # Behind a lens the FAP is seen in another size wherever it stands: no rule that is linear in d_3.
+            stands = np.full(np.shape(length), np.nan) if c.chain.bends else c.chain.stands_at(c.numbers, length)
+            length = np.asarray(stands)
+            exists = exists & np.isfinite(length)
         return Matched(np.where(exists, length, np.inf)[()], exists)
     bend = (f - d3) / f if exact else np.zeros(())
     if symbol == "d_2":
-        length, image = ratio(c.A, de / d - bend), de > 0
+        length, image = ratio(c.A, de / d - bend) + (c[PATHS["d_2"]] - c.d_2), de > 0
     elif symbol == "D_F":
-        length = d * magnitude(ratio(c.A, d2) + bend)
+        length = d * magnitude(ratio(c.A, d2) + bend) * c.fap.scale
     else:
         length = ratio(de * d2, magnitude(c.A + product(d2, bend)))
     exists = image & (length > 0) & np.isfinite(length)

@@ -41,7 +41,7 @@ def test_paper_design_magnitudes(name, expected, unit, brief):
 def test_paper_design_side_magnitudes():
     assert microlens_defocus_waves(Camera.of(PAPER)) == pytest.approx(0.00196, rel=5e-3)
     assert fresnel_number(Camera.of(PAPER)) == pytest.approx(0.902, rel=5e-4)
-    assert footprint(PAPER, PAPER.d_f) == pytest.approx(0.1575, rel=1e-12)
+    assert footprint(Camera.of(PAPER), PAPER.d_f) == pytest.approx(0.1575, rel=1e-12)
 
 
 def test_rotation_moves_the_edge_by_2_3_pixels_per_milliradian():
