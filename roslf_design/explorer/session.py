@@ -251,7 +251,7 @@ class Session:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
         place = path.strip()
         if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):
-            self._say(f"{place}: is a device or a pipe; name a design file")
+            self._say(f"{place}: is a pipe or a device; name a file on disk")
         else:
             self._load(lambda: load(place))
 

@@ -164,7 +164,7 @@ def test_a_file_of_the_machine_may_be_no_pipe_and_no_device(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     for place in (str(tmp_path / "pipe.toml"), "/dev/zero"):
         page = played(Session(PAPER), ("load_path", place))
-        assert page["message"] == f"{place}: is a device or a pipe; name a design file"
+        assert page["message"] == f"{place}: is a pipe or a device; name a file on disk"
     for place in ("x" * 5000, "a\0b.toml", str(tmp_path)):
         assert played(Session(PAPER), ("load_path", place))["message"].startswith(place)
 
