@@ -20,10 +20,12 @@ from ..effects import Budget, Plan, plan
 from ..effects.plan import EFFECTS
 from ..effects.waves import LONGEST_GRATING, SHORTEST_GRATING, incoherent_texture_miss
 from ..errors import InputError, Problem
+from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, method_of, render
 from ..imaging.trace import RaySampling
-from ..imaging.transfer import LEAST_HALO
+from ..imaging.transfer import LEAST_HALO, MicrolensTransfer
+from ..imaging.white import neighbour_interference
 from ..scenes import Scene
 from ..theory.light import object_sample
 from .statement import Accuracy, check_accuracy
@@ -215,6 +217,13 @@ class _Job:
     @property
     def model(self) -> str:
         """What no number of samples gets past."""
+        if self.scene.white is not None and self.plan.on("microlens_diffraction"):
+            camera = planned_camera(self.design, self.plan)
+            transfer = MicrolensTransfer.of(camera, self.plan, self.scene.light.wavelengths)
+            most = neighbour_interference(camera, transfer)
+            return (
+                f"interference of neighbouring microlenses, left out, changes pixels by up to {most:.2g} of full scale"
+            )
         period = self.scene.brief(self.design).smallest_period
         if not self.convolved or math.isinf(period):
             return ""

@@ -139,6 +139,65 @@ class MicrolensTransfer:
         return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
 
 
+def pair_transfer(transfer: MicrolensTransfer, frequency: Floats, apart: Floats, vergence: float) -> Floats:
+    """What a microlens and another one, `apart` from it, pass together by interference; 1 for one alone at frequency 0.
+
+    Where both light the sensor, from an incoherent pupil, a frequency G comes of pairs of points ``a = lambda d_2 G``
+    apart: of the overlap of one aperture with the other, shifted by a. In the overlap, of offset ``a - apart`` and with
+    coordinates u about its middle, the two paths differ by ``u . (apart/f_ml - defocus a)``, which for one microlens is
+    its defocus. Squares and circles.
+
+    Parameters
+    ----------
+    transfer : MicrolensTransfer
+        With one wavelength or more; not `beyond_rays`.
+    frequency : ndarray, shape (M, 2)
+        G on the sensor [1/mm].
+    apart : ndarray, shape (2,)
+        [mm], along the same axes.
+    vergence : float
+        1/L [1/mm].
+
+    Returns
+    -------
+    ndarray, shape (M,)
+        Without the sign ``exp(-i pi G . (apart P/d))``, 1 or -1 at frequencies of the lattice.
+    """
+    c, s, width = math.cos(transfer.rotation), math.sin(transfer.rotation), transfer.width
+    turn = np.array([[c, -s], [s, c]])
+    power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
+    total = np.zeros(len(frequency))
+    for wavelength in transfer.wavelengths:
+        pair = wavelength * transfer.sensor_distance * frequency @ turn
+        offset = np.abs(pair - apart @ turn)
+        cycles = (apart @ turn * power - transfer.defocus * pair) / wavelength
+        if transfer.circular:
+            total += _circles(np.hypot(*(pair - apart @ turn).T), pair - apart @ turn, cycles, width)
+            continue
+        overlap = np.maximum(width - offset, 0.0)
+        total += (overlap / width * np.sinc(cycles * overlap)).prod(-1)
+    return total / len(transfer.wavelengths)
+
+
+def _circles(offset: Floats, shift: Floats, cycles: Floats, width: float) -> Floats:
+    """Overlap of two circles, column by column along their shift: phase turns along and across it."""
+    total = np.zeros(len(offset))
+    near = offset < width
+    if not near.any():
+        return total
+    offset, cycles = offset[near, None] / width, cycles[near] * width
+    unit = np.where(offset > 0, shift[near] / width / np.where(offset > 0, offset, 1.0), [1.0, 0.0])
+    along, across = (cycles * unit).sum(-1), cycles[:, 1] * unit[:, 0] - cycles[:, 0] * unit[:, 1]
+    nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * math.ceil(min(1000.0, float(np.abs(cycles).max()))))
+    angle, half = (nodes + 1) * (math.pi / 4), (1 - offset) / 2
+    x = half * np.sin(angle) ** 2
+    chord = np.sqrt((half - x) * (half + x + offset))
+    ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
+    light = chord * np.cos(2 * math.pi * along[:, None] * x) * np.sinc(2 * across[:, None] * chord) * ramp
+    total[near] = light.sum(-1) * 16 / math.pi
+    return total
+
+
 class Encircled(NamedTuple):
     """Fractions of one unclipped microlens image's light, before pixels integrate."""
 

@@ -7,10 +7,11 @@ harmonics (7 x 7 in the paper's camera) is then the whole image, overlaps with a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
@@ -21,7 +22,7 @@ from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.stop_images import stop_discs
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
-from .transfer import MOST_HALO, MicrolensTransfer, fineness
+from .transfer import MOST_HALO, MicrolensTransfer, fineness, pair_transfer
 
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
@@ -36,6 +37,11 @@ SMALLEST = 1e-9
 """Harmonics below this part of the mean are left out."""
 ROUNDED = 1e-13
 """Below this part of it they are what is left of mirror images that cancel."""
+
+INTERFERING = 3
+"""Steps of the lattice between microlenses whose interference is counted; with more its largest changes by 3 %."""
+MOST_INTERFERING = 8.0
+"""4 N_F beyond which microlenses are taken to interfere as they do there: less."""
 
 NEIGHBOURS = 1.5
 """Microlens pitches around the patch that lend their light."""
@@ -199,24 +205,75 @@ def harmonic_series(camera: Camera, transfer: MicrolensTransfer, pixel: bool = T
     HarmonicSeries
         Relative intensities: 1 inside a geometric image.
     """
-    from scipy.special import j1
-
     lattice = ImageLattice.of(camera)
-    axes = lattice.image_axes
-    limit = transfer.cutoff * (1.0 if transfer.circular else math.sqrt(2))
-    most = [math.ceil(limit * np.linalg.norm(axis)) for axis in axes.T]
-    index = np.stack(np.meshgrid(np.arange(-most[0], most[0] + 1), np.arange(0, most[1] + 1)), -1).reshape(-1, 2)
-    index = index[(index[:, 1] > 0) | (index[:, 0] >= 0)]  # one of each pair G, -G
-    frequencies = index @ np.linalg.inv(axes)
-    radius = float(microlens_image_diameter(camera)) / 2
-    height = np.hypot(*frequencies.T)
-    safe = np.where(height > 0, height, 1.0)
-    spectrum = np.where(height > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
-    weight = spectrum / abs(np.linalg.det(axes)) * transfer(*frequencies.T) * np.where(height > 0, 2.0, 1.0)
+    _, frequencies = _orders(lattice, transfer.cutoff * (1.0 if transfer.circular else math.sqrt(2)))
+    weight = _uncut(camera, lattice, frequencies) * transfer(*frequencies.T)
     if pixel:
-        weight = weight * pixel_box(frequencies[:, 0], float(camera.q)) * pixel_box(frequencies[:, 1], float(camera.q))
+        weight = weight * _pixels(camera, frequencies)
     kept = np.abs(weight) > SMALLEST * np.abs(weight).max()
     return HarmonicSeries(frequencies[kept], weight[kept], lattice.image_origin)
+
+
+def _orders(lattice: ImageLattice, limit: float) -> tuple[NDArray[np.int64], Floats]:
+    """Orders of the lattice's frequencies up to `limit` [1/mm] and more, and these; one of each pair G, -G."""
+    axes = lattice.image_axes
+    most = [math.ceil(limit * np.linalg.norm(axis)) for axis in axes.T]
+    index = np.stack(np.meshgrid(np.arange(-most[0], most[0] + 1), np.arange(0, most[1] + 1)), -1).reshape(-1, 2)
+    index = index[(index[:, 1] > 0) | (index[:, 0] >= 0)]
+    return index, index @ np.linalg.inv(axes)
+
+
+def _uncut(camera: Camera, lattice: ImageLattice, frequencies: Floats) -> Floats:
+    """Weights of the geometric image of uncut discs, those of G and -G together."""
+    from scipy.special import j1
+
+    radius, height = float(microlens_image_diameter(camera)) / 2, np.hypot(*frequencies.T)
+    safe = np.where(height > 0, height, 1.0)
+    spectrum = np.where(height > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
+    return np.asarray(spectrum / abs(np.linalg.det(lattice.image_axes)) * np.where(height > 0, 2.0, 1.0))
+
+
+def _pixels(camera: Camera, frequencies: Floats) -> Floats:
+    return np.asarray(pixel_box(frequencies, float(camera.q)).prod(-1))
+
+
+def interference_series(
+    camera: Camera, transfer: MicrolensTransfer, pixel: bool = True, reach: int = INTERFERING
+) -> HarmonicSeries:
+    """What interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
+
+    Parameters
+    ----------
+    camera, transfer, pixel
+        As for `harmonic_series`.
+    reach : int
+        Steps of the lattice between microlenses that count, and as many orders of the frequencies that they pass.
+    """
+    lattice = ImageLattice.of(camera)
+    steps = np.arange(-reach, reach + 1)
+    pairs = [np.array([i, j]) for i in steps for j in steps if i or j]
+    index, frequencies = _orders(lattice, (reach + 1) * transfer.cutoff)
+    passed = np.zeros(len(frequencies))
+    for pair in pairs:
+        part = pair_transfer(transfer, frequencies, lattice.turned @ pair, float(camera.vergence))
+        passed += np.where(index @ pair % 2, -part, part)
+    weight = _uncut(camera, lattice, frequencies) * passed * (_pixels(camera, frequencies) if pixel else 1.0)
+    return HarmonicSeries(frequencies, weight, lattice.image_origin)
+
+
+def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float:
+    """Largest change that interference of neighbouring microlenses makes in a pixel of a white image [full scale].
+
+    For a camera whose images are all alike; where some are cut, about as much.
+    """
+    least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
+    seen = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
+    reach = INTERFERING - 1 if transfer.circular else INTERFERING  # fields of circles fall off faster
+    series, lattice = interference_series(camera, seen, reach=reach), ImageLattice.of(camera)
+    sides = np.abs(lattice.image_axes).sum(1)
+    at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * seen.cutoff * sides.max()))
+    x, y = (side * at + origin for side, origin in zip(sides, lattice.image_origin, strict=True))
+    return float(np.abs(series.at(x, y)).max())
 
 
 def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:

@@ -12,7 +12,12 @@ from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import method_of, render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer, bands, encircled
-from roslf_design.imaging.white import WhiteGeometry, harmonic_series
+from roslf_design.imaging.white import (
+    WhiteGeometry,
+    harmonic_series,
+    interference_series,
+    neighbour_interference,
+)
 from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, Uniform
 from tests.oracles import coherent, huygens
 
@@ -114,6 +119,45 @@ def test_a_hexagonal_array_takes_a_series_as_a_square_one_does(wavelength, rotat
         ways.append((method_of(design, WHITE_FIELD, lines), series.rows))
     assert ways[0][0] == ways[1][0] == ("convolution" if rotation and wavelength == 1e-5 else "harmonics")
     assert ways[1][1] <= 1.8 * ways[0][1]  # rows lie sqrt(3)/2 of a pitch apart, and half a harmonic apart
+
+
+@pytest.mark.parametrize("f_ml", [2.0, 2.3])
+def test_interference_of_square_neighbours_against_huygens_quadrature(f_ml):
+    """Fields of all microlenses added up for every point of the pupil; tails' 1/N by Richardson's step."""
+    _, seen, transfer = planned(PAPER.replace(f_ml=f_ml), ["+microlens_defocus"])
+    axis, area = np.linspace(-0.5, 0.5, 5) * 0.0627, np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
+    near, far = (huygens.square_interference(seen, axis, axis, n, 48, 60 + 10 * n) * area for n in (4, 8))
+    series = interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
+    assert np.abs(series - (2 * far - near)).max() < 6e-4
+    assert np.abs(series).max() > (0.003 if f_ml == 2.0 else 0.028)
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_interference_of_round_neighbours_against_huygens_quadrature(layout):
+    """Microlenses up to three pitches off; what those beyond add, with their fields' tails, is 4e-3."""
+    design = ROUND.replace({"microlens_array.layout": layout})
+    _, seen, transfer = planned(design, ["+microlens_defocus"])
+    places = 0.062726086956521737 * np.array([[0.0, 0.0], [0.5, 0.5] if layout == "square" else [0.0, 0.5773]])
+    lattice = ImageLattice.of(seen)
+    centres = lattice.microlens(np.stack(np.meshgrid(*[np.arange(-6, 7)] * 2), -1).reshape(-1, 2))
+    centres = centres[np.hypot(*centres.T) < 3.01 * seen.d]
+    truth = huygens.round_interference(seen, places, centres, 14, 14) * np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
+    series = interference_series(seen, transfer, pixel=False)
+    found = [series.at(x, y)[0, 0] for x, y in places[..., None]]
+    assert np.abs(found - truth).max() < 4e-3
+    assert np.abs(truth).max() > 0.02
+
+
+def test_interference_of_the_bench_is_0_4_percent_and_fades_with_the_fresnel_number():
+    _, seen, transfer = planned(PAPER)
+    assert neighbour_interference(seen, transfer) == pytest.approx(0.0041, abs=2e-4)
+    sizes = []
+    for wavelength in (5.5e-4, 2e-4):
+        _, seen, transfer = planned(ROUND.replace(wavelength=wavelength), ["+microlens_diffraction"])
+        sizes.append(neighbour_interference(seen, transfer))
+        many = interference_series(seen, transfer, reach=2).at(*[np.linspace(0, 0.0627, 60)] * 2)
+        assert np.abs(many).max() <= 1.05 * sizes[-1]  # beyond 4 N_F = 8 a bound
+    assert sizes[0] > 0.02
 
 
 def test_encircled_energy_of_the_paper_design():

@@ -79,3 +79,47 @@ def disc(radius, rings, centre=(0.0, 0.0)):
         angle = 2 * np.pi * (np.arange(n) + 0.5 * (k % 2) + 0.25) / n
         points.append(np.stack([r * np.cos(angle), r * np.sin(angle)], -1))
     return np.concatenate(points) + centre
+
+
+def polar(radius, rings, turns):
+    """Points in a disc and weights that add up to 1: Gauss-Legendre in the square of the radius, even in angle."""
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    angle = 2 * np.pi * (np.arange(turns) + 0.5) / turns
+    r = radius * np.sqrt((nodes + 1) / 2)
+    points = np.stack([np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel()], -1)
+    return points, np.repeat(weights / 2 / turns, turns)
+
+
+def square_interference(design, x, y, reach, rings, samples):
+    """What coherence between square microlenses up to `reach` pitches off the axis adds; per unit of light in each.
+
+    At the product grid of x and y: fields of all microlenses are added, then squared, less their squares added.
+    """
+    points, weights = polar(design.D_F / 2, rings, 4 * rings)
+    v, dv = aperture(design, samples)
+    both = []
+    for at, a in ((x, points[:, 0]), (y, points[:, 1])):
+        fields = [
+            towards_sensor(design, at - c, v) @ (dv[:, None] * from_pupil(design, a, c, v))
+            for c in design.d * np.arange(-reach, reach + 1)
+        ]
+        both.append((np.abs(sum(fields)) ** 2, sum(np.abs(field) ** 2 for field in fields)))
+    (coherent_x, alone_x), (coherent_y, alone_y) = both
+    unit = (design.wavelength * design.d_2 * design.d) ** 2
+    sums = (np.einsum("p,yp,xp->yx", weights, *pair) for pair in ((coherent_y, coherent_x), (alone_y, alone_x)))
+    return (next(sums) - next(sums)) / unit
+
+
+def round_interference(design, places, centres, rings, samples):
+    """The same of circular microlenses at `centres`, at sensor points `places`, shapes (n, 2)."""
+    points, weights = polar(design.D_F / 2, rings, 4 * rings)
+    lens, shares = polar(design.d / 2, samples, 4 * samples)
+    coherent, alone = 0.0, 0.0
+    for centre in centres:
+        light = shares[:, None] * np.prod(
+            [from_pupil(design, points[:, k], centre[k], lens[:, k]) for k in (0, 1)], axis=0
+        )
+        field = np.prod([towards_sensor(design, places[:, k] - centre[k], lens[:, k]) for k in (0, 1)], axis=0) @ light
+        coherent, alone = coherent + field, alone + np.abs(field) ** 2
+    unit = (design.wavelength * design.d_2) ** 2 / (np.pi * design.d**2 / 4)
+    return (np.abs(coherent) ** 2 - alone) @ weights / unit
