@@ -135,7 +135,7 @@ def loads(text: str, origin: str = "", folder: str | os.PathLike[str] = "") -> D
     return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=Path(folder))
 
 
-WRITTEN = 12
+WRITTEN = 13
 """Digits of a design that commands write: computed numbers have no more that mean anything."""
 
 
