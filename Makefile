@@ -29,9 +29,9 @@ reports: $(REPORTS)
 # Static patterns: of what is phony, make looks for no implicit rule.
 .PHONY: reports $(REPORTS)
 report-paper: $(INSTALLED)
-	$(BIN)/roslf report designs/paper.toml -o reports/paper --pdf --figure rays
+	$(BIN)/roslf report designs/paper.toml -o reports/paper --pdf --no-stamp --figure rays
 $(filter report-story-%,$(REPORTS)): report-story-%: $(INSTALLED)
-	$(BIN)/roslf report studies/story-$*/story.toml -o reports/story-$* --pdf
+	$(BIN)/roslf report studies/story-$*/story.toml -o reports/story-$* --pdf --no-stamp
 $(filter report-tolerance-%,$(REPORTS)): report-tolerance-%: $(INSTALLED)
 	rm -rf reports/tolerance-$*
 	$(BIN)/roslf tolerance studies/tolerance-$*/study.toml -o reports/tolerance-$*

@@ -147,18 +147,18 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
         console.print(grid, width=max(console.width, sum(fitted) + GAP * len(fitted)), crop=False)
 
 
-def _widths(block: Table, index: int, least: int = 1) -> tuple[int, int]:
-    """Narrowest and natural width of a column: numbers and names stay whole, headings and sentences wrap."""
+def _widths(block: Table, index: int, least: int = 1) -> tuple[int, int, int]:
+    """Of a column: narrowest, with its cells in one line, with its heading so; numbers and names are always whole."""
     cells = [row[index] for row in block.rows]
     heading = block.headings[index] if block.headings else ""
     words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]
     widest = max(map(len, cells), default=1)
     longest = max(map(len, [*words, *heading.split()]), default=1)
     narrowest = max(longest, min(widest, LEAST_WORDS), least)
-    return narrowest, max(narrowest, widest, len(heading))
+    return narrowest, max(narrowest, widest), max(narrowest, widest, len(heading))
 
 
-def _strips(widths: list[tuple[int, int]], room: int) -> list[list[int]]:
+def _strips(widths: list[tuple[int, int, int]], room: int) -> list[list[int]]:
     """Columns that stand beside each other, the first in every strip."""
     strips = [[0]]
     for index in range(1, len(widths)):
@@ -170,9 +170,12 @@ def _strips(widths: list[tuple[int, int]], room: int) -> list[list[int]]:
     return strips
 
 
-def _fitted(widths: list[tuple[int, int]], room: int) -> list[int]:
-    """Widths that share what room there is beyond the narrowest."""
-    spare = max(room - sum(narrow for narrow, _ in widths) - GAP * (len(widths) - 1), 0)
-    wanted = sum(natural - narrow for narrow, natural in widths)
-    share = min(1.0, spare / wanted) if wanted else 0.0
-    return [narrow + int(share * (natural - narrow)) for narrow, natural in widths]
+def _fitted(widths: list[tuple[int, int, int]], room: int) -> list[int]:
+    """Widths that share what room there is: first cells in one line, then headings."""
+    now = [narrow for narrow, _, _ in widths]
+    for step in (1, 2):
+        missing = [wanted[step] - width for wanted, width in zip(widths, now, strict=True)]
+        spare = max(room - sum(now) - GAP * (len(now) - 1), 0)
+        share = min(1.0, spare / (sum(missing) or 1))
+        now = [width + int(share * more) for width, more in zip(now, missing, strict=True)]
+    return now

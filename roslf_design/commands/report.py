@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import re
 import sys
 from collections.abc import Callable, Sequence
-from datetime import datetime
+from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from .. import __version__
 from ..design import load
 from ..design.files import KINDS, in_the_way
 from ..errors import InputError, Problem
@@ -49,7 +52,7 @@ def report(
     calibration: Path | None = None,
     seed: int | None = None,
     accuracy: float | None = None,
-    stamp: Flag = False,
+    stamp: bool | None = None,
 ) -> None:
     """A report on a design, a study, or a story of several studies: one self-contained HTML page, and a PDF.
 
@@ -86,7 +89,9 @@ def report(
         Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
         counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance.
     stamp
-        Also print the date and the versions of Python and of the libraries; the page then differs from day to day.
+        Date, version and command at the foot of the PDF; with --stamp the page, too, tells the date and the versions of
+        Python and of the libraries, with --no-stamp nothing does, so that the same design makes the same bytes on any
+        day. SOURCE_DATE_EPOCH sets the date. Default: the PDF alone.
     """
     names, wanted = (design, *others), figure or []
     make = maker(names, compare, seed, accuracy, calibration)
@@ -100,9 +105,11 @@ def report(
     command = typed(
         "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
         calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,
+        no_stamp=stamp is False,
     )  # fmt: skip
+    made = _date()
     with StatusLine("report") as progress:
-        content = make(command=command, stamp=stamp_lines() if stamp else (), progress=progress.tell)
+        content = make(command=command, stamp=stamp_lines(made) if stamp else (), progress=progress.tell)
         files = figure_files(content, [name for name in wanted if name not in SOLID])
         files[PAGE] = render_html(content).encode()
         if "model" in solid:
@@ -115,7 +122,8 @@ def report(
                 print(f"roslf: {SOLID['3d']} is left out: {error}", file=sys.stderr)
         if pdf:
             progress.tell("PDF")
-            files["report.pdf"] = render_pdf(content, paper)
+            foot = content.footer if stamp is False else f"roslf_design {__version__} · {made:%Y-%m-%d} · {command}"
+            files["report.pdf"] = render_pdf(replace(content, footer=foot), paper)
     for path in write_files(folder, files):
         print(path)
 
@@ -185,8 +193,18 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     }
 
 
-def stamp_lines() -> tuple[str, ...]:
+def _date() -> datetime:
+    """Now, or what SOURCE_DATE_EPOCH says (reproducible-builds.org): seconds since 1970."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    try:
+        return datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now().astimezone()
+    except (ValueError, OverflowError, OSError):
+        raise refusal(
+            "SOURCE_DATE_EPOCH", f'"{epoch}" is no date; give whole seconds since 1970, or unset it'
+        ) from None
+
+
+def stamp_lines(made: datetime) -> tuple[str, ...]:
     """Date, and versions of what the page was made with."""
-    made = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    return made, f"Python {platform.python_version()}", libraries
+    return made.isoformat(sep=" ", timespec="seconds"), f"Python {platform.python_version()}", libraries

@@ -139,7 +139,7 @@ def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "
     return build(parse_toml(text, origin, refusal=DesignError), from_file=True, origin=origin, folder=place)
 
 
-WRITTEN = 12
+WRITTEN = 13
 """Digits of a design that commands write: computed numbers have no more that mean anything."""
 
 

@@ -36,6 +36,8 @@ class Faults(NamedTuple):
     """Largest extent on the array of an object point's light [mm]."""
     curvature: float
     """The same from the tangential and sagittal foci alone [mm]."""
+    refocused: float
+    """What of that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
     whole_to: float
     """Largest of the radii looked at to which images are whole [mm]."""
     steepest: float
@@ -55,11 +57,13 @@ def faults(design: Design, x_ml: float) -> Faults:
     whole = (field.images.status == 2) & np.isfinite(field.rim_shift)
     lit = field.maps.status == KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
+    apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
     return Faults(
         displaced=float(np.max(np.where(whole, field.rim_shift, diameter))),
         cut=float(np.max(1 - field.images.kept_fraction)) * diameter,
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
         curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
+        refocused=float(np.max(np.where(lit, apart / 2, 0.0))) * _cone(design),
         whole_to=max((axes[i][0] for i in range(len(axes)) if whole[i]), default=0.0),
         steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / design.d_2,
     )
@@ -112,8 +116,12 @@ def curvature(s: Subject) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
     if s.design.lens is None:
         return IDEAL
-    spread = faults(s.design, s.lens_field).curvature / s.design.d
-    return _blur(s, spread, f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches")
+    found = faults(s.design, s.lens_field)
+    spread, left = found.curvature / s.design.d, found.refocused / s.design.d
+    words = (
+        f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches, {left:.3g} after refocusing"
+    )
+    return _blur(s, spread, words)
 
 
 def colour(s: Subject) -> Estimate:

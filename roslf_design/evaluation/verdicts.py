@@ -116,13 +116,20 @@ def _resolved(sampling: Sampling) -> Verdict:
     if independent >= views:
         text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
         return _answer("views_resolved", text)
+    # The band that diffraction lets pass ends where 8 N_F samples across an image hold all of it.
+    enough = 2 * independent
+    pixels = (
+        f"pixels up to {views / enough:.3g} times as large sample all that passes, too (8 N_F = {enough:.3g} across)"
+        if views > enough
+        else f"finer pixels add no views, but detail, up to 8 N_F = {enough:.3g} across an image"
+    )
     return Verdict(
         "views_resolved",
         False,
         "limit",
         f"diffraction limits the views: {views:.3g} pixels across a microlens image hold {independent:.3g} independent "
         "views per axis (4 N_F)",
-        "larger microlenses or a shorter d_2 gain views; larger pixels would lose nothing",
+        f"larger microlenses or a shorter d_2 gain views; {pixels}",
     )
 
 

@@ -1,16 +1,21 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.optimize import minimize_scalar
 
 from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
+from roslf_design.effects.effect import Subject
+from roslf_design.effects.lens import RADII
 from roslf_design.effects.waves import footprint
 from roslf_design.theory.light import fresnel_number, microlens_defocus_waves
 from roslf_design.theory.vignetting import room_at
+from roslf_design.traced.images import real_field
 
 PAPER = load("paper")
 EDGE = SceneBrief(field_radius=11.15)
@@ -155,3 +160,19 @@ def test_vignetting_has_a_size_exactly_where_equation_6_has_no_room(D, x_ml, d_3
     assume(abs(room) > 1e-9)
     cut = plan(PAPER.replace(moved, D=D, d_3=d_3), SceneBrief(field_radius=x_ml))["vignetting"].estimate
     assert (cut > 0) == (room < 0)
+
+
+def test_field_curvature_is_told_before_and_after_refocusing():
+    """Against the best focus of each place, by search: refocusing cannot bring both foci of astigmatism together."""
+    design = load("paper-singlet")
+    corner = Subject(design).lens_field
+    field = real_field(design, [(share * corner, 0.0) for share in RADII])
+    cone = design.D_F / abs(float(Camera.of(design).A)) / design.d
+    pairs = np.stack([field.maps.tangential_focus, field.maps.sagittal_focus], -1)
+    blur = [
+        minimize_scalar(lambda z, pair=pair: np.abs(pair - z).max(), (pair.min(), pair.max())).fun for pair in pairs
+    ]
+    before, after = np.abs(pairs).max() * cone, max(blur) * cone
+    reason = next(line.reason for line in plan(design) if line.name == "field_curvature")
+    assert f"{before:.3g} pitches, {after:.3g} after refocusing" in reason
+    assert after < before / 3

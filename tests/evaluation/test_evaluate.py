@@ -274,6 +274,14 @@ def test_verdicts_and_remedies(paper):
     assert by_name["f_number_matched"].ok
     assert by_name["field_undistorted"].ok
     assert (by_name["views_resolved"].ok, by_name["views_resolved"].level) == (False, "limit")
+    # 63^2/(4 x 0.55 x 2000) = 0.902 = N_F; 13.0 px/(8 N_F) = 1.80
+    assert (
+        "pixels up to 1.8 times as large sample all that passes, too (8 N_F = 7.22" in by_name["views_resolved"].remedy
+    )
+    coarse = {v.name: v for v in roslf.evaluate(paper.replace(q=0.0126)).verdicts}["views_resolved"]
+    # 5.0 px across: more than the 3.6 views, fewer than the 7.2 samples that hold the band
+    assert (coarse.level, "larger" in coarse.remedy.removeprefix("larger microlenses")) == ("limit", False)
+    assert "finer pixels add no views, but detail, up to 8 N_F = 7.22" in coarse.remedy
     mismatched = {v.name: v for v in roslf.evaluate(roslf.load("paper-mismatched")).verdicts}
     assert not mismatched["f_number_matched"].ok
 

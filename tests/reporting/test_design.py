@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from roslf_design import __version__
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
@@ -267,3 +268,28 @@ def test_three_designs_of_different_scale_and_stops_fit_and_one_is_refused():
     assert "https:" not in render_html(report)
     with pytest.raises(ValueError, match="two or three"):
         comparison_report([load("paper")])
+
+
+def test_a_pdf_tells_date_version_and_command_at_its_foot_unless_asked_not_to(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("typst", reason="the typst package is not installed")
+    monkeypatch.setattr("roslf_design.commands.report.maker", lambda *_: lambda **_: Report("x", "", ()))
+    feet = []
+    monkeypatch.setattr("roslf_design.commands.report.render_pdf", lambda made, _: feet.append(made.footer) or b"")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "951782400")  # 2000-02-29, 00:00 UTC
+    common = ["report", "paper", "-o", str(tmp_path), "--pdf"]
+    for given in ([], ["--no-stamp"], ["--stamp"]):
+        assert main([*common, *given]) == 0
+    version = __version__
+    assert feet[0] == f"roslf_design {version} · 2000-02-29 · roslf report paper -o {tmp_path} --pdf --paper a4"
+    assert feet[1:] == ["roslf_design", f"{feet[0]} --stamp"]
+    capsys.readouterr()
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
+    assert main(common) == 2
+    assert capsys.readouterr().err == (
+        'roslf: SOURCE_DATE_EPOCH: "yesterday" is no date; give whole seconds since 1970, or unset it\n'
+    )
+
+
+def test_reports_that_git_keeps_are_made_without_a_date(root):
+    lines = [line for line in (root / "Makefile").read_text().splitlines() if "roslf report" in line]
+    assert all("--no-stamp" in line for line in lines if "--pdf" in line)
