@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from ..errors import Problem
 from ..units import format_quantity
@@ -40,7 +40,7 @@ class Design(Part, Symbols[float]):
     """At z = 0."""
     aperture: Stop
     """The flexible angular plane (FAP): the system's entrance pupil."""
-    stops: tuple[Stop, ...] = ()
+    stops: Annotated[tuple[Stop, ...], Field(max_length=50)] = ()
     """Further rims of a real bore."""
     microlens_array: MicrolensArray
     """At z = d_1."""
