@@ -114,6 +114,9 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         return Problem(key, f'"{value}" {FROM_ZERO[kind] if least == 0 else told}')
     if kind == "literal_error":
         return Problem(key, f'"{value}" is not known; write {context["expected"]}')
+    if kind == "too_long":
+        told = f"{context['actual_length']} entries, at most {context['max_length']} can be used"
+        return Problem(key, f"has {told}; leave some out")
     if kind.startswith("union_tag"):
         names = [_tag(one) for one in at.models]
         told = f"write one of {', '.join(names)}"

@@ -9,6 +9,7 @@ The table is measured by the study `studies/accuracy`: shipped, or the user's ow
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
+from ..input_files import read_json
 from .statement import check_accuracy
 
 SCHEMA = "roslf.accuracy-table/1"
@@ -105,13 +107,18 @@ def read_table(path: Path) -> AccuracyTable:
     InputError
         Not such a file.
     """
+    remedy = "make a new one with: roslf accuracy calibrate"
+    data = read_json(path, str(path), remedy)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
         if data["schema"] != SCHEMA:
             raise ValueError(data["schema"])
-        return AccuracyTable(tuple(Row(**row) for row in data["rows"]), str(data["machine"]))
+        rows = tuple(Row(**row) for row in data["rows"])
+        numbers = [number for row in rows for number in (row.level, row.error, row.seconds, row.work, row.fixed)]
+        if not all(isinstance(number, int | float) and 0 <= number < math.inf for number in numbers):
+            raise ValueError("a number is missing, negative or none")
+        return AccuracyTable(rows, str(data["machine"]))
     except (ValueError, KeyError, TypeError) as error:
-        message = f"is no accuracy table ({error}); make a new one with: roslf accuracy calibrate"
+        message = f"is no accuracy table ({error}); {remedy}"
         raise InputError((Problem("", message),), str(path)) from None
 
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..design import Design
 from ..theory.light_field import back_substitute
-from ..units import parse_quantity
+from ..units import FARTHEST, parse_quantity
 from .frames import Array, CalibrationError
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
@@ -32,8 +32,12 @@ QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
 _TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """Cross products with the unit vectors, shape (3, 3, 3)."""
-_BOARD = re.compile(r"\s*(\d+)\s*[x×]\s*(\d+)\s+([0-9.]+)\s*(um|mm|cm|m)\s*")
+_BOARD = re.compile(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s+(\d+\.?\d*|\.\d+)\s*(um|mm|cm|m)\s*")
 _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
+
+
+MOST_CELLS = 50
+"""Of a board, along a side."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,13 @@ class Board:
             raise CalibrationError(
                 f"a board of {self.columns} x {self.rows} cells has too few inner corners: 3 x 3 cells or more"
             )
-        if not 0 < self.cell < float("inf"):
-            raise CalibrationError(f"the board's cell must be a positive length, got {self.cell} mm")
+        if max(self.columns, self.rows) > MOST_CELLS:
+            raise CalibrationError(
+                f"a board of {self.columns} x {self.rows} cells has too many inner corners: at most {MOST_CELLS} cells"
+                " a side"
+            )
+        if not 0 < self.cell <= FARTHEST["length"]:
+            raise CalibrationError(f"the board's cell must be a positive length of a board, got {self.cell:g} mm")
 
     @classmethod
     def parse(cls, text: str) -> Board:

@@ -20,6 +20,8 @@ from .model import Board, DataSheet, Intrinsics, Observations, Poses, project_bo
 from .posterior import variance_shares
 from .sidedata import image_pitch, white_pitch
 
+MOST_CORNERS = 10_000
+"""Of a plan, over all its images: beyond it, time and memory grow without telling more."""
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 _CELLS, _ROOM = (4, 5), 0.8
@@ -53,6 +55,12 @@ class Captures:
             raise CalibrationError(f"views across the pupil must be 1, or 3 or more, got {self.views}")
         if self.boards < 1:
             raise CalibrationError(f"at least one image of the board is needed, got {self.boards}")
+        corners = self.boards * len(self.board.points)
+        if corners > MOST_CORNERS:
+            raise CalibrationError(
+                f"{self.boards} images of a {self.board.columns} x {self.board.rows} board hold {corners} corners;"
+                f" a plan takes at most {MOST_CORNERS}: fewer images or cells"
+            )
         for name in ("distance", "noise"):
             if not getattr(self, name) > 0:
                 raise CalibrationError(f"{name} must be positive, got {getattr(self, name)}")

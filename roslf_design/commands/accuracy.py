@@ -151,11 +151,12 @@ def calibrate(
     seed
         Of the jobs.
     """
+    check_options(seed)
     loaded = load(design)
     path = cache_file() if output is None else output
     promises = study("promises")
     with StatusLine("accuracy") as progress:
-        table = promises.calibrate(loaded, seed=max(seed, 0), progress=progress.tell)
+        table = promises.calibrate(loaded, seed=seed, progress=progress.tell)
     write_files(path.parent, {path.name: table.to_json().encode()})
     print(path)
 

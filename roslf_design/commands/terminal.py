@@ -27,6 +27,8 @@ Flag = Annotated[bool, Parameter(negative=())]
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 
+SEEDS = 2**63
+"""Below which seeds lie: what files, generators and compiled kernels hold alike."""
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
@@ -147,11 +149,13 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     Raises
     ------
     InputError
-        A seed below 0, a place that cannot become a folder as a file is in the way, and what else is wrong: all told.
+        A seed out of range, a place that cannot become a folder as a file is in the way, what else is wrong: all told.
     """
     faults = list(others)
     if seed is not None and seed < 0:
         faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
+    if seed is not None and seed >= SEEDS:
+        faults.append(Problem("--seed", "is too large; give a whole number below 2^63"))
     blocked = "" if folder is None else in_the_way(folder, folder=True)
     if blocked:
         faults.append(Problem("-o", blocked))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 
-MOST_STOPS = 64
-"""Further stops of a design at most: each is met by every ray, and no bore has as many rims."""
+MOST_STOPS = 50
+"""Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
 
 
 class Design(Part, Symbols[float]):
@@ -48,11 +48,11 @@ class Design(Part, Symbols[float]):
     """At z = 0."""
     aperture: Stop
     """The flexible angular plane (FAP): the system's entrance pupil."""
-    stops: tuple[Stop, ...] = ()
+    stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
     object_space: ObjectSpace = ObjectSpace()
     """What the scene lies in: air, a liquid."""
-    elements: tuple[AnyElement, ...] = ()
+    elements: Annotated[tuple[AnyElement, ...], Field(max_length=MOST_STOPS)] = ()
     """Windows, prisms, lenses before the main lens."""
     microlens_array: MicrolensArray
     """At z = d_1."""
@@ -69,13 +69,6 @@ class Design(Part, Symbols[float]):
 
     # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
-
-    @field_validator("stops", mode="before")
-    @classmethod
-    def _few(cls, value: Any) -> Any:
-        if isinstance(value, (list, tuple)) and len(value) > MOST_STOPS:
-            raise ValueError(f"there are {len(value)}, at most {MOST_STOPS} are taken; drop those that cut nothing")
-        return value
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:

@@ -134,7 +134,7 @@ class Sensor(Part):
     """Pixel pitch [mm], before the relay."""
     size: Size
     """Width and height [mm], before the relay."""
-    relay_magnification: Annotated[float, Field(gt=0)] = 1.0
+    relay_magnification: Annotated[float, Field(gt=0, ge=1e-6, le=1e6)] = 1.0
     """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
     cover: Cover | None = None
     """Glass before the sensor, behind the MLA; None where there is none."""

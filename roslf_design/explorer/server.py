@@ -195,6 +195,8 @@ async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
     for choice in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
         try:
             return await web.TCPSite(runner, host, choice).start()
+        except UnicodeError:  # a label of more than 63 letters
+            raise _refused("--host", f"{host} is no name of a machine; leave it out for 127.0.0.1") from None
         except OSError as error:
             # asyncio words its own message around the system's, and drops the number of some.
             if error.errno == errno.EACCES:

@@ -7,10 +7,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter, eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
-from pydantic import ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from ..errors import InputError, Problem
 from ..tolerancing.study import StrictTable
@@ -34,7 +34,7 @@ class Entry(StrictTable):
     """What every part has."""
 
     gives: ClassVar[Gives] = {}
-    part: str
+    part: Annotated[str, Field(min_length=1)]
     """Name or number; unique among its kind."""
     maker: str = ""
     provenance: str

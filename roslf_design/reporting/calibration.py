@@ -94,7 +94,7 @@ class CalibrationPart(StrictTable):
 
     board: str | None = None
     """Cells across, cells down, size of one."""
-    boards: int = 12
+    boards: Annotated[int, Field(le=200)] = 12
     """Images of the board."""
     tilt: Angle = math.radians(20)
     """Largest tilt [rad]."""

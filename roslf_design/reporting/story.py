@@ -98,7 +98,7 @@ class StoryTable(StrictTable):
     """A whole file."""
 
     story: Opening
-    parts: Annotated[tuple[StoryPart, ...], Field(min_length=1)]
+    parts: Annotated[tuple[StoryPart, ...], Field(min_length=1, max_length=20)]
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,7 @@ class Points(Part):
     """Point sources."""
 
     kind: Literal["points"] = "points"
-    positions: tuple[tuple[AnyLength, AnyLength, Length], ...] = Field(min_length=1)
+    positions: tuple[tuple[AnyLength, AnyLength, Length], ...] = Field(min_length=1, max_length=1000)
     """(x, y, Z) of each."""
     flux: Annotated[float, Field(gt=0)] = 1.0
     """Light of one that the FAP takes in: the sum over all pixels, where 1 is a fully lit one."""

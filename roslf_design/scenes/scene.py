@@ -27,7 +27,7 @@ class SceneError(InputError):
 class SceneLight(Part):
     """Colour and exposure."""
 
-    wavelengths: tuple[Length, ...] = ()
+    wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
     """Equal parts of light at each [mm]; none is the design's own."""
     exposure: Annotated[float, Field(gt=0)] | None = None
     """Electrons in a fully lit pixel; none asks for no noise."""
@@ -40,7 +40,7 @@ class Scene(Part):
 
     name: str = ""
     """What the scene is called."""
-    objects: tuple[Object, ...] = (White(),)
+    objects: Annotated[tuple[Object, ...], Field(max_length=200)] = (White(),)
     """In any order."""
     background: Annotated[float, Field(ge=0)] = 0.0
     """Radiance where no object is met."""

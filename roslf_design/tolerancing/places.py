@@ -20,7 +20,7 @@ from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.manufacture import lens_places, lens_values
 from ..toml_files import read_toml
-from ..units import parse_quantity
+from ..units import FARTHEST, parse_quantity, within_reach
 
 Value = TypeVar("Value")
 
@@ -189,7 +189,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         value = parse_quantity(text, kind)
     if not math.isfinite(value) or value < 0:
         raise ValueError(f'"{text}" must be a finite half-width that is not negative')
-    return value
+    return within_reach(value, kind, text) if kind in FARTHEST else value
 
 
 class GradeLine(NamedTuple):
