@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .centres import MicrolensCentres, Reason, find_centres
 from .corners import find_corners, observe, observe_pictures
-from .decoding import LightField, decode
+from .decoding import Decoder, LightField, decode
 from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
 from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
@@ -38,6 +38,7 @@ __all__ = [
     "CentreLattice",
     "Corrected",
     "DataSheet",
+    "Decoder",
     "DiffractionCheck",
     "Intrinsics",
     "LightField",

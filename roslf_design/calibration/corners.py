@@ -106,10 +106,11 @@ def observe(
         central = find_corners(field.view(), board, field.view_weight())
         if central is None:
             missing.append(name)
-            continue
-        names.append(name)
-        places = _followed(field, board, central, chosen, views)
-        uv.append(np.stack(field.position(places[..., 0], places[..., 1]), axis=-1))
+        else:
+            names.append(name)
+            places = _followed(field, board, central, chosen, views)
+            uv.append(np.stack(field.position(places[..., 0], places[..., 1]), axis=-1))
+        del field  # before the next is decoded
     if shape is None:
         raise CalibrationError("no images of the board were given")
     if not names:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,42 +91,100 @@ def decode(
         Images missing, of different sizes, not finite, or a raw image with over 5 % of its pixels saturated.
     """
     frame = grey_frame(raw, dark, "raw image")
-    refuse_saturated(raw, "raw image", 0.05)
-    reach = math.floor(lattice.pitch / 2)
-    offsets = np.arange(-reach, reach + 1.0)
-    inside = lattice.inside((frame.shape[0], frame.shape[1]))
-    rows = np.arange(inside[:, 1].min(), inside[:, 1].max() + 1)
-    # Hexagonal rows shift by half a pitch each: start them where the row enters the image, whole lenses apart.
-    shift = 0.0 if lattice.layout == "square" else 0.5
-    along = inside[:, 0] + shift * inside[:, 1]
-    left = math.floor(along.min())
-    starts = left - np.floor(shift * rows).astype(int)
-    columns = np.arange(math.ceil(along.max()) - left + 1)
-    nodes = lattice.nodes(starts[:, None] + columns, rows[:, None])
+    return Decoder.of(lattice, frame.shape, white=white, dark=dark)(raw)
 
-    def sampled(image: Frame) -> tuple[Samples, Samples]:
-        """Samples and whether they were inside the image, shape (t, s, v, u)."""
-        shape = (len(offsets), len(offsets), len(rows), len(columns))
-        values, held = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+
+@dataclass(frozen=True, eq=False)
+class Decoder:
+    """Decodes the raw images of one camera: what they share is worked out once, and their `weight` is one array."""
+
+    lattice: CentreLattice
+    shape: tuple[int, int]
+    """Of the raw images (rows, columns)."""
+    dark: Frame | None
+    rows: NDArray[np.int64]
+    """Rows of the lattice that reach into the image."""
+    starts: NDArray[np.int64]
+    """Lattice index i of each row's first lens."""
+    columns: NDArray[np.int64]
+    """Lenses from there on."""
+    gain: Samples
+    """What samples are multiplied with, shape (t, s, rows, columns): 0 where nothing is measured."""
+    light: Samples
+    """Weight of each sample, of the same shape."""
+
+    @classmethod
+    def of(
+        cls,
+        lattice: CentreLattice,
+        shape: tuple[int, ...],
+        *,
+        white: ArrayLike | None = None,
+        dark: ArrayLike | None = None,
+    ) -> Decoder:
+        """Prepare for raw images of `shape` (rows, columns, ...); arguments and errors are those of `decode`."""
+        size = (shape[0], shape[1])
+        inside = lattice.inside(size)
+        rows = np.arange(inside[:, 1].min(), inside[:, 1].max() + 1)
+        # Hexagonal rows shift by half a pitch each: start them where the row enters the image, whole lenses apart.
+        shift = 0.0 if lattice.layout == "square" else 0.5
+        along = inside[:, 0] + shift * inside[:, 1]
+        left = math.floor(along.min())
+        starts = left - np.floor(shift * rows).astype(int)
+        columns = np.arange(math.ceil(along.max()) - left + 1)
+        black = None if dark is None else grey_frame(dark, None, "dark frame")
+        bare = cls(lattice, size, black, rows, starts, columns, *(np.zeros(0, np.float32) for _ in range(2)))
+        bright = np.ones(size, np.float32)
+        if white is not None:
+            bright = grey_frame(white, black, "white image")
+            same_size("raw image", shape, "white image", bright.shape)
+        level, lit = bare._sampled(bright)
+        if white is not None:
+            level /= np.float32(max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30))
+            lit *= level > _DARKEST
+        gain = np.divide(1, level, out=np.zeros_like(level), where=lit > 0)
+        light = np.clip(level, 0, 1, out=level)
+        light *= lit
+        return replace(bare, gain=gain, light=light)
+
+    def __call__(self, raw: ArrayLike) -> LightField:
+        """Decode one image.
+
+        Raises
+        ------
+        CalibrationError
+            As `decode`.
+        """
+        frame = grey_frame(raw, self.dark, "raw image")
+        same_size("raw image", frame.shape, "image prepared for", self.shape)
+        refuse_saturated(raw, "raw image", 0.05)
+        values, _ = self._sampled(frame, told=False)
+        values *= self.gain
+        weight, lattice, offsets = self.light, self.lattice, self._offsets
+        if lattice.layout == "square":
+            u, step = self.starts[0] + self.columns.astype(float), 1.0
+        else:
+            step = math.sqrt(3) / 2
+            first = self.starts + 0.5 * self.rows
+            along = lattice.inside(self.shape) @ (1.0, 0.5)
+            u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
+            values, weight = _squared(values, weight, u, first)
+        return LightField(values, weight, offsets, offsets.copy(), u, step * self.rows.astype(float), lattice.pitch)
+
+    @property
+    def _offsets(self) -> Array:
+        reach = math.floor(self.lattice.pitch / 2)
+        return np.arange(-reach, reach + 1.0)
+
+    def _sampled(self, image: Frame, told: bool = True) -> tuple[Samples, Samples]:
+        """Samples and, where it is to be told, whether they were inside the image, shape (t, s, rows, columns)."""
+        nodes = self.lattice.nodes(self.starts[:, None] + self.columns, self.rows[:, None])
+        shape = (len(self._offsets), len(self._offsets), len(self.rows), len(self.columns))
+        values, held = np.zeros(shape, np.float32), np.zeros(shape if told else (0, 0, 0, 0), np.float32)
+        along = np.asarray(self.lattice.first) / self.lattice.pitches[0]
         with THREADS:
-            _gather.compiled(image, nodes, np.asarray(lattice.first) / lattice.pitches[0], offsets, values, held)
+            _gather.compiled(image, nodes, along, self._offsets, values, held)
         return values, held
-
-    values, weight = sampled(frame)
-    if white is not None:
-        bright = grey_frame(white, dark, "white image")
-        same_size("raw image", frame.shape, "white image", bright.shape)
-        level, lit = sampled(bright)
-        level /= max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30)
-        weight = np.where((level > _DARKEST) & (lit > 0), np.clip(level, 0, 1), 0).astype(np.float32)
-        values = np.where(weight > 0, values / np.where(weight > 0, level, 1), 0).astype(np.float32)
-    if lattice.layout == "square":
-        u, step = left + columns.astype(float), 1.0
-    else:
-        step = math.sqrt(3) / 2
-        u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
-        values, weight = _squared(values, weight, u, starts + 0.5 * rows)
-    return LightField(values, weight, offsets, offsets.copy(), u, step * rows, lattice.pitch)
 
 
 @kernel()
@@ -147,11 +205,11 @@ def cubic_taps(part: Any) -> tuple[Any, Any, Any, Any]:
 def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Samples, inside: Samples) -> None:
     rows, columns = image.shape
     count = offsets.shape[0]
-    for k in prange(count * count):
-        t, s = k // count, k % count
-        dx = offsets[s] * along[0] - offsets[t] * along[1]
-        dy = offsets[s] * along[1] + offsets[t] * along[0]
-        for v in range(nodes.shape[0]):
+    for v in prange(nodes.shape[0]):  # by rows of lenses: the image's rows stay at hand
+        for k in range(count * count):
+            t, s = k // count, k % count
+            dx = offsets[s] * along[0] - offsets[t] * along[1]
+            dy = offsets[s] * along[1] + offsets[t] * along[0]
             for u in range(nodes.shape[1]):
                 x, y = nodes[v, u, 0] + dx, nodes[v, u, 1] + dy
                 column, row = math.floor(x), math.floor(y)
@@ -163,7 +221,8 @@ def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Sa
                     for a in range(4):
                         total += down[b] * across[a] * image[row - 1 + b, column - 1 + a]
                 values[t, s, v, u] = total
-                inside[t, s, v, u] = 1.0
+                if inside.shape[0] > 0:
+                    inside[t, s, v, u] = 1.0
 
 
 def _squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:

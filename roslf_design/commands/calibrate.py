@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,12 +17,13 @@ from ..calibration import (
     Calibration,
     CalibrationError,
     CameraDraws,
+    Decoder,
     LightField,
     MicrolensCentres,
     Outcome,
     SideDatum,
 )
-from ..calibration.frames import Capture
+from ..calibration.frames import Capture, Image
 from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
@@ -39,6 +40,7 @@ from .terminal import (
     Flag,
     OptionalOutput,
     StatusLine,
+    bar,
     check_options,
     json_text,
     print_blocks,
@@ -231,7 +233,9 @@ def calibrated(
             capture.white, capture.dark, layout=loaded.microlens_array.layout,
             pitch=calibration.image_pitch(loaded), undistorted_radius=radius,
         )  # fmt: skip
-        observations = calibration.observe(_decoded(capture, centres, status), checkerboard)
+    with bar("boards", len(capture.boards)) as done:
+        observations = calibration.observe(_decoded(capture, centres, done), checkerboard)
+    with StatusLine("calibrate") as status:
         status.tell("fitting")
         fitted, waves = calibration.calibrate_corrected(
             observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
@@ -299,16 +303,22 @@ def _stood(stood: pages.BoardDistances, file: str, found: Calibration, sheet: ca
     return calibration.board_distances(found.fit, sheet, boards, stood.sigma, relative=stood.relative)
 
 
-def _decoded(capture: Capture, centres: MicrolensCentres, status: StatusLine) -> Iterator[tuple[str, LightField]]:
+def _decoded(
+    capture: Capture, centres: MicrolensCentres, done: Callable[[float], None]
+) -> Iterator[tuple[str, LightField]]:
     """Light fields one at a time: a dozen at once would fill the memory."""
-    for number, path in enumerate(capture.boards, 1):
-        status.tell(f"finding the board in {path.name} ({number} of {len(capture.boards)})")
-        image = capture.board(path)
-        try:
-            field = calibration.decode(image, centres.lattice, white=capture.white, dark=capture.dark)
-        except CalibrationError as error:
-            raise CalibrationError(f"{path.name}: {error}") from None
-        yield path.name, field
+    decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
+    for number, path in enumerate(capture.boards):
+        done(number)
+        yield path.name, _light_field(decoder, path, capture.board(path))
+    done(len(capture.boards))
+
+
+def _light_field(decoder: Decoder, path: Path, image: Image) -> LightField:
+    try:
+        return decoder(image)
+    except CalibrationError as error:
+        raise CalibrationError(f"{path.name}: {error}") from None
 
 
 def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: bool) -> None:

@@ -346,7 +346,7 @@ def test_a_link_that_is_long_to_read_is_refused_at_once(value):
 
 def test_a_link_with_more_stops_than_a_page_can_be_drawn_with_is_refused():
     text = dumps(PAPER) + '[[stops]]\ndiameter = "3 mm"\ndistance = "1 mm"\n' * 700
-    with pytest.raises(LinkError, match="stops: there are 700, at most 64 are taken"):
+    with pytest.raises(LinkError, match="stops: has 700 entries, at most 50 can be used"):
         decode(link_of(json.dumps({"design": text, "follows": "d_f", "look": {}})))
 
 
