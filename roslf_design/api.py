@@ -158,6 +158,10 @@ def calibrate(
     posterior: bool = True,
     distortion: Literal[0, 1, 2] = 0,
     diffraction: Literal["auto", "on", "off"] = "auto",
+    d_sigma: str = "0.1%",
+    cell_sigma: str = "0.1%",
+    white_pitch: str | None = None,
+    distances: str | Path | None = None,
 ) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
@@ -179,6 +183,12 @@ def calibrate(
         Radial terms to fit.
     diffraction : {"auto", "on", "off"}
         Whether microlens diffraction is taken off the corners.
+    d_sigma, cell_sigma : str
+        How well the microlens pitch and the board's cells are known.
+    white_pitch : str, optional
+        How well the white image's pitch is known, as "0.01%", where it is to be used.
+    distances : str or Path, optional
+        A TOML file of how far the boards stood.
 
     Raises
     ------
@@ -190,7 +200,11 @@ def calibrate(
     >>> import roslf_design as roslf
     >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
     """
-    return calibrated(Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction)
+    return calibrated(
+        Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
+        d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
+        distances=None if distances is None else Path(distances),
+    )  # fmt: skip
 
 
 def report(design: Design | str | Path) -> Report:
