@@ -137,7 +137,7 @@ class ObjectSpace(Part):
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
-    spans = [(f"elements.{k}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
+    spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
     if not spans and design.object_space.medium is not AIR:
         name = design.object_space.medium.name
@@ -152,7 +152,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 f"{_shown(start)} lies inside the element that reaches from {_shown(near)} to {_shown(far)}; move one"
             )
             problems.append(Problem(f"{place}.distance", message))
-    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops)}}
+    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops, 1)}}
     for place, stop in stops.items():
         for element, near, far in spans:
             if near < stop.distance < far:

@@ -1,0 +1,260 @@
+"""What stands before the main lens, against rays through every face in mpmath; limits, laws, hard cases, bad input."""
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.design import DesignError, dumps, loads
+from roslf_design.theory.quantities import QUANTITIES, quantity_named
+from roslf_design.theory.stop_images import MicrolensImages
+from tests.oracles.object_space import object_side
+
+PAPER = roslf.load("paper").replace({"aperture.distance": 117.0})
+WATER = {"index": 1.333, "abbe": 55.8}
+PLATE = {"kind": "plate", "distance": 118.0, "thickness": 1.0, "material": {"index": 1.5}, "diameter": 8.0}
+
+
+def share(low, high):
+    return st.floats(low, high, allow_nan=False)
+
+
+@st.composite
+def looking_through(draw):
+    """Cameras with up to four elements, the FAP and a stop anywhere between, air or liquid before them."""
+    place, elements, gaps = draw(share(5, 20)), [], []
+    for _ in range(draw(st.integers(1, 4))):
+        gaps.append(place)
+        if draw(st.booleans()):
+            thick, index = draw(share(0.2, 8)), draw(share(1.3, 1.9))
+            elements.append({"kind": "plate", "distance": place, "thickness": thick, "material": {"index": index}})
+            place += thick
+        else:
+            focal = draw(share(30, 300)) * draw(st.sampled_from((-1, 1)))
+            aside = draw(share(-0.3, 0.3))
+            elements.append({"kind": "lens", "distance": place, "focal_length": focal, "decentre": (aside, 0.0)})
+        place += draw(share(1, 20))
+    d_3, stop = (draw(st.sampled_from([*gaps, place])) - draw(share(0.1, 0.9)) for _ in range(2))
+    medium = draw(share(1.0, 1.6))
+    design = PAPER.replace({"aperture.distance": 2.0})
+    try:
+        return design.replace(
+            {
+                "elements": elements,
+                "object_space.medium": {"index": medium},
+                "stops": (
+                    {"diameter": draw(share(2, 9)), "distance": stop, "decentre": (draw(share(-0.5, 0.5)), 0.0)},
+                ),
+                "aperture.distance": d_3,
+                "main_lens.focal_plane": place + draw(share(5, 400)),
+            }
+        )
+    except DesignError:
+        return None
+
+
+def traced(design, heights_and_slopes, planes, exact=False):
+    elements = []
+    for element in sorted(design.elements, key=lambda e: e.distance):
+        if element.kind == "plate":
+            elements.append(("plate", element.distance, element.thickness, element.material.index(design.wavelength)))
+        else:
+            elements.append(("lens", element.distance, element.focal_length, element.decentre[0]))
+    medium = float(design.object_space.medium.index(design.wavelength))
+    return [object_side(x, o, elements, medium, planes, exact) for x, o in heights_and_slopes]
+
+
+@given(looking_through())
+@settings(max_examples=80)
+def test_discs_of_stops_against_rays_through_every_face(design):
+    """The ray through a microlens's middle that ends on the sensor at a disc's rim meets the stop's rim."""
+    if design is None:
+        return
+    camera = Camera.of(design)
+    c = 3.0
+    images = MicrolensImages(camera, [(c, 0.0)])
+    centres, radii = (np.asarray(part)[0, 0] for part in images.discs)
+    with mp.workdps(40):
+        for stop, centre, radius in zip((design.aperture, None, *design.stops), centres, radii, strict=True):
+            if stop is None or not np.isfinite(radius) or radius > 1e3:
+                continue
+            ends = []
+            for sign in (-1, 1):
+                s = (mp.mpf(centre[0]) + sign * mp.mpf(radius)) / mp.mpf(design.d_2)
+                height = c - s * mp.mpf(design.d_1)
+                ends.append((height, s + height / mp.mpf(design.f)))
+            met = sorted(float(heights[0]) for heights in traced(design, ends, [stop.distance]))
+            rim = [stop.decentre[0] - stop.diameter / 2, stop.decentre[0] + stop.diameter / 2]
+            # How far an error of the sensor's last digit throws the ray on the stop's plane.
+            thrown = stop.diameter / 2 / radius * (abs(centre[0]) + radius)
+            assert_allclose(met, rim, rtol=0, atol=1e-11 * (1 + thrown))
+
+
+@given(looking_through())
+@settings(max_examples=80)
+def test_the_focal_plane_is_where_rays_of_one_microlens_meet(design):
+    if design is None:
+        return
+    camera = Camera.of(design)
+    with mp.workdps(40):
+        c, ends = mp.mpf(2), []
+        for s in (mp.mpf("-0.02"), mp.mpf("0.013")):
+            height = c - s * mp.mpf(design.d_1)
+            ends.append((height, s + height / mp.mpf(design.f)))
+        (one,), (other,) = traced(design, ends, [design.d_f])
+        reach = max(abs(one), abs(other), 1)
+        assert abs(one - other) < 1e-9 * reach
+        # On the axis's side of it, as far from where the axis meets it as the object scale says.
+        ((axis,),) = traced(design, [(0, 0)], [design.d_f])
+        assert abs(abs(one - axis) - 2 * float(QUANTITIES["object_sample_mm"](camera)) / design.d) < 1e-8 * reach
+
+
+def test_exact_rays_near_the_axis_are_the_paraxial_ones():
+    """By Snell's law, ever nearer the axis: the paraxial planes are the limit, and it is met like the angle squared."""
+    design = PAPER.replace({"elements": [PLATE], "object_space.medium": WATER})
+    with mp.workdps(40):
+        off = []
+        for slope in (mp.mpf("1e-4"), mp.mpf("1e-6")):
+            (exact,), (paraxial,) = (traced(design, [(0, slope)], [design.d_f], kind)[0:1] for kind in (True, False))
+            off.append(abs(exact[0] / paraxial[0] - 1))
+    assert off[1] < 1e-12
+    assert off[0] / off[1] == pytest.approx(1e4, rel=1e-3)
+
+
+@pytest.mark.parametrize("change", [{"thickness": 1e-12}, {"material": {"index": 1.0}}])
+def test_a_plate_that_is_nothing_changes_nothing(change):
+    bare = roslf.evaluate(PAPER.replace({"main_lens.focal_plane": 350.0}))
+    plate = PAPER.replace({"elements": [{**PLATE, **change, "diameter": 50.0}], "main_lens.focal_plane": 350.0})
+    seen = roslf.evaluate(plate)
+    for name in ("f_number", "non_distortion", "microlens_image", "sampling", "depth"):
+        for key, value in vars(getattr(bare, name)).items():
+            if isinstance(value, float):
+                assert getattr(getattr(seen, name), key) == pytest.approx(value, rel=1e-10), (name, key)
+
+
+def test_a_window_moved_between_two_stops_changes_nothing():
+    """Nothing but where its own faces cut."""
+    stops = ({"diameter": 6.0, "distance": 60.0},)
+    here, there = (
+        PAPER.replace(
+            {"elements": [{**PLATE, "distance": z, "diameter": None}], "stops": stops, "main_lens.focal_plane": 300.0}
+        )
+        for z in (70.0, 110.0)
+    )
+    a, b = (roslf.evaluate(design).to_dict() for design in (here, there))
+    assert a.pop("design") == b.pop("design")
+
+    def close(x, y, place):
+        if isinstance(x, dict):
+            assert x.keys() == y.keys()
+            for key in x:
+                close(x[key], y[key], f"{place}.{key}")
+        elif isinstance(x, list):
+            for k, (u, v) in enumerate(zip(x, y, strict=True)):
+                close(u, v, f"{place}.{k}")
+        elif isinstance(x, float):
+            assert x == pytest.approx(y, rel=1e-9, abs=1e-9), place
+
+    close(a, b, "")
+
+
+def test_water_moves_the_focal_plane_to_n_fold_its_distance_and_depth_errors_with_it():
+    """In front of a window of no thickness the plane in focus lies n times as far from it, with n times the sigma."""
+    window = {**PLATE, "thickness": 1e-9, "distance": 118.0}
+    air, water = (
+        PAPER.replace(
+            {"elements": [window], "object_space.medium": {"index": n}, "microlens_array.distance": PAPER.d_1}
+        )
+        for n in (1.0, 1.333)
+    )
+    assert water.d_f - 118 == pytest.approx(1.333 * (air.d_f - 118), rel=1e-9)
+    sigma_air, sigma_water = (quantity_named("sigma_z_mm")(Camera.of(design)) for design in (air, water))
+    assert sigma_water == pytest.approx(1.333 * sigma_air, rel=1e-9)
+    same = "fill_factor", "image_diameter_mm", "object_sample_mm", "field_half_width_mm", "view_baseline_mm"
+    for name in same:
+        assert quantity_named(name)(Camera.of(water)) == pytest.approx(
+            float(quantity_named(name)(Camera.of(air))), rel=1e-9
+        )
+
+
+def test_glass_about_the_array_is_reduced():
+    """Cover and substrate behind the lenslets take t (1 - 1/n) off d_2; a substrate before them off d_1."""
+    cover, plate = {"thickness": 0.4, "material": {"index": 1.5}}, {"thickness": 1.2, "material": {"index": 1.6}}
+    behind = Camera.of(PAPER.replace({"sensor.cover": cover, "microlens_array.substrate": plate}))
+    assert behind.d_2 == pytest.approx(2 - 0.4 * (1 - 1 / 1.5) - 1.2 * (1 - 1 / 1.6), rel=1e-14)
+    assert behind.d_1 == 140
+    before = Camera.of(PAPER.replace({"microlens_array.substrate": {**plate, "lenslets": "sensor"}}))
+    assert before.d_1 == pytest.approx(140 - 1.2 * (1 - 1 / 1.6), rel=1e-14)
+    assert before.d_2 == 2
+    assert 1 / before.d_f + 1 / before.d_1 == pytest.approx(1 / 100, rel=1e-12)
+
+
+def test_a_pupil_in_the_focus_of_an_objective_is_finite():
+    """The FAP's image lies at infinity: all numbers are the limit of those beside it."""
+    lens = {
+        "kind": "lens",
+        "distance": 400.0,
+        "focal_length": 30.0,
+    }  # its image of the scene is what the main lens sees
+    at, near = (
+        PAPER.replace({"elements": [lens], "aperture.distance": 430.0 - off, "main_lens.focal_plane": 445.0})
+        for off in (0.0, 1e-7)
+    )
+    here, there = (Camera.of(design) for design in (at, near))
+    for name in ("fill_factor", "image_diameter_mm", "image_pitch_mm", "sigma_z_mm", "non_distortion_room_mm"):
+        value = float(quantity_named(name)(here))
+        assert math.isfinite(value), name
+        assert value == pytest.approx(float(quantity_named(name)(there)), rel=1e-5), name
+
+
+def test_files_hold_elements():
+    design = PAPER.replace(
+        {
+            "elements": [
+                {**PLATE, "material": "N-BK7"},
+                {"kind": "prism", "distance": 10.0, "thickness": 5.0, "material": WATER, "deviation": 0.5},
+                {"kind": "lens", "distance": 20.0, "focal_length": -300.0},
+                {"kind": "grin", "distance": 30.0, "thickness": 8.0, "index": 1.6, "gradient": 0.002},
+                {"kind": "prescription", "distance": 50.0, "prescription": "LA1050-A"},
+            ],
+            "main_lens.focal_plane": 165.0,
+            "object_space.medium": WATER,
+            "sensor.cover": {"thickness": 0.4, "material": "N-BK7"},
+            "microlens_array.substrate": {"thickness": 0.5, "material": {"index": 1.46}},
+        }
+    )
+    assert loads(dumps(design)) == design
+    assert Camera.of(design) == Camera.of(loads(dumps(design)))
+    moved = Camera.of(design, {"elements.0.thickness": np.array([1.0, 1.1])})
+    one = design.replace({"elements.0.thickness": 1.1})
+    assert moved.rims[2].distance[1] == pytest.approx(float(Camera.of(one).rims[2].distance), rel=1e-12)
+    assert moved["main_lens.focal_plane"][1] == pytest.approx(one.d_f, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"object_space.medium": WATER}, r"object_space.medium: nothing keeps n = 1.333.* from the main lens; add"),
+        ({"elements": [{**PLATE, "material": "N-BK8"}]}, r"elements.1.material: .*the nearest known is 'N-BK7'"),
+        ({"elements": [{**PLATE, "distance": 116.5}]}, r"aperture.distance: 117 mm lies inside .*; move it out"),
+        ({"elements": [PLATE, {**PLATE, "distance": 118.5}]}, r"elements.2.distance: 118.5 mm lies inside the element"),
+        ({"elements": [{**PLATE, "kind": "plat"}]}, r"elements.1.kind: .*did you mean 'plate'"),
+        (
+            {"elements": [{**PLATE, "distance": 400.0}]},
+            r"main_lens.focal_plane: .* is not in front of the",
+        ),
+        (
+            {"elements": [{**PLATE, "material": {"index": 0.5}}]},
+            r"elements.1.material: an index must be a number from 1",
+        ),
+    ],
+)
+def test_bad_elements_are_told(change, said):
+    with pytest.raises(DesignError, match=said):
+        PAPER.replace(change)
