@@ -23,6 +23,7 @@ from ..calibration import (
     Outcome,
     SideDatum,
 )
+from ..calibration.decoding import Samples
 from ..calibration.frames import Capture, Image
 from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
@@ -31,6 +32,7 @@ from ..calibration.result import LAPLACE_DRAWS
 from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import InputError, Problem
+from ..pictures.calibration import what_was_seen
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
 from ..reporting.printers import render_html
@@ -164,7 +166,13 @@ def calibrate(
             d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances,
         )  # fmt: skip
     except CalibrationError as error:
-        raise InputError((Problem("", " ".join(str(error).split())),), str(folder)) from None
+        text = " ".join(str(error).split())
+        if isinstance(error, UnfinishedError):
+            picture = what_was_seen(error.centres, error.views)
+            drawn = file_of(picture.svg(name="calibration-failed"))
+            write_files(output, {"failed.svg": drawn, "failed.png": picture.to_png()})
+            text += f" (what was seen: {output / 'failed.png'})"
+        raise InputError((Problem("", text),), str(folder)) from None
     command = typed(
         "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, d_sigma=d_sigma,
         cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
@@ -192,6 +200,14 @@ def calibrate(
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
     print(f"\nWritten to {output}: {', '.join((*files, 'index.html'))}\n{seconds:.1f} s")
+
+
+class UnfinishedError(CalibrationError):
+    """A calibration that failed after images of the board were decoded; `views` are their central ones."""
+
+    def __init__(self, message: str, centres: MicrolensCentres, views: Mapping[str, Samples]) -> None:
+        super().__init__(message)
+        self.centres, self.views = centres, views
 
 
 def calibrated(
@@ -233,36 +249,42 @@ def calibrated(
             capture.white, capture.dark, layout=loaded.microlens_array.layout,
             pitch=calibration.image_pitch(loaded), undistorted_radius=radius,
         )  # fmt: skip
-    with bar("boards", len(capture.boards)) as done:
-        observations = calibration.observe(_decoded(capture, centres, done), checkerboard)
-    with StatusLine("calibrate") as status:
-        status.tell("fitting")
-        fitted, waves = calibration.calibrate_corrected(
-            observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
-            dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
-        )  # fmt: skip
-        data = []
-        if white is not None:
-            data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))
-        if stood is not None:
-            data.append(_stood(stood, str(distances), fitted, sheet))
-        if no_posterior:
-            draws: CameraDraws = calibration.laplace_draws(
-                fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed), data
-            )
-        else:
-            status.tell("sampling the posterior")
-
-            def progress(steps: int, worst: float, least: float) -> None:
-                status.tell(
-                    f"sampling the posterior: {steps} steps, R-hat {worst:.4f}, effective sample size {least:.0f}"
+    views: dict[str, Samples] = {}
+    try:
+        with bar("boards", len(capture.boards)) as done:
+            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard)
+        with StatusLine("calibrate") as status:
+            status.tell("fitting")
+            fitted, waves = calibration.calibrate_corrected(
+                observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
+                dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
+            )  # fmt: skip
+            data = []
+            if white is not None:
+                data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))
+            if stood is not None:
+                data.append(_stood(stood, str(distances), fitted, sheet))
+            if no_posterior:
+                draws: CameraDraws = calibration.laplace_draws(
+                    fitted.fit, sheet, LAPLACE_DRAWS, np.random.default_rng(seed), data
                 )
+            else:
+                status.tell("sampling the posterior")
 
-            size = sample_size_for(accuracy)
-            most = most_steps_for(size)
-            draws = calibration.sample_posterior(
-                fitted.fit, sheet, seed=seed, ess=size, most_steps=most, data=data, progress=progress
-            )
+                def progress(steps: int, worst: float, least: float) -> None:
+                    status.tell(
+                        f"sampling the posterior: {steps} steps, R-hat {worst:.4f}, effective sample size {least:.0f}"
+                    )
+
+                size = sample_size_for(accuracy)
+                most = most_steps_for(size)
+                draws = calibration.sample_posterior(
+                    fitted.fit, sheet, seed=seed, ess=size, most_steps=most, data=data, progress=progress
+                )
+    except CalibrationError as error:
+        if not views:
+            raise
+        raise UnfinishedError(str(error), centres, views) from error
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
         seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius, data=data,
@@ -304,13 +326,16 @@ def _stood(stood: pages.BoardDistances, file: str, found: Calibration, sheet: ca
 
 
 def _decoded(
-    capture: Capture, centres: MicrolensCentres, done: Callable[[float], None]
+    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], done: Callable[[float], None]
 ) -> Iterator[tuple[str, LightField]]:
-    """Light fields one at a time: a dozen at once would fill the memory."""
+    """Light fields one at a time, of which `views` keeps the central ones: a dozen at once would fill the memory."""
     decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
     for number, path in enumerate(capture.boards):
         done(number)
-        yield path.name, _light_field(decoder, path, capture.board(path))
+        field = _light_field(decoder, path, capture.board(path))
+        views[path.name] = field.view().copy()
+        yield path.name, field
+        del field
     done(len(capture.boards))
 
 

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .marks import (
     Area,
     Disc,
     Dots,
     Floats,
+    Image,
     Key,
     Line,
     Mark,
@@ -28,11 +30,56 @@ from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, named_t
 from .theme import MANY, PLAIN, SMALL
 
 if TYPE_CHECKING:
+    from ..calibration.centres import MicrolensCentres
     from ..calibration.result import Outcome
 
 DOTS = 2000
 """Most dots of a cloud: more would only make the picture larger."""
 SIGNS = "os^Dv<>"
+
+
+def what_was_seen(centres: MicrolensCentres, views: Mapping[str, NDArray[np.floating]]) -> Picture:
+    """Draw what there was before a calibration failed: which microlenses spoke, and the boards' central views."""
+    box, gap, columns = 220.0, 28.0, 3
+    shown = list(views.items())[:8]
+    places = centres.centres
+    marks: list[Mark] = []
+    keys: list[Key] = []
+    for reason, (said, count) in zip(np.unique(centres.reasons), centres.counts().items(), strict=True):
+        own = places[centres.reasons == reason]
+        colour, text = MANY[reason % len(MANY)], f"{count} {said}"
+        marks.append(Dots(*xy(np.random.default_rng(0).permutation(own)[:DOTS]), colour, size=1.2))
+        keys.append(dot_key(text, colour, size=2.6))
+    panels = []
+    for number in range(1 + len(shown)):
+        at = (16 + (box + gap) * (number % columns), 26 + (box + gap) * (number // columns))
+        title, drawn = "microlenses of the white image", tuple(marks)
+        low, high = places.min(axis=0), places.max(axis=0)
+        if number:
+            title, view = shown[number - 1]
+            low, high = np.zeros(2), np.array(view.shape[::-1], float)
+            dark, bright = np.quantile(view, (0.005, 0.995))
+            shades = np.clip(view, dark, bright)[::-1]
+            ends = (0.0, high[0], 0.0, high[1])
+            drawn = (Image(shades, ends, "grey", float(dark), float(max(bright, dark + 1e-9))),)
+        size = (high - low) / (high - low).max() * box
+        # Rows of images run downwards; those of `Image` upwards.
+        y = Scale(high[1], low[1]) if number == 0 else Scale(low[1], high[1])
+        panels.append(
+            Panel(
+                (*at, *size), Scale(low[0], high[0]), y, drawn, title=title, x_ticks=(), y_ticks=(), grid="", equal=True
+            )
+        )
+    foot = max(panel.bottom for panel in panels) + 14
+    size = (PAGE, foot + legend_height(keys, PAGE - 40))
+    return Picture(
+        "failed",
+        "What was seen before the calibration failed",
+        size,
+        tuple(panels),
+        tuple(keys),
+        (14.0, foot, PAGE - 40),
+    )
 
 
 def residuals(result: Outcome) -> Picture:

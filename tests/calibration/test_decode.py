@@ -1,11 +1,12 @@
 """Decoding against images whose every sample is known, and a real light-field microscope."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from roslf_design.calibration import CalibrationError, CentreLattice, decode, find_centres
+from roslf_design.calibration import CalibrationError, CentreLattice, Decoder, decode, find_centres
 from tests.oracles.calibration import nodes_over, white_image
 
 
@@ -52,6 +53,34 @@ def test_the_white_image_takes_off_vignetting_and_the_dark_frame_its_offset():
     np.testing.assert_allclose(field.values[seen] / np.median(field.values[seen]), 1.0, rtol=1e-5)
     assert field.weight[len(field.t) // 2, len(field.s) // 2].max() == pytest.approx(1.0, abs=0.02)
     assert (field.weight[0, 0] == 0).mean() > 0.9  # the corners between round images see nothing
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_images_of_one_camera_share_what_the_white_image_says(layout):
+    truth = nodes_over((200, 200), 12.3, 0.02, layout)
+    white = 1000 * white_image((200, 200), truth, 5.5)
+    lattice = find_centres(white).lattice
+    decoder = Decoder.of(lattice, white.shape, white=white)
+    first, second = decoder(0.2 * white), decoder(0.6 * white)
+    seen = first.weight > 0
+    np.testing.assert_allclose(second.values[seen], 3 * first.values[seen], rtol=1e-5)
+    np.testing.assert_array_equal(first.values, decode(0.2 * white, lattice, white=white).values)
+    assert first.weight is second.weight or layout == "hexagonal"  # whole light fields of weights for every board
+    with pytest.raises(CalibrationError, match="differ in size"):
+        decoder(white[:100])
+
+
+def test_a_bent_lattice_is_decoded_where_its_images_are():
+    """Discs displaced by up to 2.5 px: read at their own centres, every view inside them is evenly lit."""
+    away = nodes_over((500, 500), 12.3, 0.02, "square") - 249.5
+    truth = 249.5 + away - 2.5 * away / 353.0 * (np.square(away).sum(axis=1) / 353.0**2)[:, None]
+    white = white_image((500, 500), truth, 5.5)
+    found = find_centres(white)
+    field = decode(white, found.lattice)
+    view = field.view(3.0, -2.0)[2:-2, 2:-2]  # 3.6 px off the centre
+    straight = decode(white, replace(found.lattice, bend=None)).view(3.0, -2.0)[2:-2, 2:-2]
+    assert straight.min() < 0.7  # beside the discs' rims
+    np.testing.assert_allclose(view, 1.0, atol=0.02)
 
 
 def test_a_moving_point_draws_a_line_of_its_slope_in_the_epi():

@@ -291,7 +291,7 @@ def parallel(folder):
         saturated_white, none_found, parallel,
     ],
 )  # fmt: skip
-def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, captured, images, tmp_path, spoil):
+def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captured, images, tmp_path, spoil):
     said = spoil(images)
     out = tmp_path / "out"
     code, printed, err = run(
@@ -301,7 +301,13 @@ def test_spoilt_captures_are_one_line_exit_2_and_nothing_written(capsys, capture
     assert said in err
     assert err.startswith(f"roslf: {images}: ")
     assert len(err.splitlines()) == 1
-    assert not out.exists()
+    if spoil in (none_found, parallel):  # by then there is something to look at
+        assert f"(what was seen: {out / 'failed.png'})" in err
+        assert sorted(path.name for path in out.iterdir()) == ["failed.png", "failed.svg"]
+        svg = (out / "failed.svg").read_text()
+        assert all(text in svg for text in ("microlenses of the white image", "board1.tif", "board5.tif"))
+    else:
+        assert not out.exists()
 
 
 @pytest.mark.parametrize(
