@@ -16,6 +16,7 @@ import json
 import logging
 import multiprocessing
 import os
+import signal
 import threading
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -197,7 +198,8 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
     while left:
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
         try:
-            running = {pool.submit(work, index): index for index in left}
+            with _ctrl_c_later():
+                running = {pool.submit(work, index): index for index in left}
             for future in as_completed(running):
                 content, index = future.result(), running.pop(future)
                 del left[index]
@@ -214,8 +216,20 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
             pool.shutdown(wait=False, cancel_futures=True)
 
 
+@contextlib.contextmanager
+def _ctrl_c_later() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start: they inherit that, and print no traceback from the midst of an import."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _end_with_parent() -> None:
-    """End this worker when its parent is killed; it would else wait for work for ever."""
+    """End this worker when its parent is killed (it would else wait for work for ever), and quietly on Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process()
     assert parent is not None
 

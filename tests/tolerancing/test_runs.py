@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -391,6 +392,18 @@ def test_an_unwritable_place_is_one_clear_error(tmp_path, way, code):
     assert errors.startswith("roslf: ")
     with contextlib.suppress(OSError):
         assert not list((tmp_path / "out" / "chunks").glob("*"))
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.3, 0.5])
+def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
+    process = roslf(write_study(tmp_path, 400_000), "-o", tmp_path / "out", "--workers", "2", start_new_session=True)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while len(children.read_text().split()) < 3 and process.poll() is None:  # a resource tracker and two workers
+        time.sleep(0.005)
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert errors == "roslf: stopped\n"
 
 
 def test_help_shows_an_example(capsys):
