@@ -162,6 +162,18 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 )
     if problems or known:
         return tuple(problems)
+    substrate, behind = design.microlens_array.substrate, design.sensor.cover
+    plates = [0.0 if plate is None else plate.thickness for plate in (substrate, behind)]
+    before = substrate is not None and substrate.lenslets == "sensor"
+    for place, room, glass in (
+        ("microlens_array.distance", design.d_1, plates[0] if before else 0.0),
+        ("sensor.distance", design.d_2, plates[1] if before else sum(plates)),
+    ):
+        if glass > room * (1 + 1e-9):
+            message = (
+                f"{_shown(room)} does not hold the {_shown(glass)} of glass in it; lengthen it or take thinner glass"
+            )
+            problems.append(Problem(place, message))
     d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
     if not tip <= d_f < math.inf:
         message = (

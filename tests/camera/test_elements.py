@@ -246,6 +246,23 @@ def test_files_hold_elements():
         ({"elements": [PLATE, {**PLATE, "distance": 118.5}]}, r"elements.2.distance: 118.5 mm lies inside the element"),
         ({"elements": [{**PLATE, "kind": "plat"}]}, r"elements.1.kind: .*did you mean 'plate'"),
         (
+            {
+                "sensor.cover": {"thickness": 1.2, "material": "D263"},
+                "microlens_array.substrate": {"thickness": 1.0, "material": {"index": 1.5}},
+            },
+            "sensor.distance: 2 mm does not hold the 2.2 mm of glass in it",
+        ),
+        (
+            {
+                "microlens_array.substrate": {
+                    "thickness": 150.0,
+                    "material": {"index": 1.1},
+                    "lenslets": "sensor",
+                },
+            },
+            r"microlens_array.distance: 140 mm does not hold the 150 mm of glass",
+        ),
+        (
             {"elements": [{**PLATE, "distance": 400.0}]},
             r"main_lens.focal_plane: .* is not in front of the",
         ),
