@@ -79,7 +79,7 @@ class Design(Part, Symbols[float]):
             self.main_lens.prescription,
             turned=self.main_lens.reversed,
         )
-        if chain is not None or self.object_space.medium is not AIR:
+        if chain is not None or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})

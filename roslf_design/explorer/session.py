@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import re
 import sys
 import tempfile
@@ -249,11 +248,7 @@ class Session:
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
-        place = path.strip()
-        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):
-            self._say(f"{place}: is a pipe or a device; name a file on disk")
-        else:
-            self._load(lambda: load(place))
+        self._load(lambda: load(path.strip()))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""
