@@ -139,7 +139,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
     spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
-    if not spans and design.object_space.medium is not AIR:
+    if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (
             f"nothing keeps {name} from the main lens; add the window that seals it off to [[elements]], or drop it"

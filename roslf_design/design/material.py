@@ -25,7 +25,7 @@ def _material(value: Any) -> Glass:
 
 
 def _written(glass: Glass) -> str | dict[str, float]:
-    if glass.formula == "constant" and glass is not AIR:
+    if glass.formula == "constant" and glass != AIR:
         return {"index": glass.coefficients[0]}
     if glass.formula == "abbe":
         return dict(zip(("index", "abbe"), glass.coefficients, strict=True))
