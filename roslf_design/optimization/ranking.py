@@ -22,7 +22,7 @@ from pydantic import Field
 
 from ..camera import TIP, Camera, Number
 from ..design import PATHS
-from ..design.conjugates import CONJUGATES
+from ..design.conjugates import CONJUGATES, REFRACTING
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
@@ -174,7 +174,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
     chain = problem.base.chain
-    if chain is not None and (chain.bends or any(name.startswith("elements.") for name in names)):
+    if chain is not None and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
@@ -198,11 +198,17 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
     units = low + corners[:, None, :] * (high - low)
     numbers = {**combinations.values(owner), **problem.values(units)}
-    focal = numbers.get(CONJUGATES[0], problem.base.f)
-    for place in CONJUGATES[1:]:
+    focal, chain = numbers.get(CONJUGATES[0], problem.base.f), problem.base.chain
+    least = focal * (1 + 2 * ROOM)
+    if chain is not None:
+        glass = problem.base.replace({place: number for place, number in numbers.items() if place not in CONJUGATES})
+        leasts = glass.plane_seen_at(least), least + chain.before_array(glass.numbers)
+    else:
+        leasts = least, least
+    for place, lowest in zip(CONJUGATES[1:], leasts, strict=True):
         if place in numbers and not (CONJUGATES[1] in numbers and CONJUGATES[2] in numbers):
             # What lies beyond holds no camera; the corner moves to where cameras begin.
-            numbers[place] = np.maximum(numbers[place], focal * (1 + 2 * ROOM))
+            numbers[place] = np.maximum(numbers[place], lowest)
     with np.errstate(all="ignore"):
         cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
         shape = units.shape[:2]
@@ -308,7 +314,7 @@ def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorFi
 def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
     """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
     gaps = np.array([1e-6, 1e-9])
-    values = part.each(base.replace({"aperture.distance": base.d_f * (1 - gaps)}), sensor_field(base))
+    values = part.each(base.replace({"aperture.distance": base[CONJUGATES[1]] * (1 - gaps)}), sensor_field(base))
     near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
     if nearer > 30 * near:
         return "pole" if part.quantity.positive else "jump"
