@@ -258,3 +258,13 @@ def test_files_hold_elements():
 def test_bad_elements_are_told(change, said):
     with pytest.raises(DesignError, match=said):
         PAPER.replace(change)
+
+
+@pytest.mark.parametrize("name", ["water", "saline", "B270", "sapphire", "fused silica"])
+def test_materials_by_name_come_back_from_a_file_by_name(name):
+    design = PAPER.replace({"elements": [{**PLATE, "material": name}], "object_space.medium": name})
+    again = loads(dumps(design))
+    assert again == design
+    assert f'material = "{again.elements[0].material.name}"' in dumps(design)
+    with pytest.raises(DesignError, match=r"object_space.medium: 'sallne' is not .* nearest known is 'saline'"):
+        PAPER.replace({"elements": [PLATE], "object_space.medium": "sallne"})
