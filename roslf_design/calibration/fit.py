@@ -244,7 +244,7 @@ def step_one(
     fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *shared_names(distortion)[3:]))
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
-    if fit.camera.A < 0.01 * (guess or A):  # no board is foreshortened: A shrinks without end
+    if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
         raise CalibrationError(f"A not determined: {_PARALLEL}")
     return StepOne(fit.camera, fit.poses, fit.rms)
 
