@@ -147,7 +147,7 @@ def test_fates_after_the_last_opening():
     assert describe(Status.APERTURE) == "clipped by flexible angular plane"
     assert describe(18) == "clipped by stop 2"
     with pytest.raises(ValueError, match="is not a ray status"):
-        describe(6)
+        describe(8)
 
 
 def test_a_pupil_whose_image_lies_on_the_array_sends_no_traceable_rays():
