@@ -254,6 +254,12 @@ class Camera(Symbols[Number]):
         return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
 
     @cached_property
+    def front(self) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
+        end: Number = 0.0 if self.chain is None else self.chain.end(self._numbers)
+        return end, self.plane(np.nextafter(end, np.inf))
+
+    @cached_property
     def focus(self) -> Plane:
         """The focal plane."""
         return self.plane(self._numbers[PATHS["d_f"]])

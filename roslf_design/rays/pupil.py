@@ -33,6 +33,10 @@ class Status(IntEnum):
     """Landed on the sensor, outside its own microlens's cell."""
     UNTRACEABLE = 5
     """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
+    REFLECTED = 6
+    """Totally reflected inside a window, prism, rod or lens before the main lens."""
+    ELEMENT = 7
+    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
     APERTURE = 16
     """Clipped by the flexible angular plane (FAP), which is stop 0; further stops follow."""
 
@@ -47,6 +51,8 @@ _NAMES = {
     Status.OFF_SENSOR: "off the sensor",
     Status.NEIGHBOUR: "in a neighbour's cell",
     Status.UNTRACEABLE: "untraceable",
+    Status.REFLECTED: "totally reflected",
+    Status.ELEMENT: "clipped by an element",
     Status.APERTURE: "clipped by flexible angular plane",
 }
 
@@ -65,7 +71,7 @@ def describe(code: int) -> str:
         return _NAMES[Status(code)]
     except ValueError:
         raise ValueError(
-            f"{code} is not a ray status: expected 0 to 5, or {Status.APERTURE} + a stop's index"
+            f"{code} is not a ray status: expected 0 to 7, or {Status.APERTURE} + a stop's index"
         ) from None
 
 
