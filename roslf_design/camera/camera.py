@@ -404,6 +404,18 @@ class Camera(Symbols[Number]):
         """Vertex and axes of a part of the design, in the main lens's frame (its vertex, its axes)."""
         return self._poses[part]
 
+    def stands(self, part: str) -> Frame:
+        """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
+        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
+        z = {"main_lens": 0.0, "microlens_array": d_1, "sensor": plus(d_1, d_2)}
+        decentre, tilt = (
+            (self._numbers[f"{place}.{pose}.0"], self._numbers[f"{place}.{pose}.1"]) for pose in ("decentre", "tilt")
+        )
+        at = z[part] if part in z else minus(0.0, self._rim_of[part].stands)
+        turn = self._numbers["microlens_array.rotation"] if part == "microlens_array" else 0.0
+        return frame(decentre, at, tilt, turn)
+
     @cached_property
     def world(self) -> Frame:
         """The system's own axes, in which object points are given, in the main lens's frame."""

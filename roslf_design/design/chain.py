@@ -92,7 +92,7 @@ class Chain:
         for k in self.order:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
             inside = np.clip(z - start, 0.0, length)
-            gap = np.minimum(start, z) - place
+            gap = np.maximum(np.minimum(start, z) - place, 0.0)
             a, b = a + gap * c, b + gap * d
             shifts = [(e - gap * f, f) for e, f in shifts]
             passed = np.greater(z, start)
