@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, Plane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
@@ -267,7 +267,9 @@ class Camera(Symbols[Number]):
 
         Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
         """
-        return self._numbers[PATHS["D_F"]] if self.chain is None else np.copysign(2 * self.fap.radius, self.gap)
+        if self.chain is None:
+            return self._numbers[PATHS["D_F"]]
+        return np.asarray(np.where(np.real(self.gap) < 0, -2.0, 2.0) * self.fap.radius)[()]
 
     @cached_property
     def d_1(self) -> Number:
@@ -369,7 +371,7 @@ class Camera(Symbols[Number]):
         if self.chain is None:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
-        scale = np.abs(plane.magnification)
+        scale = magnitude(plane.magnification)
         return Rim(name, part, radius / scale, plane.distance, stands, scale)
 
     @cached_property
