@@ -144,7 +144,7 @@ def element_name(element: AnyElement, number: int) -> str:
 def made_of(element: AnyElement) -> tuple[str, ...]:
     """What it is, in a few words each: size and material, focal length, deviation."""
     if isinstance(element, Block):
-        told = [f"{length(element.thickness)} {element.material.name}"]
+        told = [f"{length(element.thickness)} of {element.material.name}"]
     elif isinstance(element, FieldLens):
         told = [f"f = {length(element.focal_length)}"]
     elif isinstance(element, Grin):

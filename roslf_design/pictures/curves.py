@@ -200,6 +200,9 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         start = next((s for s in (at + away, at - away - wide) if 0 <= s <= room - wide), max(room - wide, 0.0))
         return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
 
+    # No stop stands in glass.
+    spans = [(element.distance, element.distance + element.length) for element in thin.elements if element.length]
+    glass = [(near, min(far, across.high)) for near, far in spans if near < across.high]
     marks: list[Mark] = []
     if (plane.margin > 0).any():
         region = where_above(plane.margin, plane.d_3, plane.D_F, 0.0)
@@ -211,6 +214,9 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         real = np.isfinite(curve)
         marks.append(Line(plane.d_3[real], curve[real], *look))
     telecentric = _telecentric(Camera.of(thin))
+    marks += [
+        Area([near, far, far, near], [0.0, 0.0, up.high, up.high], "grey", 0.9, hatch=True) for near, far in glass
+    ]
     if telecentric <= across.high:
         words = "telecentric: d_3 = f" if Camera.of(thin).chain is None else "telecentric"
         marks.append(Line([telecentric, telecentric], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
@@ -227,6 +233,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         line_key("approximation, Eq. 8", "orange", 1.6, "7 4"),
         box_key(f"whole sensor undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
         dot_key("this design", "vermillion", size=5),
+        *([box_key("glass stands there", "grey", 0.9, hatch=True)] if glass else []),
     ]
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "FAP distance d_3 [mm]", "FAP diameter D_F [mm]")
     title = (
