@@ -130,7 +130,7 @@ class Chain:
         index: Number = 1.0
         for k in self.order[behind:]:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = step.on(np.minimum(start, z) - step.place)
+            step = step.on(np.maximum(np.minimum(start, z) - step.place, 0.0))
             passed = np.greater(z, start)
             if not np.any(passed):
                 return step.plane(index)
