@@ -169,9 +169,14 @@ class Chain:
         """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
         if not self.elements:
             return distance
-        far = self.end(numbers)
-        last = self.plane(numbers, np.nextafter(far, np.inf))
+        far, last = self.front(numbers)
         return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
+
+    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
+        far = self.end(numbers)
+        behind = np.nextafter(np.real(far), np.inf) - np.real(far)  # a complex number's derivative stays
+        return far, self.plane(numbers, far + behind)
 
     @property
     def bends(self) -> bool:
