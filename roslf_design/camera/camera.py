@@ -256,8 +256,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, Plane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        end: Number = 0.0 if self.chain is None else self.chain.end(self._numbers)
-        return end, self.plane(np.nextafter(end, np.inf))
+        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
 
     @cached_property
     def focus(self) -> Plane:

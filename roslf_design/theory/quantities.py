@@ -280,6 +280,13 @@ register(
         at="optional",
     ),
     Quantity(
+        "field_half_angle_deg",
+        "deg",
+        "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
+        **_over_field(lambda c, _, field: np.rad2deg(1.0) * light.field_angle(c, field.half[0])),
+        monotone=False,
+    ),
+    Quantity(
         "object_sample_mm",
         "mm",
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
