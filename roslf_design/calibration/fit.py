@@ -34,6 +34,9 @@ _MOST = 200
 _SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_1": 10.0, "k_2": 1000.0}
 _LOST = 0.3
 """Relative standard deviation of A, m or d_2 above which it counts as not determined."""
+_CHANCE = 1e-3
+"""Share of sets of parallel boards whose noise may pass for tilts."""
+_PARALLEL = "the boards are all parallel, as far as their corners tell; tilt them by 20 degrees in several directions"
 _FAR = 3.0
 """Standard deviations beyond which a corner pulls no harder (Huber's loss): scatter alone puts one in 400 there."""
 VISIBLE = 2.0
@@ -85,18 +88,16 @@ def calibrate(
         first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
         second = step_two(observations, lines, first)
         joint = refine(observations, second.camera, first.poses, names)
-        lost = undetermined(joint.covariance, joint.camera)
-        if lost:
-            raise CalibrationError(f"{lost} not determined to 30 %: {_why(joint.poses)}")
+        _refuse_lost(joint.covariance, joint.camera, joint.poses)
+        statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
+        fit = fit_statistics(statistics, joint.camera, joint.poses, names)
+        _refuse_lost(fit.covariance, fit.camera, fit.poses)
     except CalibrationError as error:
         if _all_parallel(observations, lines):
             raise CalibrationError(
-                "A, x_0 and y_0 (and with them d_2, H and d_3) are not determined: the boards are all parallel, as far"
-                " as their corners tell; tilt them by 20 degrees in several directions"
+                f"A, x_0 and y_0 (and with them d_2, H and d_3) are not determined: {_PARALLEL}"
             ) from error
         raise
-    statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
-    fit = fit_statistics(statistics, joint.camera, joint.poses, names)
     return Calibration(observations, lines, first, second, joint, fit)
 
 
@@ -105,11 +106,19 @@ def independent_sigma(lines: EpiLines, joint: Refined) -> float:
     return lines.sigma if lines.sigma > 0 else joint.sigma
 
 
-def _why(poses: Poses) -> str:
+def _refuse_lost(covariance: Covariance, camera: Intrinsics, poses: Poses) -> None:
+    lost = undetermined(covariance, camera, len(poses.rotation))
+    if lost:
+        raise CalibrationError(f"{lost} not determined: {_why(lost, poses)}")
+
+
+def _why(lost: str, poses: Poses) -> str:
     depth, count = poses.translation[:, 2], len(poses.rotation)
     if np.ptp(depth) < 0.02 * depth.mean():
         near = f"{depth.mean():.1f} mm from the pupil, within {np.ptp(depth):.2f} mm"
         return f"the boards stand at one depth ({near}); spread their distances"
+    if lost.startswith("A"):
+        return _PARALLEL
     return f"{count} boards are too few, their tilts too small, or their corners too noisy"
 
 
@@ -235,6 +244,8 @@ def step_one(
     fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *shared_names(distortion)[3:]))
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
+    if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
+        raise CalibrationError(f"A not determined: {_PARALLEL}")
     return StepOne(fit.camera, fit.poses, fit.rms)
 
 
@@ -660,8 +671,18 @@ def _symbols(names: Sequence[str], chosen: NDArray[np.bool_]) -> str:
     return ", ".join("d_2" if name == "inverse_d_2" else name for name, one in zip(names, chosen, strict=True) if one)
 
 
-def undetermined(covariance: Covariance, camera: Intrinsics) -> str:
-    """Which of A, m, d_2 have a standard deviation above 30 % of their value; "" where none."""
+def undetermined(covariance: Covariance, camera: Intrinsics, boards: int) -> str:
+    """Which of A, m, d_2 so many boards leave open; "" where none.
+
+    Those with a standard deviation above 30 % of their value; A already where parallel boards would seem to tell it as
+    well. Of a board tilted by t, the foreshortening t^2/2 against the perspective, which goes with t/A, gives A: its
+    relative error is 1/(2 sqrt(S)), with S the sum of squares of two foreshortenings a board over their variance.
+    Parallel boards have an S, too: chi^2 with two degrees of freedom a board, the fit takes noise for tilts and finds
+    an A several times too large.
+    """
+    from scipy.special import chdtri
+
     names = covariance.names[:3]
     sigma = np.sqrt(np.diag(covariance.matrix))[:3]
-    return _symbols(names, sigma > _LOST * np.abs(camera.vector(names)))
+    most = np.array([min(_LOST, 0.5 / math.sqrt(chdtri(2 * boards, _CHANCE))), _LOST, _LOST])
+    return _symbols(names, sigma > most * np.abs(camera.vector(names)))

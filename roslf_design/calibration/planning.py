@@ -302,7 +302,7 @@ def expected_errors(
         observations = synthetic_observations(camera, poses, captures)
         statistics = corner_statistics(observations, fit_lines(observations), captures.noise)
         fit = fit_at(statistics, camera, poses, names)
-        lost = undetermined(fit.covariance, camera)
+        lost = undetermined(fit.covariance, camera, captures.boards)
         if lost:
             raise CalibrationError(f"these captures do not determine {lost}: {reason(captures)}")
         fits.append(fit)

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from ..errors import Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
-from .chain import chain_numbers, chain_of
+from .chain import MEDIUM, chain_numbers, chain_of, materials_of
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .conjugates import CONJUGATES, followed, follower
 from .elements import AnyElement, ObjectSpace, about_elements
@@ -120,6 +120,10 @@ class Design(Part, Symbols[float]):
         wanted = _by_path(changes or {}, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
+        for place in materials_of(self).keys() & wanted.keys():  # what is said of a glass is then its index alone
+            part = place.removesuffix(".index")
+            wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
+            del wanted[place]
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
