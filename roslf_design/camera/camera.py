@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, Passed, Plane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
@@ -254,6 +254,12 @@ class Camera(Symbols[Number]):
         return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
 
     @cached_property
+    def front(self) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
+        end: Number = 0.0 if self.chain is None else self.chain.end(self._numbers)
+        return end, self.plane(np.nextafter(end, np.inf))
+
+    @cached_property
     def focus(self) -> Plane:
         """The focal plane."""
         return self.plane(self._numbers[PATHS["d_f"]])
@@ -274,11 +280,9 @@ class Camera(Symbols[Number]):
 
         Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
         """
-        return (
-            self._numbers[PATHS["D_F"]]
-            if self.chain is None
-            else 2 * self.fap.radius * np.where(np.signbit(np.real(self.gap)), -1.0, 1.0)[()]
-        )
+        if self.chain is None:
+            return self._numbers[PATHS["D_F"]]
+        return np.asarray(np.where(np.real(self.gap) < 0, -2.0, 2.0) * self.fap.radius)[()]
 
     @cached_property
     def d_1(self) -> Number:
@@ -380,7 +384,7 @@ class Camera(Symbols[Number]):
         if self.chain is None:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
-        scale = _size(plane.magnification)
+        scale = magnitude(plane.magnification)
         return Rim(name, part, radius / scale, plane.distance, stands, scale, plane)
 
     @cached_property
@@ -424,6 +428,18 @@ class Camera(Symbols[Number]):
         if part not in self._poses:
             self._poses[part] = self._own_pose(part)
         return self._poses[part]
+
+    def stands(self, part: str) -> Frame:
+        """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
+        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
+        z = {"main_lens": 0.0, "microlens_array": d_1, "sensor": plus(d_1, d_2)}
+        decentre, tilt = (
+            (self._numbers[f"{place}.{pose}.0"], self._numbers[f"{place}.{pose}.1"]) for pose in ("decentre", "tilt")
+        )
+        at = z[part] if part in z else minus(0.0, self._rim_of[part].stands)
+        turn = self._numbers["microlens_array.rotation"] if part == "microlens_array" else 0.0
+        return frame(decentre, at, tilt, turn)
 
     @cached_property
     def world(self) -> Frame:
@@ -530,12 +546,6 @@ class Camera(Symbols[Number]):
                 stops = [rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])]
                 good = good & self.chain.apart(self._numbers, stops) & (plane >= self.chain.end(self._numbers))
         return np.broadcast_to(good, self.shape)
-
-
-def _size(value: Number) -> Number:
-    """Magnitude; of a number with a derivative in its imaginary part, with that."""
-    size: Number = np.where(np.less(np.real(value), 0), -value, value)[()]
-    return size
 
 
 def _number(value: ArrayLike) -> Number:

@@ -130,7 +130,7 @@ class Chain:
         index: Number = 1.0
         for k in self.order[behind:]:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = step.on(np.minimum(start, z) - step.place)
+            step = step.on(np.maximum(np.minimum(start, z) - step.place, 0.0))
             passed = np.greater(z, start)
             if not np.any(passed):
                 return step.plane(index)
@@ -185,7 +185,9 @@ class Chain:
         e, f = e - off, f - lean
         if np.any(wedge):
             f = f + (numbers[f"{part}.index"] - 1) * wedge * (inside > 0)
-        return s * e - q * f + off - lean * inside, -r * e + p * f + lean
+        # A leaning face between air and liquid bends the axis.
+        beyond = numbers.get(MEDIUM, 1.0) if k == self.order[-1] else 1.0
+        return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""

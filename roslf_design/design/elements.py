@@ -18,6 +18,7 @@ from ..errors import Problem
 from ..lenses.glass import AIR
 from ..lenses.prescription import Prescription
 from ..units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
+from ..words import length
 from .material import Material
 from .parts import Offset, Part, Tilt
 from .real_lens import Lens, mounted_lens
@@ -135,10 +136,36 @@ class ObjectSpace(Part):
     """In front of the farthest element, which seals it off."""
 
 
+def element_name(element: AnyElement, number: int) -> str:
+    """What it is called; its rims are "plate 1, front" and "plate 1, back"."""
+    return f"{element.kind} {number}"
+
+
+def made_of(element: AnyElement) -> tuple[str, ...]:
+    """What it is, in a few words each: size and material, focal length, deviation."""
+    if isinstance(element, Block):
+        told = [f"{length(element.thickness)} of {element.material.name}"]
+    elif isinstance(element, FieldLens):
+        told = [f"f = {length(element.focal_length)}"]
+    elif isinstance(element, Grin):
+        told = [f"{length(element.thickness)}, n_0 {element.index:g}", f"g = {element.gradient:.5g} /mm"]
+    else:
+        told = [element.lens.name or "by its prescription"]
+    if isinstance(element, Prism) and element.deviation:
+        told.append(f"turns by {math.degrees(element.deviation):.4g}°")
+    return (*told, f"diameter {length(element.diameter)}") if element.diameter is not None else tuple(told)
+
+
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
     spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
+    if design.main_lens.prescription is not None:
+        places = ("sensor.cover", design.sensor.cover), ("microlens_array.substrate", design.microlens_array.substrate)
+        beside = [*(["elements"] if spans else []), *(place for place, plate in places if plate is not None)]
+        if beside:
+            message = f"a real main lens is not traced together with {', '.join(beside)}; drop one or the other"
+            problems.append(Problem("main_lens.prescription", message))
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (

@@ -30,6 +30,11 @@ def _written(glass: Glass) -> str | dict[str, float]:
     return dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
 
 
+def material_told(glass: Glass, wavelength: float) -> str:
+    """Its name, and its index at a wavelength [mm] where that is not its name."""
+    return glass.name if glass.name.startswith("n =") else f"{glass.name}, n = {float(glass.index(wavelength)):.5g}"
+
+
 Material = Annotated[
     InstanceOf[Glass],
     BeforeValidator(_material),

@@ -228,13 +228,15 @@ class _Job:
                 "point sources through tilted parts are not rendered; add --effects -tilts to take them as straight"
             )
             raise InputError((Problem("effects", message),))
-        lens_x, lens_y = self.camera["main_lens.decentre.0"], self.camera["main_lens.decentre.1"]
+        camera = self.camera
+        lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:
-            for x, y, distance in thing.positions:
+            for position in thing.positions:
+                x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= (1 + (x * x + y * y) / (distance - self.design.d_3) ** 2) ** -2.0
-                yield np.float32(light), PointSource(self.camera, float(x - lens_x), float(y - lens_y), distance)
+                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
 
     @property
     def colours(self) -> tuple[float, ...]:

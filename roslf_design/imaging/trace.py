@@ -32,6 +32,7 @@ from ..rays.backward import (
     SENSOR_X,
     Layout,
     aligned_ray,
+    behind_elements,
     crossing,
     lay_out,
     posed_ray,
@@ -57,9 +58,9 @@ MOST = 64
 DIMENSIONS = 6
 """Of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
 
-POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND = range(6)
+POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH = range(7)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
-light left out; FAP diffraction; circular microlenses."""
+light left out; FAP diffraction; circular microlenses; elements before the main lens."""
 
 
 @dataclass(frozen=True)
@@ -264,6 +265,7 @@ class Tracer:
             not plan.on("overlap"),
             kicked,
             camera.lens_shape == "circular",
+            camera.chain is not None and bool(camera.chain.elements),
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)
         return cls(
@@ -272,8 +274,8 @@ class Tracer:
             lay_out(camera),
             np.array(flags),
             encode(scene, design.d_f),
-            _airy_kicks(design.D_F, wavelengths) if kicked else np.zeros((1, 3)),
-            float(camera.inverse_m / camera.gap) if plan.on("cos4") else 0.0,
+            _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
+            float(camera.inverse_m / (camera.gap * camera.fap.scale)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
         )
 
@@ -343,9 +345,9 @@ def mixed(a: Any, b: Any, c: Any) -> Any:
 @kernel(parallel=True)
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
-    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, rows: Any, pictures: Any, beyond: float, kicks: Any,
-    falloff: float, mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any,
-    image: Any, spent: Any,
+    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, rows: Any, pictures: Any, beyond: float,
+    kicks: Any, falloff: float, mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float,
+    place: Any, image: Any, spent: Any,
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays."""
     d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
@@ -423,12 +425,12 @@ def _trace(
                                 continue
                             kept = True
                             for t in range(rims.shape[0]):
-                                ax, ay, _, _, front = crossing(maps[3 + t], lx, ly, ox, oy)
-                                kept = kept and front and ax * ax + ay * ay <= rims[t, 3] * rims[t, 3]
+                                ax, ay, _, _, ahead = crossing(maps[3 + t], lx, ly, ox, oy)
+                                kept = kept and ahead and ax * ax + ay * ay <= rims[t, 3] * rims[t, 3]
                             if not kept:
                                 continue
-                            hx, hy, ox, oy, front = crossing(maps[2], lx, ly, ox, oy)
-                            if not front:
+                            hx, hy, ox, oy, ahead = crossing(maps[2], lx, ly, ox, oy)
+                            if not ahead:
                                 continue
                         else:
                             lx, ox = aligned_ray(d_1, per_d_2, per_f_ml, per_f, k[SENSOR_X], k[ARRAY_X], px, cx, vx)
@@ -450,6 +452,8 @@ def _trace(
                             hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
                         ox, oy = ox + kick_x, oy + kick_y
                         hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
+                        if flags[THROUGH]:
+                            hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
                         batch += gain[c] * radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
                 batch /= BATCH
                 done += BATCH
