@@ -253,6 +253,7 @@ def calibrated(
         except DesignError as error:
             said = "; ".join(problem.message for problem in error.problems)
             raise refusal("--use-in", f"{use_in}: {said}") from None
+    circular = loaded.microlens_array.lens_shape == "circular"
     sheet, white = _known(loaded, checkerboard, f_sigma, d_sigma, cell_sigma, white_pitch)
     stood = None if distances is None else _read_distances(distances)
     with StatusLine("calibrate") as status:
@@ -267,7 +268,7 @@ def calibrated(
     views: dict[str, Samples] = {}
     try:
         with bar("boards", len(capture.boards)) as done:
-            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard)
+            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard, circular=circular)
         with StatusLine("calibrate") as status:
             status.tell("fitting")
             fitted, waves = calibration.calibrate_corrected(
