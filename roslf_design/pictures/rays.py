@@ -69,7 +69,7 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
 def medium_told(design: Design) -> str:
     """What the scene lies in, with its index; nothing for air."""
     medium = design.object_space.medium
-    return "" if medium is AIR else material_told(medium, design.wavelength)
+    return "" if medium == AIR else material_told(medium, design.wavelength)
 
 
 def is_centred(design: Design) -> bool:
