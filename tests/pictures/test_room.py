@@ -17,6 +17,7 @@ from roslf_design.pictures.studies import Yields, YieldShare, yield_bars
 from roslf_design.pictures.theme import SMALL, text_width, theme_named
 from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
+LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}
 FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.ttf", 1000)
 
 
@@ -109,9 +110,10 @@ def test_a_million_pixels_behind_five_microlenses_are_a_small_file():
 
 
 @pytest.mark.parametrize("size", [(1040.0, 300.0), (420.0, 260.0)])
-@pytest.mark.parametrize("name", THROUGH)
+@pytest.mark.parametrize("name", LOOKING)
 def test_words_of_a_section_with_elements_do_not_touch(name, size):
-    for picture in (meridional(THROUGH[name], size), ray_diagrams(THROUGH[name]), dimensions(THROUGH[name])):
+    design = LOOKING[name]
+    for picture in (meridional(design, size), ray_diagrams(design), dimensions(design)):
         for panel in picture.panels:
             boxes = []
             for mark in (mark for mark in panel.marks if isinstance(mark, Text)):
