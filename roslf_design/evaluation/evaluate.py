@@ -153,7 +153,7 @@ def _looked_through(design: Design, camera: Camera) -> LookedThrough:
     parts = [
         SeenPart(
             "focal plane",
-            "" if medium is AIR else f"in {material_told(medium, design.wavelength)}",
+            "" if medium == AIR else f"in {material_told(medium, design.wavelength)}",
             design.d_f,
             None,
             float(camera.d_f),

@@ -38,6 +38,8 @@ MOST_PIXELS = 200
 """In a column of a drawing up to which they are drawn one by one; finer ones would be grey, and a large file."""
 BEYOND = 1.5
 """How far beyond all else blocked rays are followed, in its half heights."""
+FLAT = 60.0
+"""Height of a section below which no diameters are told inside it [px]."""
 LOWEST, TALLEST = 90.0, 270.0
 """Least height of a section, and greatest of one that is to scale [px]."""
 
@@ -69,7 +71,7 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
 def medium_told(design: Design) -> str:
     """What the scene lies in, with its index; nothing for air."""
     medium = design.object_space.medium
-    return "" if medium is AIR else material_told(medium, design.wavelength)
+    return "" if medium == AIR else material_told(medium, design.wavelength)
 
 
 def is_centred(design: Design) -> bool:
@@ -214,6 +216,8 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
         factor = 1.0 if to_scale else up / along
         margin = 0.0 if to_scale else side[0] + (across - along * (right - left)) / 2
         sides = _sides(design, along, margin - along * (left + design.d_3), whole)
+        if 2 * half * along * factor < FLAT:
+            sides = dict.fromkeys(sides, 0)
         names = _named(design, sides, whole)
         widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)

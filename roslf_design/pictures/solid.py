@@ -158,7 +158,7 @@ def instrument_scene(design: Design) -> Instrument:
     radii += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
     wall = max(1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0))
     tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
-    in_air = design.object_space.medium is AIR
+    in_air = design.object_space.medium == AIR
     before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
     view = _view(np.append(tube, before, axis=0))
     tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]

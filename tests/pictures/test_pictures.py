@@ -1,6 +1,7 @@
 """What every picture must be, and that each says what the theory and the engines say."""
 
 import math
+import pickle
 import re
 import xml.etree.ElementTree as ET
 
@@ -397,3 +398,10 @@ def test_elements_are_drawn_where_a_ruler_puts_them():
     assert max(_mark(picture, "medium").x) == pytest.approx(-32.9)
     assert "n = 1.333" in _words(picture.svg())
     assert not [mark for mark in meridional(PAPER).marks if mark.testid in ("medium", "element-1")]
+
+
+def test_a_design_from_another_process_lies_in_air_as_before():
+    """Its air is equal, not the same object."""
+    there = pickle.loads(pickle.dumps(THROUGH["objective"]))
+    assert meridional(there).svg() == meridional(THROUGH["objective"]).svg()
+    assert evaluate(there).object_space == evaluate(THROUGH["objective"]).object_space
