@@ -370,7 +370,8 @@ class Camera(Symbols[Number]):
         The farthest first, the FAP before what stands with it, the main lens last.
         """
         rims = (self.fap, *self.rims)
-        return tuple(sorted(rims, key=lambda rim: -float(np.ravel(rim.stands)[0])))
+        # Of two that touch, the back face of the farther element comes before the front face of the nearer.
+        return tuple(sorted(rims, key=lambda rim: (-float(np.ravel(rim.stands)[0]), rim.part.endswith(".1"))))
 
     @cached_property
     def stops(self) -> int:
