@@ -122,7 +122,8 @@ class Design(Part, Symbols[float]):
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
         for place in materials_of(self).keys() & wanted.keys():  # what is said of a glass is then its index alone
             part = place.removesuffix(".index")
-            wanted[f"{part}.{'medium' if place == MEDIUM else 'material'}"] = {"index": float(wanted.pop(place))}
+            wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
+            del wanted[place]
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)

@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
+from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
@@ -280,7 +281,7 @@ class DesignProblem:
     @cached_property
     def base(self) -> Camera:
         """The base design, behind its bore and with its parts."""
-        return Camera.of(self.design).replace({p: v for p, v in self.given.items() if not isinstance(v, str)})
+        return Camera.of(self.design).replace({p: v for p, v in self.given.items() if not isinstance(v, (str, Glass))})
 
     @property
     def n(self) -> int:
@@ -361,7 +362,7 @@ class DesignProblem:
             start = f"elements.{k}.distance"
             return itemgetter(start), lambda c: c[start] + chain.length(c.numbers, k)
 
-        moved = {place.rpartition(".")[0] for place in self._set_places}
+        moved = {place.rpartition(".")[0] for place in (*self._set_places, *self.given)}
         for k, farther in pairwise(chain.order):
             if moved & {f"elements.{k}", f"elements.{farther}"}:
                 yield ends(k)[1], ends(farther)[0], f"{named[k]} clear of {named[farther]}"

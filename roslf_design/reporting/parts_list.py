@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..optimization.parts import KINDS, ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, load_catalogue
+from ..optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, load_catalogue
 from ..words import length
 from .blocks import Bullets, Section, Table
 
@@ -21,7 +21,8 @@ FAR = math.log(2)
 def parts_section(design: Design) -> Section:
     """The parts list, beside the shipped catalogue."""
     known = load_catalogue()
-    (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in KINDS), strict=True)
+    kinds: tuple[Kind, ...] = ("lenses", "microlens_arrays", "sensors")
+    (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
     aperture = f"clear aperture {length(design.D)}"
     ideal = f"focal length {length(design.f)}, {aperture}, ideal in this report"

@@ -1,5 +1,8 @@
 """Optimising what stands before the main lens: variables, what keeps parts apart, distances in the medium, parts."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +11,11 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import save
 from roslf_design.errors import InputError
+from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.problem import name_faults
 from roslf_design.optimization.ranking import _bound, prunable
 from roslf_design.optimization.solve import Settings, solve
+from roslf_design.optimization.study import load_study
 from tests.optimization.posing import goal, limit, posed
 
 QUICK = Settings(starts=4, check=False, isres=False)
@@ -143,6 +148,88 @@ def test_boxes_bound_what_is_seen_through_a_window(windowed, medium):
     assert not prunable(posed({"d_2": (1, 4)}, (), goal("sigma_z_mm", "min"), design=windowed), problem.goals[0])
     moving = posed({"elements.0.thickness": (0.5, 4)}, (), goal("sigma_z_mm", "min"), design=flat)
     assert not prunable(moving, problem.goals[0])
+
+
+WINDOWS = """
+name = "window"
+design = "scope.toml"
+[variables]
+d_2 = ["1 mm", "4 mm"]
+D_F = ["1 mm", "6 mm"]
+working_distance = ["60 mm", "90 mm"]
+[[constraints]]
+quantity = "fill_factor"
+min = 0.98
+max = 1.0
+[[constraints]]
+quantity = "non_distortion_room_mm"
+min = "0 mm"
+[[constraints]]
+quantity = "total_length_mm"
+max = "400 mm"
+[[goals]]
+quantity = "sigma_z_mm"
+direction = "min"
+[solver]
+starts = 3
+check = false
+[catalogue]
+kinds = ["windows"]
+keep = 3
+"""
+
+
+def test_windows_are_chosen_for_a_plate(windowed, tmp_path, capsys):
+    """The best three of all, each optimised alone by hand; files hold the glass by its name."""
+    flat = windowed.replace({"elements": [{**dict(windowed.elements[0]), "diameter": None}]})
+    save(flat, tmp_path / "scope.toml")
+    (tmp_path / "study.toml").write_text(WINDOWS)
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["catalogue"]
+    every = []
+    study = load_study(tmp_path / "study.toml")
+    parts = load_catalogue().windows
+    assert told["combinations"] == len(parts) > 20
+    assert told["open"] == 0
+    for part in parts:
+        glass = {"thickness": part.thickness, "material": part.material, "diameter": part.aperture}
+        design = flat.replace({f"elements.0.{name}": value for name, value in glass.items()})
+        answer = solve(replace(study.problem, design=design), QUICK, lambda _: None)
+        if answer.feasible:
+            every.append((answer.number(answer.asked.goals[0]), part.part))
+    best = [row["goals"]["sigma_z_mm"] for row in told["best"]]
+    assert best == pytest.approx([value for value, _ in sorted(every)[:3]], rel=1e-5)
+    chosen = {part.part: part for part in parts}[told["best"][0]["parts"]["windows"]]
+    design = roslf.load(tmp_path / "out" / "parts-01.toml")
+    plate = design.elements[0]
+    assert (plate.material, plate.thickness, plate.diameter) == (chosen.material, chosen.thickness, chosen.aperture)
+    assert plate.material.name in (tmp_path / "out" / "parts-01.toml").read_text()
+    assert roslf.evaluate(design).depth.sigma_z_mm == pytest.approx(best[0], rel=1e-9)
+
+
+def test_windows_that_fit_no_plate_are_told(windowed, tmp_path, capsys):
+    two = {"kind": "plate", "distance": 30.0, "thickness": 1.0, "material": "N-BK7"}
+    for design, key, said in (
+        (roslf.load("paper"), "", "the design has none; add one"),
+        (windowed.replace({"elements": [*windowed.elements, two]}), "", "element = 0 or 2"),
+        (windowed, "element = 1", "element = 0"),
+    ):
+        save(design, tmp_path / "scope.toml", overwrite=True)
+        (tmp_path / "study.toml").write_text(WINDOWS + key)
+        assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+        err = capsys.readouterr().err
+        assert said in err
+        assert len(err.splitlines()) == 1
+
+
+def test_the_windows_that_ship():
+    """Of each material sizes that fit a bore, every one with its provenance; what the optimiser gets is its glass."""
+    parts = load_catalogue().windows
+    assert {part.material.name for part in parts} == {"sapphire", "F_SILICA", "N-BK7"}
+    assert min(part.diameter for part in parts) <= 2
+    assert all(part.provenance for part in parts)
+    assert {part.confidence for part in parts if not part.maker} == {"typical"}
+    assert next(p for p in parts if p.part == "16005-0540").aperture == pytest.approx(0.9 * 12.7)
 
 
 def test_a_study_says_what_does_not_vary(windowed, tmp_path, capsys):
