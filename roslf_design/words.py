@@ -40,6 +40,7 @@ WORDS = {
     "total_length_mm": "length from tip to sensor",
     "camera_length_mm": "length from lens to sensor",
     "largest_diameter_mm": "largest diameter",
+    "outer_diameter_mm": "outer diameter",
     "image_diameter_mm": "microlens-image diameter",
     "image_diameter_px": "microlens-image diameter",
     "image_pitch_mm": "microlens-image pitch",
