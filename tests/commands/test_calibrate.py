@@ -113,7 +113,7 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert result["reprojection_rms_pitches"] < 0.06
     written = load(out / "calibrated.toml")
     assert written.d_3 == pytest.approx(result["quantities"]["d_3"]["estimate"])
-    assert written.f == pytest.approx(small.f, rel=1e-12)  # thirteen digits are written
+    assert written.f == pytest.approx(small.f, rel=1e-12)  # written to 13 digits
     assert written.d_f == pytest.approx(result["quantities"]["d_f"]["estimate"])
     assert "d_3 = 4" in written.source
     for name in ("residuals", "epi-lines", "posterior", "depth"):
@@ -187,7 +187,7 @@ def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path):
     options = ["--design", tmp_path / "dry.toml", "--board", BOARD, "-o", out, "--no-posterior", "--use-in", "1.333"]
     code, said, err = run(capsys, "calibrate", captured / "images", *options)
     assert (code, err) == (0, "")
-    assert "depths in a medium of n = 1.333 would be off by -25.0 %" in " ".join(said.split())
+    assert "used in a medium of n = 1.333: depths there would be off by -25.0 %" in " ".join(said.split())
     result = json.loads((out / "calibration.json").read_text())
     end, used, ruler = small.d_3 + 2, result["used_in"], result["ruler"]
     distances, told = np.array(used["distances_mm"]), np.array(used["uncorrected_mm"])
