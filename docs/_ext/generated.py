@@ -19,6 +19,8 @@ from tables import code, keys_table, markdown, plain, results_table
 import roslf_design as roslf
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
+from roslf_design.design.elements import FieldLens, Grin, LensGroup, ObjectSpace, Plate, Prism
+from roslf_design.design.parts import Cover, Substrate
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
 from roslf_design.optimization import bore, robust
@@ -39,13 +41,19 @@ KEYS = tomllib.loads((HERE / "_ext" / "keys.toml").read_text())
 Table = tuple[str, type]
 """Heading, and the model that reads the table."""
 
+ELEMENTS = {"plate": Plate, "prism": Prism, "lens": FieldLens, "grin": Grin, "prescription": LensGroup}
+
 DESIGN: tuple[Table, ...] = (
     ("The file", Design),
     ("`[main_lens]`", MainLens),
     ("`[aperture]`", Stop),
     ("`[[stops]]`", Stop),
+    ("`[object_space]`", ObjectSpace),
+    *((f'`[[elements]]`, kind "{name}"', kind) for name, kind in ELEMENTS.items()),
     ("`[microlens_array]`", MicrolensArray),
+    ("`microlens_array.substrate`", Substrate),
     ("`[sensor]`", Sensor),
+    ("`sensor.cover`", Cover),
     ("`[light]`", Light),
 )
 SCENE: tuple[Table, ...] = (

@@ -13,9 +13,11 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
+from roslf_design.design.material import Material
 from roslf_design.design.real_lens import Lens
+from roslf_design.lenses.glass import Glass
 from roslf_design.tolerancing.study import FieldPlace
-from roslf_design.units import Angle, AnyLength, Distance, Length, format_quantity
+from roslf_design.units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 
@@ -53,7 +55,8 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
     rows = []
     for name, field in model.model_fields.items():
         if name == "kind":
-            rows.append((code(name), code(f'"{field.default}"'), "**needed**", "which of these it is"))
+            (called,) = get_args(hints[name])
+            rows.append((code(name), code(f'"{called}"'), "**needed**", "which of these it is"))
             continue
         if name not in told:
             raise UndescribedError(f"{model.__name__}.{name} is described neither in the code nor on the page")
@@ -135,7 +138,13 @@ def takes(hint: Any) -> str:
     for known, words in (*LENGTHS, (Angle, "angle")):
         if hint == known:
             return words
-    for known, words in ((Lens, "text or table"), (FieldPlace, "name or [length, length]")):
+    others = (
+        (Lens, "text or table"),
+        (FieldPlace, "name or [length, length]"),
+        (Material, "name or table"),
+        (Gradient, "per length\u00a0>\u00a00"),
+    )
+    for known, words in others:
         if hint == known:
             return words
     origin, parts = get_origin(hint), get_args(hint)
@@ -192,6 +201,8 @@ def _default(value: Any, hint: Any) -> str:
     for known, words in (*LENGTHS, (Angle, "angle")):
         if hint == known:
             return code(f'"{format_quantity(value, "angle" if words == "angle" else "length")}"')
+    if isinstance(value, Glass):
+        return code(f'"{value.name}"')
     return code(f'"{value}"' if isinstance(value, str) and value else '""' if value == "" else f"{value:g}")
 
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, product, ratio
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
-from ..design.chain import Chain, Plane, chain_numbers, chain_of, materials_of
+from ..design.chain import Chain, Passed, Plane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
@@ -48,6 +48,8 @@ class Rim:
     """The same with a ruler."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
+    plane: Plane | None = None
+    """Where it stands; None in air."""
 
     @property
     def diameter_place(self) -> str:
@@ -223,7 +225,12 @@ class Camera(Symbols[Number]):
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
         if self.chain is None:
             return Plane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
-        return self.chain.plane(self._numbers, z)
+        return self.chain.plane(self._numbers, z, self._walk)
+
+    @cached_property
+    def _walk(self) -> tuple[Passed, ...]:
+        assert self.chain is not None
+        return self.chain.walk(self._numbers)
 
     def see(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
         """Where the main lens sees a point of object space, all of it against the system's axis [mm].
@@ -247,6 +254,11 @@ class Camera(Symbols[Number]):
         return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
 
     @cached_property
+    def front(self) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
+        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
+
+    @cached_property
     def focus(self) -> Plane:
         """The focal plane."""
         return self.plane(self._numbers[PATHS["d_f"]])
@@ -267,7 +279,9 @@ class Camera(Symbols[Number]):
 
         Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
         """
-        return self._numbers[PATHS["D_F"]] if self.chain is None else np.copysign(2 * self.fap.radius, self.gap)
+        if self.chain is None:
+            return self._numbers[PATHS["D_F"]]
+        return np.asarray(np.where(np.real(self.gap) < 0, -2.0, 2.0) * self.fap.radius)[()]
 
     @cached_property
     def d_1(self) -> Number:
@@ -369,8 +383,8 @@ class Camera(Symbols[Number]):
         if self.chain is None:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
-        scale = np.abs(plane.magnification)
-        return Rim(name, part, radius / scale, plane.distance, stands, scale)
+        scale = magnitude(plane.magnification)
+        return Rim(name, part, radius / scale, plane.distance, stands, scale, plane)
 
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:
@@ -380,54 +394,81 @@ class Camera(Symbols[Number]):
         """Offset of a part (its place in the design) from the main lens's centre, as that sees it."""
         n, place = self._numbers, part.rpartition(".")[0] if part.count(".") == 2 else part
         x, y = (n[f"{place}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
-        if self.chain is None or part not in self._rim_of or part == "main_lens":
+        rim = self._rim_of.get(part)
+        if rim is None or rim.plane is None:
             return x, y
-        plane = self.plane(self._rim_of[part].stands)
+        plane = rim.plane
         return (x - plane.aside[0]) / plane.magnification, (y - plane.aside[1]) / plane.magnification
 
     def tilt(self, part: str) -> tuple[Number, Number]:
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
         place = part.rpartition(".")[0] if part.count(".") == 2 else part
         tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
-        if self.chain is None or part not in self._rim_of or part == "main_lens":
+        rim = self._rim_of.get(part)
+        if rim is None or rim.plane is None or not any(np.any(angle) for angle in tilt):
             return tilt
-        plane = self.plane(self._rim_of[part].stands)
-        x, y = (np.arctan(np.tan(angle) / (plane.medium * plane.magnification)) for angle in tilt)
+        bend = rim.plane.medium * rim.plane.magnification
+        x, y = (np.arctan(np.tan(angle) / bend) for angle in tilt)
         return x, y
 
     @cached_property
     def tilted(self) -> bool:
         """Whether any part is tilted in any build: the stops' images are then not exactly discs."""
-        return any(bool(np.any(value)) for place, value in self._numbers.items() if ".tilt." in place)
+        return self.largest_tilt != 0
+
+    @cached_property
+    def largest_tilt(self) -> float:
+        """Of any part in any build [rad]; nan where one is."""
+        tilts = [value for place, value in self._numbers.items() if ".tilt." in place]
+        return float(np.max([np.max(np.abs(tilt), initial=0.0) for tilt in tilts]))
 
     def pose(self, part: str) -> Frame:
         """Vertex and axes of a part of the design, in the main lens's frame (its vertex, its axes)."""
+        if part not in self._poses:
+            self._poses[part] = self._own_pose(part)
         return self._poses[part]
+
+    def stands(self, part: str) -> Frame:
+        """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
+        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
+        z = {"main_lens": 0.0, "microlens_array": d_1, "sensor": plus(d_1, d_2)}
+        decentre, tilt = (
+            (self._numbers[f"{place}.{pose}.0"], self._numbers[f"{place}.{pose}.1"]) for pose in ("decentre", "tilt")
+        )
+        at = z[part] if part in z else minus(0.0, self._rim_of[part].stands)
+        turn = self._numbers["microlens_array.rotation"] if part == "microlens_array" else 0.0
+        return frame(decentre, at, tilt, turn)
 
     @cached_property
     def world(self) -> Frame:
         """The system's own axes, in which object points are given, in the main lens's frame."""
-        return frame((0.0, 0.0), 0.0, (0.0, 0.0)).seen_from(self._placed("main_lens", 0.0))
+        return frame((0.0, 0.0), 0.0, (0.0, 0.0)).seen_from(self._lens)
+
+    @cached_property
+    def _lens(self) -> Frame:
+        return self._placed("main_lens", 0.0)
 
     @cached_property
     def _poses(self) -> dict[str, Frame]:
-        lens = self._placed("main_lens", 0.0)
-        stops = {rim.part: self._placed(rim.part, -rim.distance) for rim in (self.fap, *self.rims[1:])}  # as seen
-        turn = self._numbers["microlens_array.rotation"]
-        parts = {
-            **stops,
-            "microlens_array": self._placed("microlens_array", self.d_1, turn),
-            "sensor": self._placed("sensor", self.d_1 + self.d_2),
-        }
-        poses = {part: placed.seen_from(lens) for part, placed in parts.items()}
-        return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0)), **poses}
+        """Those asked for so far."""
+        return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0))}
+
+    def _own_pose(self, part: str) -> Frame:
+        turn: Number = 0.0
+        if part == "microlens_array":
+            z, turn = self.d_1, self._numbers["microlens_array.rotation"]
+        else:
+            z = self.d_1 + self.d_2 if part == "sensor" else -self._rim_of[part].distance  # as seen
+        return self._placed(part, z, turn).seen_from(self._lens)
 
     def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
         lens = self._numbers["main_lens.decentre.0"], self._numbers["main_lens.decentre.1"]
         if self.chain is None:
             decentre = self._numbers[f"{part}.decentre.0"], self._numbers[f"{part}.decentre.1"]
         else:
-            decentre = plus(self.decentre(part)[0], lens[0]), plus(self.decentre(part)[1], lens[1])
+            x, y = self.decentre(part)
+            decentre = plus(x, lens[0]), plus(y, lens[1])
         return frame(decentre, z, self.tilt(part), roll)
 
     def microlens(self, x: Number, y: Number) -> Vector:
@@ -485,11 +526,14 @@ class Camera(Symbols[Number]):
         with np.errstate(invalid="ignore"):
             for place, value in self._numbers.items():
                 part, _, name = place.partition(".")
-                good = good & np.isfinite(value)
                 if ".tilt." in place or ".wedge." in place:
                     good = good & (np.abs(value) < np.pi / 2)
-                elif place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
+                    continue
+                good = good & np.isfinite(value)
+                if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
                     good = good & (np.asarray(value) >= 0)
+                elif name.endswith("index"):
+                    good = good & (np.asarray(value) >= 1)
                 elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
                     good = good & (np.asarray(value) > 0)
             good = good & (np.asarray(self.f) > 0) & (np.asarray(self.f_ml) > 0)
@@ -498,7 +542,8 @@ class Camera(Symbols[Number]):
             for rim in (self.fap, *self.rims[1:]):
                 good = good & (np.asarray(rim.stands) < plane)
             if self.chain is not None:
-                good = good & self.chain.apart(self._numbers) & (plane >= self.chain.end(self._numbers))
+                stops = [rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])]
+                good = good & self.chain.apart(self._numbers, stops) & (plane >= self.chain.end(self._numbers))
         return np.broadcast_to(good, self.shape)
 
 
@@ -519,6 +564,9 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    if design.tube is not None:
+        known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
+        places += [f"tube.{name}" for name in known]
     numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
     if chain is None:
         return Camera(numbers, array.layout, array.lens_shape, design.lens)

@@ -13,12 +13,13 @@ from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Flag, json_text
 
-Kinds = Literal["lenses", "microlens_arrays", "sensors"]
+Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 
 SHOWN: dict[Kinds, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
     "sensors": ("pixel", "pixels", "size"),
+    "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind."""
 
@@ -79,6 +80,8 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
     value = row.get(key)
     if value is None:
         return ""
+    if isinstance(value, str):
+        return value
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

@@ -8,10 +8,10 @@ only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -65,6 +65,28 @@ class Plane(NamedTuple):
         return self.medium * self.magnification**2
 
 
+class Passed(NamedTuple):
+    """Light somewhere before the main lens, in air."""
+
+    matrix: tuple[Number, Number, Number, Number]
+    """A, B, C and D."""
+    shifts: tuple[tuple[Number, Number], tuple[Number, Number]]
+    """E and F, along x and along y."""
+    place: Number
+    """Where [mm before the main lens]."""
+
+    def on(self, gap: Number) -> Passed:
+        """Straight on by a reduced length; the place stays."""
+        (a, b, c, d), ((e_x, f_x), (e_y, f_y)) = self.matrix, self.shifts
+        shifts = (e_x - gap * f_x, f_x), (e_y - gap * f_y, f_y)
+        return self._replace(matrix=(a + gap * c, b + gap * d, c, d), shifts=shifts)
+
+    def plane(self, medium: Number) -> Plane:
+        """The plane there, with an index on its scene's side."""
+        (e_x, f_x), (e_y, f_y) = self.shifts
+        return Plane(*self.matrix, (e_x, e_y), (f_x, f_y), medium)
+
+
 @dataclass(frozen=True)
 class Chain:
     """Elements before the main lens, the medium before them, and the glass about the microlens array."""
@@ -83,32 +105,50 @@ class Chain:
         element = self.elements[k]
         return numbers.get(f"elements.{k}.thickness", element.length)
 
-    def plane(self, numbers: Mapping[str, Number], z: Number) -> Plane:
-        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
-        a, b, c, d = 1.0, 0.0, 0.0, 1.0  # type: tuple[Number, Number, Number, Number]
-        shifts: list[tuple[Number, Number]] = [(0.0, 0.0), (0.0, 0.0)]
-        place: Number = 0.0
-        index: Number = 1.0
+    def walk(self, numbers: Mapping[str, Number]) -> tuple[Passed, ...]:
+        """Light at the main lens, then on the scene's side of each element in turn: what all planes share."""
+        steps = [Passed((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
         for k in self.order:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            inside = np.clip(z - start, 0.0, length)
-            gap = np.minimum(start, z) - place
-            a, b = a + gap * c, b + gap * d
-            shifts = [(e - gap * f, f) for e, f in shifts]
+            step = steps[-1].on(start - steps[-1].place)
+            steps.append(self._through(numbers, k, step, length, np.True_)._replace(place=start + length))
+        return tuple(steps)
+
+    def plane(self, numbers: Mapping[str, Number], z: Number, walk: tuple[Passed, ...] | None = None) -> Plane:
+        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed.
+
+        `walk` is that of the numbers, for many planes.
+        """
+        steps = self.walk(numbers) if walk is None else walk
+        behind = 0  # elements that every build's plane has behind it
+        while behind < len(self.order):
+            start = numbers[f"elements.{self.order[behind]}.distance"]
+            if not (np.all(np.greater(z, start)) and np.all(np.greater_equal(z, steps[behind + 1].place))):
+                break
+            behind += 1
+        step = steps[behind]
+        index: Number = 1.0
+        for k in self.order[behind:]:
+            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
+            step = step.on(np.maximum(np.minimum(start, z) - step.place, 0.0))
             passed = np.greater(z, start)
             if not np.any(passed):
-                return Plane(a, b, c, d, *_turned(shifts), index)
-            p, q, r, s = self._forward(numbers, k, inside, passed)
-            a, b, c, d = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
-            shifts = [self._shifted(numbers, k, axis, (p, q, r, s), inside, *shifts[axis]) for axis in (0, 1)]
-            place = start + length
+                return step.plane(index)
+            inside = np.minimum(np.maximum(z - start, 0.0), length)
+            step = self._through(numbers, k, step, inside, passed)._replace(place=start + length)
             glass = numbers.get(f"elements.{k}.index", 1.0)
-            index = np.where(passed & np.less(z, place), glass, 1.0)[()]
+            index = np.where(passed & np.less(z, step.place), glass, 1.0)[()]
         medium = numbers.get(MEDIUM, 1.0) if self.elements else 1.0
-        rest = np.maximum(z - place, 0.0) / medium
-        a, b = a + rest * c, b + rest * d
-        shifts = [(e - rest * f, f) for e, f in shifts]
-        return Plane(a, b, c, d, *_turned(shifts), np.where(np.greater_equal(z, place), medium, index)[()])
+        outside = np.greater_equal(z, step.place)
+        return step.on(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
+
+    def _through(self, numbers: Mapping[str, Number], k: int, step: Passed, inside: Number, passed: Flags) -> Passed:
+        """Light past as much of an element."""
+        p, q, r, s = forward = self._forward(numbers, k, inside, passed)
+        a, b, c, d = step.matrix
+        matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
+        x, y = (self._shifted(numbers, k, axis, forward, inside, *step.shifts[axis]) for axis in (0, 1))
+        return Passed(matrix, (x, y), step.place)
 
     def _forward(
         self, numbers: Mapping[str, Number], k: int, inside: Number, passed: Flags
@@ -145,7 +185,9 @@ class Chain:
         e, f = e - off, f - lean
         if np.any(wedge):
             f = f + (numbers[f"{part}.index"] - 1) * wedge * (inside > 0)
-        return s * e - q * f + off - lean * inside, -r * e + p * f + lean
+        # A leaning face between air and liquid bends the axis.
+        beyond = numbers.get(MEDIUM, 1.0) if k == self.order[-1] else 1.0
+        return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""
@@ -167,9 +209,13 @@ class Chain:
         """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
         if not self.elements:
             return distance
-        far = self.end(numbers)
-        last = self.plane(numbers, np.nextafter(far, np.inf))
+        far, last = self.front(numbers)
         return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
+
+    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
+        last = self.walk(numbers)[-1]
+        return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
     @property
     def bends(self) -> bool:
@@ -197,9 +243,12 @@ class Chain:
         k = self.order[-1]
         return numbers[f"elements.{k}.distance"] + self.length(numbers, k)
 
-    def apart(self, numbers: Mapping[str, Number]) -> Flags:
-        """Whether no element stands in another."""
+    def apart(self, numbers: Mapping[str, Number], stops: Iterable[Number]) -> Flags:
+        """Whether no element, and no stop at these distances, stands in another."""
         good: Flags = np.True_
+        for k, stop in product(self.order, stops):
+            start = numbers[f"elements.{k}.distance"]
+            good = good & (np.less_equal(stop, start) | np.greater_equal(stop, start + self.length(numbers, k)))
         for k, farther in pairwise(self.order):
             ends = numbers[f"elements.{k}.distance"] + self.length(numbers, k)
             good = good & np.less_equal(ends, numbers[f"elements.{farther}.distance"])
@@ -225,11 +274,6 @@ class Chain:
         if key == PLANE:
             return self.plane_seen_at(numbers, value)
         return value + self.before_array(numbers) if key == DISTANCE else value
-
-
-def _turned(shifts: list[tuple[Number, Number]]) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
-    (e_x, f_x), (e_y, f_y) = shifts
-    return (e_x, e_y), (f_x, f_y)
 
 
 def _shortened(numbers: Mapping[str, Number], part: str) -> Number:

@@ -13,11 +13,11 @@ from pydantic_core import PydanticCustomError
 from ..errors import Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
-from .chain import chain_numbers, chain_of
+from .chain import MEDIUM, chain_numbers, chain_of, materials_of
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .conjugates import CONJUGATES, followed, follower
 from .elements import AnyElement, ObjectSpace, about_elements
-from .parts import PATHS, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
+from .parts import PATHS, Housing, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
 if TYPE_CHECKING:
@@ -58,6 +58,8 @@ class Design(Part, Symbols[float]):
     """At z = d_1."""
     sensor: Sensor
     """At z = d_1 + d_2."""
+    tube: Housing | None = None
+    """What it is built into; None where nothing need fit."""
     light: Light = Light()
     """Wavelength."""
 
@@ -79,7 +81,7 @@ class Design(Part, Symbols[float]):
             self.main_lens.prescription,
             turned=self.main_lens.reversed,
         )
-        if chain is not None or self.object_space.medium is not AIR:
+        if chain is not None or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
@@ -120,6 +122,10 @@ class Design(Part, Symbols[float]):
         wanted = _by_path(changes or {}, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
+        for place in materials_of(self).keys() & wanted.keys():  # what is said of a glass is then its index alone
+            part = place.removesuffix(".index")
+            wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
+            del wanted[place]
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)

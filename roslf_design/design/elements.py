@@ -18,6 +18,7 @@ from ..errors import Problem
 from ..lenses.glass import AIR
 from ..lenses.prescription import Prescription
 from ..units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
+from ..words import length
 from .material import Material
 from .parts import Offset, Part, Tilt
 from .real_lens import Lens, mounted_lens
@@ -36,7 +37,7 @@ class Element(Part):
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
-    """[rad], about the sensor-side vertex."""
+    """About the sensor-side vertex [rad]."""
 
     @property
     def length(self) -> float:
@@ -135,11 +136,37 @@ class ObjectSpace(Part):
     """In front of the farthest element, which seals it off."""
 
 
+def element_name(element: AnyElement, number: int) -> str:
+    """What it is called; its rims are "plate 1, front" and "plate 1, back"."""
+    return f"{element.kind} {number}"
+
+
+def made_of(element: AnyElement) -> tuple[str, ...]:
+    """What it is, in a few words each: size and material, focal length, deviation."""
+    if isinstance(element, Block):
+        told = [f"{length(element.thickness)} of {element.material.name}"]
+    elif isinstance(element, FieldLens):
+        told = [f"f = {length(element.focal_length)}"]
+    elif isinstance(element, Grin):
+        told = [f"{length(element.thickness)}, n_0 {element.index:g}", f"g = {element.gradient:.5g} /mm"]
+    else:
+        told = [element.lens.name or "by its prescription"]
+    if isinstance(element, Prism) and element.deviation:
+        told.append(f"turns by {math.degrees(element.deviation):.4g}°")
+    return (*told, f"diameter {length(element.diameter)}") if element.diameter is not None else tuple(told)
+
+
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
     spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
-    if not spans and design.object_space.medium is not AIR:
+    if design.main_lens.prescription is not None:
+        places = ("sensor.cover", design.sensor.cover), ("microlens_array.substrate", design.microlens_array.substrate)
+        beside = [*(["elements"] if spans else []), *(place for place, plate in places if plate is not None)]
+        if beside:
+            message = f"a real main lens is not traced together with {', '.join(beside)}; drop one or the other"
+            problems.append(Problem("main_lens.prescription", message))
+    if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (
             f"nothing keeps {name} from the main lens; add the window that seals it off to [[elements]], or drop it"
@@ -162,6 +189,18 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 )
     if problems or known:
         return tuple(problems)
+    substrate, behind = design.microlens_array.substrate, design.sensor.cover
+    plates = [0.0 if plate is None else plate.thickness for plate in (substrate, behind)]
+    before = substrate is not None and substrate.lenslets == "sensor"
+    for place, room, glass in (
+        ("microlens_array.distance", design.d_1, plates[0] if before else 0.0),
+        ("sensor.distance", design.d_2, plates[1] if before else sum(plates)),
+    ):
+        if glass > room * (1 + 1e-9):
+            message = (
+                f"{_shown(room)} does not hold the {_shown(glass)} of glass in it; lengthen it or take thinner glass"
+            )
+            problems.append(Problem(place, message))
     d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
     if not tip <= d_f < math.inf:
         message = (

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, InstanceOf, PlainSerializer
 
 from ..errors import InputError
-from ..lenses.glass import AIR, Glass, find_glass, glass_of_index
+from ..lenses.glass import COEFFICIENTS, Glass, catalogue, find_glass, glass_of_index
 
 
 def _material(value: Any) -> Glass:
@@ -25,11 +25,14 @@ def _material(value: Any) -> Glass:
 
 
 def _written(glass: Glass) -> str | dict[str, float]:
-    if glass.formula == "constant" and glass is not AIR:
-        return {"index": glass.coefficients[0]}
-    if glass.formula == "abbe":
-        return dict(zip(("index", "abbe"), glass.coefficients, strict=True))
-    return glass.name
+    if glass.name.upper() in catalogue():
+        return glass.name
+    return dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
+
+
+def material_told(glass: Glass, wavelength: float) -> str:
+    """Its name, and its index at a wavelength [mm] where that is not its name."""
+    return glass.name if glass.name.startswith("n =") else f"{glass.name}, n = {float(glass.index(wavelength)):.5g}"
 
 
 Material = Annotated[

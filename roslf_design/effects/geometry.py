@@ -92,7 +92,7 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap))
+    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale))
     return Estimate(loss, f"{loss:.2%} darker {s.at}")
 
 

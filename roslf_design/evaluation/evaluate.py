@@ -14,13 +14,29 @@ from numpy.typing import NDArray
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
 from ..design import Design, load
+from ..design.elements import element_name, made_of
+from ..design.material import material_told
+from ..design.parts import Substrate
 from ..effects.plan import plan
+from ..lenses.glass import AIR
 from ..theory import exit_pupil
 from ..theory.light_field import SIGMA_DISPARITY
 from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import field_limit
+from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
-from .result import Depth, Diffraction, Evaluation, ExitPupil, FNumber, MicrolensImage, NonDistortion, Sampling
+from .result import (
+    Depth,
+    Diffraction,
+    Evaluation,
+    ExitPupil,
+    FNumber,
+    LookedThrough,
+    MicrolensImage,
+    NonDistortion,
+    Sampling,
+    SeenPart,
+)
 from .verdicts import verdicts_of, warnings_of
 
 Group = TypeVar("Group")
@@ -128,7 +144,40 @@ def evaluate(
         warnings=warnings_of(design, images),
         method=" ".join(method),
         real_lens=traced,
+        object_space=None if camera.chain is None else _looked_through(design, camera),
     )
+
+
+def _looked_through(design: Design, camera: Camera) -> LookedThrough:
+    medium = design.object_space.medium
+    parts = [
+        SeenPart(
+            "focal plane",
+            "" if medium == AIR else f"in {material_told(medium, design.wavelength)}",
+            design.d_f,
+            None,
+            float(camera.d_f),
+            None,
+        )
+    ]
+    for number, element in enumerate(design.elements, 1):
+        at = float(camera.plane(element.distance).distance)
+        parts.append(
+            SeenPart(element_name(element, number), ", ".join(made_of(element)), element.distance, None, at, None)
+        )
+    for rim in (camera.fap, *camera.rims[1 : 1 + camera.stops]):
+        across, at = 2 * float(rim.radius), float(rim.distance)
+        parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
+    parts.sort(key=lambda part: -part.distance_mm)
+    glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
+    for name, ruler, seen in (("MLA", design.d_1, camera.d_1), ("sensor", design.d_2, camera.d_2)):
+        plate = glass[name]
+        kind = "cover" if name == "sensor" else "substrate"
+        what = "" if plate is None else f"{kind} {length(plate.thickness)} of {plate.material.name}"
+        if isinstance(plate, Substrate):
+            what += f", lenslets towards the {plate.lenslets}"
+        parts.append(SeenPart(name, what, ruler, None, float(seen), None))
+    return LookedThrough(medium.name, float(medium.index(design.wavelength)), tuple(parts))
 
 
 def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own: Any) -> Group:

@@ -250,6 +250,37 @@ class RealLens:
 
 
 @dataclass(frozen=True)
+class SeenPart:
+    """Something that light passes, with a ruler and as the main lens sees it: through what stands between, as in air.
+
+    Distances are those before the main lens; of the MLA that behind it, of the sensor that behind the MLA.
+    """
+
+    name: str
+    what: str
+    """Size and material."""
+    distance_mm: float
+    """With a ruler; of an element its sensor-side vertex."""
+    diameter_mm: float | None
+    """Of an opening."""
+    seen_distance_mm: float
+    """Infinite where it is seen there."""
+    seen_diameter_mm: float | None
+
+
+@dataclass(frozen=True)
+class LookedThrough:
+    """What light meets beside the main lens: liquid, elements, glass about the array."""
+
+    medium: str
+    """What the scene lies in."""
+    index: float
+    """Of that, at the design's wavelength."""
+    parts: tuple[SeenPart, ...]
+    """In the order of light, from the focal plane on."""
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """Everything that `roslf evaluate` says of a design. Lengths in mm, angles in rad."""
 
@@ -274,10 +305,15 @@ class Evaluation:
     """How areas were found, and how far they may be off."""
     real_lens: RealLens | None = None
     """The traced main lens; None where it is ideal."""
+    object_space: LookedThrough | None = None
+    """None where all is air."""
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON object of `roslf evaluate --json`; infinite values are None."""
-        return {"schema": SCHEMA, **plain(self, undefined=False)}
+        """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
+        data = {"schema": SCHEMA, **plain(self, undefined=False)}
+        if self.object_space is None:
+            del data["object_space"]
+        return data
 
     def __str__(self) -> str:
         return as_text(self)

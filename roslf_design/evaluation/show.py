@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import Evaluation, RealLens
+    from .result import Evaluation, RealLens, SeenPart
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -88,6 +89,40 @@ def _lens_facts(lens: RealLens) -> list[tuple[str, str, str]]:
     ]
 
 
+def seen_table(result: Evaluation) -> Table | None:
+    """What light meets beside the main lens; nothing where all is air."""
+    if (through := result.object_space) is None:
+        return None
+    rows = tuple(
+        (
+            part.name,
+            part.what,
+            f"{number(part.distance_mm)} mm",
+            "" if part.diameter_mm is None else f"{number(part.diameter_mm)} mm",
+            _seen(part),
+        )
+        for part in through.parts
+    )
+    medium = f"The scene lies in {through.medium}" + ("." if through.index == 1 else f", index {through.index:.5g}.")
+    caption = (
+        f"{medium} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA behind "
+        "the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens sees them."
+    )
+    headings = ("", "what", "distance", "diameter", "as the main lens sees it")
+    return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)
+
+
+def _seen(part: SeenPart) -> str:
+    """How it is seen, as far as that differs."""
+    pairs = (("", part.distance_mm, part.seen_distance_mm), ("diameter ", part.diameter_mm, part.seen_diameter_mm))
+    told = [
+        f"{name}{number(seen)} mm"
+        for name, own, seen in pairs
+        if own is not None and seen is not None and not math.isclose(own, seen, rel_tol=1e-6)
+    ]
+    return ", ".join(told)
+
+
 def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = (
@@ -115,6 +150,12 @@ def budget_table(result: Evaluation) -> Table:
     names = [name for name, _ in budgets[0]] if budgets else []
     taking = [name if name in ("own cell", "neighbours") else f"lost at {name}" for name in names]
     title = "Ray budget: of the rays that fill the pupil, in the order of light"
+    if result.object_space is not None:  # of as many elements as there may be, one row each
+        headings = ("microlens x, y [mm]", *(place(field.x_ml_mm) for field in result.fields))
+        columns = tuple(
+            zip(taking, *([f"{100 * share:.2f} %" for _, share in budget] for budget in budgets), strict=True)
+        )
+        return Table(columns, "l" + "r" * len(budgets), headings, title)
     return Table(tuple(rows), "l" + "r" * len(taking), ("microlens x, y [mm]", *taking), title)
 
 
@@ -178,7 +219,8 @@ def _cell(value: float | None, decimals: int, sign: str = "") -> str:
 def _tables(result: Evaluation) -> list[Table]:
     fields = [field_table(result), budget_table(result)] if result.fields else []
     lens = [] if result.real_lens is None else [lens_table(result.real_lens)]
-    return [*fact_tables(result), *fields, *lens, effects_table(result)]
+    seen = seen_table(result)
+    return [*([] if seen is None else [seen]), *fact_tables(result), *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import re
 import sys
 import tempfile
@@ -28,7 +27,9 @@ from .jobs import Later, Progress
 from .runs import KINDS, Options, Run, forms, summary
 from .state import (
     BY_SYMBOL,
+    CONTROLS,
     TABS,
+    Choice,
     History,
     LinkError,
     Look,
@@ -43,7 +44,7 @@ from .state import (
 from .view import DRAWINGS, TRACING, PictureSource, Size, controls, fitting, glance, header, lights, looked_at, proposed
 
 Known = TypeVar("Known")
-Symbol = Annotated[str, key_of(BY_SYMBOL)]
+Symbol = Annotated[str, key_of(CONTROLS)]
 Kind = Annotated[str, key_of(KINDS)]
 
 TICK = 0.25
@@ -76,9 +77,9 @@ class Session:
     """
 
     requests = (
-        *("opened", "restore", "slide", "write", "follow", "undo", "redo", "load_text", "load_path", "fix", "dismiss"),
-        *("look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run", "cancel_run"),
-        "take_optimum",
+        *("opened", "restore", "slide", "write", "choose", "follow", "undo", "redo", "load_text", "load_path", "fix"),
+        *("dismiss", "look", "point", "let_go", "nudge", "resize", "set_theme", "space_again", "start_run"),
+        *("cancel_run", "take_optimum"),
     )
     """Methods that the page may call, through `ask`."""
 
@@ -219,13 +220,17 @@ class Session:
 
     def slide(self, symbol: Symbol, place: FiniteFloat, gesture: str) -> None:
         """Move a slider; all of one gesture is one step back."""
-        field = BY_SYMBOL[symbol]
+        field = CONTROLS[symbol]
         value = value_at(field, place, reach(field, self.state.reference, self.design))
         self._go(self.state.set(symbol, value), gesture)
 
     def write(self, symbol: Symbol, text: str) -> None:
         """Type into a number field."""
         self._go(self.state.edit(symbol, text))
+
+    def choose(self, what: Choice, text: str) -> None:
+        """Say what the scene lies in, or what window stands at the tip."""
+        self._go(self.state.choose(what, text))
 
     def follow(self, symbol: str) -> None:
         """Choose which of f, d_1, d_f follows."""
@@ -249,11 +254,7 @@ class Session:
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
-        place = path.strip()
-        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):
-            self._say(f"{place}: is a pipe or a device; name a file on disk")
-        else:
-            self._load(lambda: load(place))
+        self._load(lambda: load(path.strip()))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""

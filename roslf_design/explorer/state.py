@@ -10,14 +10,18 @@ import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
 
+from ..camera import Camera
 from ..design import PATHS, Design, DesignError, dumps, loads
-from ..errors import Problem
+from ..design.elements import Plate
+from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..lenses.glass import AIR, Glass, catalogue, find_glass, glass_of_index
+from ..theory.quantities import QUANTITIES
 from ..units import UNITS, parse_quantity
 
 # Numbers of a design.
@@ -37,6 +41,10 @@ def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
     """Which of f, d_1 and d_f stay where some numbers change and one follows; none where that one is among them."""
     touched = [symbol for symbol in CONJUGATE if symbol in changed]
     return tuple(s for s in CONJUGATE if s not in (follows, *touched)) if touched and follows not in touched else ()
+
+
+Choice = Literal["medium", "window", "window_material"]
+"""What is chosen beside numbers."""
 
 
 class NumberField(NamedTuple):
@@ -69,6 +77,22 @@ FIELDS = (
 """Every field, in the order of the page."""
 
 BY_SYMBOL = {field.symbol: field for field in FIELDS}
+
+WINDOW = (
+    NumberField("window_thickness", "Window thickness", "Bore", "mm"),
+    NumberField("window_distance", "Window to lens", "Bore", "mm", "linear"),
+    NumberField("window_diameter", "Window aperture", "Bore", "mm"),
+)
+"""Of the outermost window, where a design has one."""
+
+CONTROLS = BY_SYMBOL | {field.symbol: field for field in WINDOW}
+"""Every field that a design may have."""
+
+MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalogue()))
+"""What the scene can be told to lie in by name."""
+
+GLASSES = tuple(name for name in ("sapphire", "fused silica", "N-BK7") if name.upper() in catalogue())
+"""Of windows, as the page proposes them; any other can be typed."""
 
 EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm"}
 """What may be typed, by the field's unit."""
@@ -108,8 +132,11 @@ def reach(field: NumberField, reference: Design, design: Design) -> tuple[float,
     About the design that was loaded, so that a slider keeps its place while it is moved; always as far as the present
     design's value.
     """
-    now, centre = float(getattr(design, field.symbol)), float(getattr(reference, field.symbol))
+    now = value_of(design, field.symbol) or design.D_F
+    centre = value_of(reference, field.symbol) or now
     low, high = centre / SPAN, centre * SPAN
+    if field.symbol == "window_distance":
+        low, high = 0.0, design.d_f
     if field.symbol == "wavelength":
         low, high = VISIBLE
     elif field.symbol == "d_3":
@@ -141,6 +168,33 @@ def value_at(field: NumberField, place: float, ends: tuple[float, float]) -> flo
         return float(f"{low * (high / low) ** share:.4g}")
     span = high - low
     return round(low + share * span, 3 - math.floor(math.log10(span))) if span > 0 else low
+
+
+def window_of(design: Design) -> int | None:
+    """Which element is the window at the tip: the farthest one, if it is a plate."""
+    far = max(range(len(design.elements)), key=lambda k: design.elements[k].distance, default=None)
+    return far if far is not None and isinstance(design.elements[far], Plate) else None
+
+
+def value_of(design: Design, symbol: str) -> float | None:
+    """A field's number [mm]; None where the design has none: no window, or one without an aperture."""
+    if symbol in BY_SYMBOL:
+        return float(getattr(design, symbol))
+    k = window_of(design)
+    value = None if k is None else getattr(design.elements[k], symbol.removeprefix("window_"))
+    return None if value is None else float(value)
+
+
+def new_window(design: Design) -> dict[str, Any]:
+    """A window just before all else, as wide as what the sensor sees through the FAP asks for [mm]."""
+    camera = Camera.of(design)
+    tip, beyond = float(camera.tip), design.d_f - design.d_3
+    gap = design.d_f - tip
+    start, thick = (float(f"{value:.4g}") for value in (tip + min(0.5, 0.05 * gap), min(1.0, 0.1 * gap)))
+    share = (start + thick - design.d_3) / beyond
+    pencil = float(QUANTITIES["field_half_diagonal_mm"](camera)) * share + design.D_F / 2
+    wide = {"diameter": float(f"{2.2 * pencil:.3g}")} if math.isfinite(pencil) else {}
+    return {"kind": "plate", "distance": start, "thickness": thick, "material": GLASSES[0], **wide}
 
 
 # The design.
@@ -187,6 +241,8 @@ class State:
 
     def changeable(self, symbol: str) -> bool:
         """Whether a number can be set by hand."""
+        if symbol not in BY_SYMBOL:
+            return window_of(self.design) is not None
         return symbol != self.follows and not (symbol == "f" and "f" not in self.followers)
 
     def fault(self, symbol: str) -> Fault | None:
@@ -211,7 +267,7 @@ class State:
         if not self.changeable(symbol):
             return self
         try:
-            value = read(BY_SYMBOL[symbol], text)
+            value = read(CONTROLS[symbol], text)
         except ValueError as error:
             return self._with_fault(Fault(symbol, text, str(error)))
         return self._put(symbol, value, text)
@@ -234,9 +290,53 @@ class State:
         """Go on with another design; sliders keep their reach."""
         return replace(self, design=design, faults=(), message="")
 
+    def choose(self, what: Choice, text: str) -> State:
+        """Say what the scene lies in, whether there is a window at the tip, or what that is made of.
+
+        Parameters
+        ----------
+        what : {"medium", "window", "window_material"}
+        text : str
+            A material's name or index; of a window "yes" or "no". A liquid brings the window that seals it off, and
+            the last window that goes takes the liquid along.
+        """
+        design, k = self.design, window_of(self.design)
+        elements: list[Any] = list(design.elements)
+        medium = design.object_space.medium
+        try:
+            if what == "window":
+                if (text == "yes") == (k is not None):
+                    return self
+                elements = [*elements, new_window(design)] if k is None else elements[:k] + elements[k + 1 :]
+            elif what == "medium":
+                medium = _material(text)
+                elements = elements or ([] if text == "air" else [new_window(design)])
+            elif k is not None:
+                elements[k] = elements[k].model_copy(update={"material": _material(text)})
+            held = [s for s in self.followers if s != self.follows]
+            held = [] if design.main_lens.prescription is not None else held
+            changes = {PATHS[s]: getattr(design, s) for s in held}
+            changes |= {"elements": tuple(elements), "object_space.medium": medium if elements else AIR}
+            left = tuple(
+                f
+                for f in self._faults_but(what)
+                if not (what == "window" and f.symbol in CONTROLS.keys() - BY_SYMBOL.keys())
+            )
+            return replace(self.take(design.replace(changes)), faults=left)
+        except InputError as error:
+            return self._with_fault(Fault(what, text, "; ".join(problem.message for problem in error.problems)))
+
     def _changed(self, changes: Mapping[str, float]) -> Design:
-        fixed = () if self.design.main_lens.prescription is not None else kept(self.follows, changes)
-        return self.design.replace(**{s: getattr(self.design, s) for s in fixed} | dict(changes))
+        window = f"elements.{window_of(self.design)}."
+        places = {PATHS.get(symbol, symbol.replace("window_", window)): value for symbol, value in changes.items()}
+        if "q" in changes:  # as the microlenses see it
+            places[PATHS["q"]] *= self.design.sensor.relay_magnification
+        fixed = kept(self.follows, changes)
+        if changes.keys() - PATHS.keys():  # glass moves the focus
+            fixed = tuple(s for s in CONJUGATE if s != self.follows and s not in changes)
+        if self.design.main_lens.prescription is not None:
+            fixed = ()
+        return self.design.replace({PATHS[s]: getattr(self.design, s) for s in fixed} | places)
 
     def _put(self, symbol: str, value: float, text: str) -> State:
         waiting = _readable(self._faults_but(symbol))
@@ -258,12 +358,21 @@ class State:
         return replace(self, faults=(*self._faults_but(fault.symbol), fault), message="")
 
 
+def _material(text: str) -> Glass:
+    """A material that was typed: its name, or its index."""
+    try:
+        index = float(text.replace(",", "."))
+    except ValueError:
+        return find_glass(text)
+    return glass_of_index({"index": index})
+
+
 def _readable(faults: Iterable[Fault]) -> dict[str, float]:
     values = {}
     for fault in faults:
         try:
-            values[fault.symbol] = read(BY_SYMBOL[fault.symbol], fault.text)
-        except ValueError:
+            values[fault.symbol] = read(CONTROLS[fault.symbol], fault.text)
+        except (KeyError, ValueError):  # a material is no length
             continue
     return values
 

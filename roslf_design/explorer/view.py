@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from ..design import Design
 from ..evaluation import Evaluation
+from ..lenses.glass import Glass
 from ..pictures.curves import depth_precision, matching_plane
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
@@ -21,9 +22,13 @@ from ..pictures.theme import short
 from ..words import to_html
 from .fixes import Fix
 from .state import (
+    BY_SYMBOL,
     FIELDS,
+    GLASSES,
+    MEDIA,
     STEPS,
     WHOLE,
+    WINDOW,
     History,
     Look,
     NumberField,
@@ -33,6 +38,8 @@ from .state import (
     position,
     reach,
     show,
+    value_of,
+    window_of,
 )
 
 Size = tuple[int, int]
@@ -152,25 +159,51 @@ def header(history: History) -> dict[str, Any]:
 def controls(state: State) -> dict[str, Any]:
     """Every field with its slider, by part of the camera."""
     groups: dict[str, list[dict[str, Any]]] = {}
-    for number in FIELDS:
-        groups.setdefault(number.group, []).append(_control(number, state))
-    return {"groups": [{"name": name, "fields": fields} for name, fields in groups.items()]}
+    for number in (*FIELDS, *WINDOW):
+        if number.symbol in BY_SYMBOL or window_of(state.design) is not None:
+            groups.setdefault(number.group, []).append(_control(number, state))
+    listed = [{"name": name, "fields": fields} for name, fields in groups.items() if name != WINDOW[0].group]
+    return {"groups": listed, "bore": {**_bore(state), "fields": groups.get(WINDOW[0].group, [])}}
+
+
+def _bore(state: State) -> dict[str, Any]:
+    """What the scene lies in, and whether a window stands at the tip, of what."""
+    medium, k = state.design.object_space.medium, window_of(state.design)
+    faults = {what: state.fault(what) for what in ("medium", "window", "window_material")}
+    material = "" if k is None else _material_text(state.design.elements[k].material)  # type: ignore[union-attr]
+    wrong = faults["window_material"]
+    return {
+        "media": list(MEDIA),
+        "medium": medium.name if medium.name in MEDIA else "index",
+        "index": "" if medium.name in MEDIA else f"{float(medium.index(state.design.wavelength)):.5g}",
+        "window": k is not None,
+        "materials": list(GLASSES),
+        "material": material if wrong is None else wrong.text,
+        **{f"{what}_fault": "" if fault is None else fault.message for what, fault in faults.items()},
+    }
+
+
+def _material_text(glass: Glass) -> str:
+    return f"{glass.coefficients[0]:g}" if glass.formula in ("constant", "abbe") else glass.name
 
 
 def _control(number: NumberField, state: State) -> dict[str, Any]:
     symbol = number.symbol
-    value = float(getattr(state.design, symbol))
-    text, fault = show(number, value), state.fault(symbol)
-    letter, _, index = ("λ" if symbol == "wavelength" else symbol).partition("_")
+    known = value_of(state.design, symbol)
+    ends = reach(number, state.reference, state.design)
+    text, fault = "" if known is None else show(number, known), state.fault(symbol)
+    letter, _, index = ("λ" if symbol == "wavelength" else symbol if symbol in BY_SYMBOL else "").partition("_")
     follows, changeable = state.follows == symbol, state.changeable(symbol)
     return {
         "symbol": symbol,
         "markup": f"<i>{letter}</i><sub>{index}</sub>" if index else f"<i>{letter}</i>",
         "name": number.name,
-        "spoken": f"{number.name}, {'lambda' if symbol == 'wavelength' else symbol.replace('_', ' ')}",
+        "spoken": number.name
+        if symbol not in BY_SYMBOL
+        else f"{number.name}, {'lambda' if symbol == 'wavelength' else symbol.replace('_', ' ')}",
         "text": text if fault is None else fault.text,
         "fault": "" if fault is None else fault.message,
-        "position": position(number, value, reach(number, state.reference, state.design)),
+        "position": STEPS if known is None else position(number, known, ends),
         "steps": STEPS,
         "shown": text,
         "open": changeable,

@@ -71,7 +71,7 @@ class PointSource:
     x: float
     y: float
     distance: float
-    """Z [mm]."""
+    """Z, as the main lens sees it [mm]."""
 
     @property
     def reach(self) -> float:
@@ -98,10 +98,10 @@ class PointSource:
         """What the FAP, the lens and further rims leave open for this point."""
         centres, radii = [], []
         for rim in (self.camera.fap, *self.camera.rims):
-            grow = self.reach / (self.distance - rim.distance)
+            grow = self.reach / (self.distance - float(rim.distance))
             at_x, at_y = self.camera.decentre(rim.part)
             centres.append([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow])
-            radii.append(rim.radius * grow)
+            radii.append(float(rim.radius) * abs(grow))
         return PointOpening(np.array(centres), np.array(radii))
 
 
@@ -199,10 +199,10 @@ def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundFie
     # Over a whole disc it depends on the distance from the geometric spot's middle alone, and is tabulated.
     throw, radius, centre = source.throw, source.opening.radii[0], source.opening.centres[0]
     k = math.pi / wavelength
-    farthest = throw * abs(source.defocus) * radius + beyond
-    step = wavelength * throw / (2 * radius) / 256
+    farthest = abs(throw * source.defocus) * radius + beyond
+    step = wavelength * abs(throw) / (2 * radius) / 256
     r = np.arange(0.0, math.sqrt(2) * farthest + 2 * step, step)
-    count = 24 + 2 * math.ceil(2 * radius * (r[-1] / throw + abs(source.defocus) * radius) / wavelength)
+    count = 24 + 2 * math.ceil(2 * radius * (r[-1] / abs(throw) + abs(source.defocus) * radius) / wavelength)
     nodes, weights = np.polynomial.legendre.leggauss(count)
     rho, ring = (nodes + 1) * radius / 2, math.pi * radius * weights
     table = j0(2 * k / throw * r[:, None] * rho) @ (rho * ring * np.exp(1j * k * source.defocus * rho**2))
@@ -222,7 +222,7 @@ def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: fl
     throw, opening = source.throw, source.opening
     widest = float(opening.radii.min())
     farthest = max(np.abs(u_x).max(), np.abs(u_y).max())
-    cycles = 2 * widest * (farthest / throw + abs(source.defocus) * widest) / wavelength
+    cycles = 2 * widest * (farthest / abs(throw) + abs(source.defocus) * widest) / wavelength
     count = 24 + 2 * math.ceil(cycles)
     height, weight, left, right = opening.chords(count)
     nodes, weights = np.polynomial.legendre.leggauss(count)

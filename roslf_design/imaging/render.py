@@ -148,7 +148,9 @@ class _Job:
         self.rays = 0
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and (real is not None or self.camera.tilted)
+        self.traced |= scene.white is not None and (
+            real is not None or self.camera.tilted or effects.on("plate_aberration")
+        )
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         self.series = self._series()
         ways = {
@@ -223,18 +225,27 @@ class _Job:
 
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""
-        if self.scene.points and self.camera.tilted:
-            message = (
-                "point sources through tilted parts are not rendered; add --effects -tilts to take them as straight"
-            )
-            raise InputError((Problem("effects", message),))
-        lens_x, lens_y = self.camera["main_lens.decentre.0"], self.camera["main_lens.decentre.1"]
+        ways = (
+            (self.camera.tilted, "tilted parts", "-tilts"),
+            (
+                self.plan.on("plate_aberration"),
+                "elements by Snell's law",
+                "-plate_aberration",
+            ),
+        )
+        for on, what, remedy in ways:
+            if self.scene.points and on:
+                message = f"point sources through {what} are not rendered; add --effects {remedy} to take them as ideal"
+                raise InputError((Problem("effects", message),))
+        camera = self.camera
+        lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:
-            for x, y, distance in thing.positions:
+            for position in thing.positions:
+                x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= (1 + (x * x + y * y) / (distance - self.design.d_3) ** 2) ** -2.0
-                yield np.float32(light), PointSource(self.camera, float(x - lens_x), float(y - lens_y), distance)
+                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
 
     @property
     def colours(self) -> tuple[float, ...]:

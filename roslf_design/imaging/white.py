@@ -126,7 +126,7 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     this differs by less than the change over half a pitch.
     """
     lattice = ImageLattice.of(camera)
-    scale = float(camera.inverse_m / camera.gap)
+    scale = float(camera.inverse_m / (camera.gap * camera.fap.scale))
     shift = lattice.offset - lattice.image_origin / lattice.grow
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2

@@ -1,7 +1,7 @@
-"""Optical glasses: refractive index from Sellmeier or Schott coefficients, refused outside the measured range.
+"""Optical materials: refractive index from Sellmeier or Schott coefficients, refused outside the measured range.
 
-Indices are relative to air at 20 degrees C, so air is 1 exactly at every wavelength; the catalogue that ships
-(`glasses.toml`) prints its coefficients that way. An unknown glass is an error, never a guess.
+Indices are relative to air at 20 degrees C, so air is 1 exactly at every wavelength; what a source of the catalogue
+that ships (`glasses.toml`) gives against vacuum is converted. An unknown glass is an error, never a guess.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from ..units import format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 
-FORMULAS = ("sellmeier", "schott", "constant")
-COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "constant": ("index",)}
+COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "abbe": ("index", "abbe"), "constant": ("index",)}
+"""The keys of a glass table that hold its formula's coefficients."""
 F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
 """Wavelengths of Abbe numbers [um]."""
-"""The keys of a glass table that hold its formula's coefficients."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Glass:
         Where the coefficients come from.
     offset : float
         Added to the index: a melt's departure from the catalogue, for tolerancing.
+    against : {"air", "vacuum"}
+        What the coefficients are relative to; the index always is to air.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Glass:
     longest: float = np.inf
     source: str = ""
     offset: float = 0.0
+    against: str = "air"
 
     def index(self, wavelength: ArrayLike) -> Array:
         """Refractive index relative to air.
@@ -85,7 +87,8 @@ class Glass:
             known = f"{format_quantity(self.shortest, 'length')} to {longest}"
             message = f"{text} is outside the range of {self.name} ({known}); choose a wavelength inside it"
             raise InputError((Problem("wavelength", message),))
-        return self.offset + _index(self.formula, self.coefficients, length * 1e3)
+        index = _index(self.formula, self.coefficients, length * 1e3)
+        return self.offset + (index / _air(length * 1e3) if self.against == "vacuum" else index)
 
     def with_offset(self, change: float) -> Glass:
         """The same glass with its index raised by `change`."""
@@ -109,6 +112,13 @@ def _index(formula: str, coefficients: tuple[float, ...], micrometres: Array) ->
         for power, a in enumerate(coefficients[2:], start=1):
             total = total + a / square**power
     return np.asarray(np.sqrt(total))
+
+
+def _air(micrometres: Array) -> Array:
+    """Index of air at 20 degrees C and 1013.25 hPa against vacuum: Kohlrausch's formula, as in SCHOTT's TIE-19."""
+    square = micrometres * micrometres
+    at_15 = 6432.8 + 2949810 * square / (146 * square - 1) + 25540 * square / (41 * square - 1)
+    return np.asarray(1 + at_15 * 1e-8 / (1 + 5 * 3.4785e-3))
 
 
 AIR = Glass("air", "constant", (1.0,))
@@ -150,7 +160,7 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
         return glass
     near = difflib.get_close_matches(name.upper(), known, 1, 0.5)
     hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"
-    remedy = "check the spelling or describe it under [glasses] in the lens file"
+    remedy = "check the spelling, or describe it: {index = 1.5, abbe = 60} in a design, [glasses] in a lens file"
     raise InputError((Problem("glass", f"'{name}' is not a known glass; {hint}; {remedy}"),))
 
 
@@ -185,18 +195,20 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
     name : str
         The glass's name.
     table : mapping
-        ``formula``, its coefficients (``b`` and ``c``, ``a``, or ``index``), ``range``, ``source``.
+        ``formula``, its coefficients (``b`` and ``c``, ``a``, ``index`` and ``abbe``, or ``index``), ``range``,
+        ``source``, and ``against = "vacuum"`` where it is that to which the coefficients are relative.
     """
     formula = table.get("formula")
-    if formula not in FORMULAS:
-        return None, (Problem("formula", f"{formula!r} is not a known formula; write one of {', '.join(FORMULAS)}"),)
+    if formula not in COEFFICIENTS:
+        known = ", ".join(COEFFICIENTS)
+        return None, (Problem("formula", f"{formula!r} is not a known formula; write one of {known}"),)
     needed = COEFFICIENTS[formula]
-    allowed = ("formula", "source", "range", *needed)
+    allowed = ("formula", "source", "range", "against", *needed)
     unknown = f"is not a known key of a {formula} glass; known: {', '.join(allowed)}"
     problems = [Problem(key, unknown) for key in table if key not in allowed]
     columns: list[tuple[float, ...]] = []
     for key in needed:
-        values = table.get(key) if key != "index" else [table.get(key)]
+        values = [table.get(key)] if key in ("index", "abbe") else table.get(key)
         if not isinstance(values, list) or not values or not all(_is_number(value) for value in values):
             problems.append(Problem(key, f"must hold finite numbers (wavelengths in um), got {table.get(key)!r}"))
         else:
@@ -205,12 +217,15 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
         problems.append(Problem("c", f"has {len(columns[1])} numbers where b has {len(columns[0])}; pair them"))
     if formula == "schott" and columns and len(columns[0]) < 2:
         problems.append(Problem("a", "needs at least a_0 and a_1"))
+    against = table.get("against", "air")
+    if against not in ("air", "vacuum"):
+        problems.append(Problem("against", f'must be "air" or "vacuum", got {against!r}'))
     bounds, faults = _read_range(table.get("range"), formula)
     problems += faults
     if problems:
         return None, tuple(problems)
     coefficients = tuple(v for pair in zip(*columns, strict=True) for v in pair) if len(columns) == 2 else columns[0]
-    glass = Glass(name, formula, coefficients, *bounds, str(table.get("source", "")))
+    glass = Glass(name, formula, coefficients, *bounds, str(table.get("source", "")), against=str(against))
     ends = np.linspace(*bounds, 9) * 1e3 if np.isfinite(bounds[1]) else np.ones(1)
     with np.errstate(all="ignore"):
         real = _index(formula, coefficients, ends[ends > 0])

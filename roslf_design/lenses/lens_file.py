@@ -42,7 +42,7 @@ from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
 from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
-from .glass import AIR, Glass, catalogue, find_glass, read_glass
+from .glass import AIR, COEFFICIENTS, Glass, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 
 TOP = ("name", "source", "wavelength", "surfaces", "glasses")
@@ -262,7 +262,9 @@ def _glass_table(glass: Glass) -> dict[str, Any]:
     elif glass.formula == "schott":
         table["a"] = list(glass.coefficients)
     else:
-        table["index"] = glass.coefficients[0]
+        table |= dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
+    if glass.against != "air":
+        table["against"] = glass.against
     if math.isfinite(glass.longest):
         table["range"] = [format_quantity(glass.shortest, "length"), format_quantity(glass.longest, "length")]
     if glass.source:

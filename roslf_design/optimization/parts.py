@@ -7,17 +7,18 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter, eq, ge, gt, le, lt
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from ..design.material import Material
 from ..errors import InputError, Problem
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, parse_quantity
 
-Kind = Literal["lenses", "microlens_arrays", "sensors"]
+Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
@@ -26,6 +27,9 @@ maker; unverified: stated without a source at hand; typical: a size that many ma
 
 Gives = Mapping[str, Callable[[Any], Any]]
 """Place of a design to what a part has there."""
+
+ELEMENT = "element."
+"""What places begin with of the element that a part is chosen for."""
 
 SHIPPED = Path(__file__).with_name("catalogue")
 
@@ -48,7 +52,27 @@ class Entry(StrictTable):
         return {place: read(self) for place, read in self.gives.items()}
 
 
-class LensPart(Entry):
+class _Round(Entry):
+    """A round part, held at its edge."""
+
+    diameter: Length
+    """Outer [mm]."""
+    clear_aperture: Length | None = None
+    """[mm]; 90 % of the diameter where not given."""
+
+    @property
+    def aperture(self) -> float:
+        """Clear aperture [mm]."""
+        return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        if self.clear_aperture is not None and self.clear_aperture > self.diameter:
+            raise ValueError("clear_aperture is larger than the diameter; swap them")
+        return self
+
+
+class LensPart(_Round):
     """A main lens."""
 
     gives: ClassVar[Gives] = {
@@ -57,22 +81,7 @@ class LensPart(Entry):
     }
 
     type: str = ""
-    diameter: Length
-    """Outer [mm]."""
-    clear_aperture: Length | None = None
-    """D [mm]; 90 % of the diameter where not given."""
     focal_length: Length
-
-    @property
-    def aperture(self) -> float:
-        """D [mm]."""
-        return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
-
-    @model_validator(mode="after")
-    def _inside(self) -> LensPart:
-        if self.clear_aperture is not None and self.clear_aperture > self.diameter:
-            raise ValueError("clear_aperture is larger than the diameter; swap them")
-        return self
 
 
 class ArrayPart(Entry):
@@ -126,12 +135,35 @@ class SensorPart(Entry):
         return self
 
 
-MODELS: Mapping[Kind, type[Entry]] = {"lenses": LensPart, "microlens_arrays": ArrayPart, "sensors": SensorPart}
+class WindowPart(_Round):
+    """A plane-parallel window."""
+
+    gives: ClassVar[Gives] = {
+        f"{ELEMENT}diameter": attrgetter("aperture"),
+        f"{ELEMENT}thickness": attrgetter("thickness"),
+        f"{ELEMENT}material": attrgetter("material"),
+    }
+
+    thickness: Length
+    material: Material
 
 
-def given_by(kinds: Iterable[Kind]) -> frozenset[str]:
-    """Places of a design that parts of some kinds give together."""
-    return frozenset(place for kind in kinds for place in MODELS[kind].gives)
+MODELS: Mapping[Kind, type[Entry]] = {
+    "lenses": LensPart,
+    "microlens_arrays": ArrayPart,
+    "sensors": SensorPart,
+    "windows": WindowPart,
+}
+
+
+def given_by(kinds: Iterable[Kind], element: int | None) -> frozenset[str]:
+    """Places of a design that parts of some kinds give together, windows to one of its elements."""
+    return frozenset(placed(place, element) for kind in kinds for place in MODELS[kind].gives)
+
+
+def placed(place: str, element: int | None) -> str:
+    """A place that a part gives, of the element that it is chosen for."""
+    return place.replace(ELEMENT, f"elements.{element}.") if place.startswith(ELEMENT) else place
 
 
 class Catalogue(StrictTable):
@@ -140,6 +172,7 @@ class Catalogue(StrictTable):
     lenses: tuple[LensPart, ...] = ()
     microlens_arrays: tuple[ArrayPart, ...] = ()
     sensors: tuple[SensorPart, ...] = ()
+    windows: tuple[WindowPart, ...] = ()
 
     def of(self, kind: Kind) -> tuple[Entry, ...]:
         """Parts of one kind."""
@@ -181,7 +214,7 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
     for kind in kinds:
         for entry in catalogue.of(kind):
             row = {"kind": kind} | {key: value for key, value in entry.model_dump().items() if value not in (None, "")}
-            if isinstance(entry, LensPart):
+            if isinstance(entry, _Round):
                 row |= {"clear_aperture": entry.aperture, "clear_aperture_assumed": entry.clear_aperture is None}
             elif isinstance(entry, SensorPart):
                 row["size"] = list(entry.size)
@@ -189,7 +222,9 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
 
 
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, ">": gt, ">=": ge}
-LENGTHS = ("diameter", "clear_aperture", "focal_length", "effective_focal_length", "pitch", "pixel", "size")
+LENGTHS = frozenset(
+    ("diameter", "clear_aperture", "thickness", "focal_length", "effective_focal_length", "pitch", "pixel", "size")
+)
 NEAR = 1e-9
 """Relative difference at which lengths count as equal."""
 

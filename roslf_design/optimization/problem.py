@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from operator import itemgetter
 from typing import Annotated, Any, Literal
 
@@ -22,9 +23,11 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
+from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
+from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
@@ -42,7 +45,7 @@ LOG_ABOVE = 4.0
 """Ratio of bounds from which a variable is scaled by its logarithm."""
 
 DERIVED = {
-    "working_distance": "from the bore's tip (the farthest of FAP and stops) to the focal plane; sets d_f",
+    "working_distance": "from the bore's tip (the farthest of FAP, stops and elements) to the focal plane; sets d_f",
     "tube_length": "from the FAP, the tube's inner rim, to its outer rim, the design's last stop; moves that stop",
     "tube_diameter": "of the FAP and every further stop together",
 }
@@ -236,6 +239,10 @@ class Goal(_Asked):
         return Constraint(quantity=self.quantity, at=self.at, min=low, max=high)
 
 
+End = Callable[[Camera], Number]
+"""Where something ends, of every build [mm before the main lens]."""
+
+
 @dataclass(frozen=True)
 class LimitRow:
     """One scalar condition: a row that must not be above 0. An equality is two of them."""
@@ -275,7 +282,7 @@ class DesignProblem:
     @cached_property
     def base(self) -> Camera:
         """The base design, behind its bore and with its parts."""
-        return Camera.of(self.design).replace({p: v for p, v in self.given.items() if not isinstance(v, str)})
+        return Camera.of(self.design).replace({p: v for p, v in self.given.items() if not isinstance(v, (str, Glass))})
 
     @property
     def n(self) -> int:
@@ -340,14 +347,41 @@ class DesignProblem:
         rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
         for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
             yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c[PATHS["d_f"]])  # type: ignore[misc]
-        if self.base.chain is not None:
-            yield row("focal plane in front of the bore", lambda c: 1 - c.tip / c[PATHS["d_f"]])
+        if self.base.chain is not None and self.base.chain.elements:
+            yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])  # type: ignore[union-attr]
+            for near, far, label in self._kept_apart():
+                yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
+
+    def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
+        """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
+        base, chain = self.base, self.base.chain
+        assert chain is not None
+        named = [f"{element.kind} {k}" for k, element in enumerate(chain.elements, 1)]
+
+        def ends(k: int) -> tuple[End, End]:
+            start = f"elements.{k}.distance"
+            return itemgetter(start), lambda c: c[start] + chain.length(c.numbers, k)
+
+        moved = {place.rpartition(".")[0] for place in (*self._set_places, *self.given)}
+        for k, farther in pairwise(chain.order):
+            if moved & {f"elements.{k}", f"elements.{farther}"}:
+                yield ends(k)[1], ends(farther)[0], f"{named[k]} clear of {named[farther]}"
+        for rim in (base.fap, *base.rims[1 : 1 + base.stops]):
+            stop: End = itemgetter(f"{rim.part}.distance")
+            for k in chain.order:
+                if moved & {rim.part, f"elements.{k}"}:
+                    start, end = ends(k)
+                    before = rim.stands <= (start(base) + end(base)) / 2
+                    yield *((stop, start) if before else (end, stop)), f"{rim.name} clear of {named[k]}"
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
         worst = constraint.quantity.worst
-        widest = constraint.quantity.name == "largest_diameter_mm"
-        rims = [""] * (2 + self.base.stops) if widest else [f" ({rim.name})" for rim in self.base.rims]
+        widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
+        rims = [f" ({rim.name})" for rim in self.base.rims]
+        if widest:
+            housing = constraint.quantity.name == "outer_diameter_mm"
+            rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * (1 + len(self.base.rims))
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
             for end in ("min", "max") if side == "equal" else (side,):
@@ -423,13 +457,13 @@ def sobol_units(n: int, count: int, seed: int) -> Array:
     return np.ascontiguousarray(sobol_points(n, 0, count, seed).T)
 
 
-IDLE = (".tilt.", ".rotation", "microlens_array.decentre", "sensor.decentre")
+IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.decentre")
 """In places that no quantity of a straight camera depends on."""
 
 
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
     """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
-    idle = (*IDLE, "decentre", "relay")
+    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.")
     lengths = [place for place in numbers if "." in place and not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED])
     for name in names:
@@ -459,13 +493,15 @@ def spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:
     stops = [f"stops.{k}" for k in range(base.stops)]
     if "tube_diameter" in values:
         result |= {f"{part}.diameter": values["tube_diameter"] for part in ("aperture", *stops)}
-    d_3 = result.get("aperture.distance", base.d_3)
+    d_3 = result.get("aperture.distance", base["aperture.distance"])
     if "tube_length" in values:
         result[f"{stops[-1]}.distance"] = d_3 + values["tube_length"]
     if "working_distance" in values:
         tip = np.maximum(d_3, base[TIP])
         for stop in stops:
             tip = np.maximum(tip, result.get(f"{stop}.distance", base[f"{stop}.distance"]))
+        if base.chain is not None:
+            tip = np.maximum(tip, base.chain.end({**base.numbers, **result}))
         result[CONJUGATES[1]] = tip + values["working_distance"]
     return result
 

@@ -14,19 +14,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from ..camera import TIP, Camera, Number
-from ..design import PATHS
-from ..design.conjugates import CONJUGATES
+from ..design import PATHS, Design
+from ..design.conjugates import CONJUGATES, REFRACTING
+from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
-from .parts import Catalogue, Entry, Kind, given_by
+from .parts import Catalogue, Entry, Kind, given_by, placed
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
 from .search import QUICK, Search, search
 
@@ -60,7 +61,28 @@ class CatalogueTable(StrictTable):
     """Further catalogue files, beside the study."""
     shipped: bool = True
     """Whether the shipped catalogue takes part."""
+    element: Annotated[int, Field(ge=0)] | None = None
+    """For which of [[elements]], from 0, a window is chosen; may be left out where there is one plate."""
     keep: Annotated[int, Field(ge=1, le=100)] = 10
+
+    def plate(self, design: Design) -> int | None:
+        """The element that windows are chosen for; None where none are.
+
+        Raises
+        ------
+        ValueError
+            The design has no such plate, or several and the study does not say which.
+        """
+        if "windows" not in self.kinds:
+            return None
+        plates = [k for k, element in enumerate(design.elements) if element.kind == "plate"]
+        if self.element is None and len(plates) == 1:
+            return plates[0]
+        if self.element in plates:
+            return self.element
+        if not plates:
+            raise ValueError("windows are for plates, and the design has none; add one to its [[elements]]")
+        raise ValueError(f"say for which plate a window is wanted: element = {' or '.join(map(str, plates))}")
 
 
 @dataclass(frozen=True)
@@ -71,18 +93,24 @@ class Combinations:
     kinds: tuple[Kind, ...]
     parts: tuple[tuple[Entry, ...], ...]
     """Of each kind."""
+    element: int | None = None
+    """Which of the design's a window is for."""
 
     @classmethod
-    def of(cls, problem: DesignProblem, catalogue: Catalogue, kinds: Sequence[Kind]) -> Combinations:
+    def of(
+        cls, problem: DesignProblem, catalogue: Catalogue, kinds: Sequence[Kind], element: int | None = None
+    ) -> Combinations:
         """Combinations of a catalogue; kinds left out keep the base design's part.
 
         What the parts give does not vary any more; an array's microlenses have the focal length that they have.
         """
-        given = given_by(kinds)
+        if element is not None and problem.design.elements[element].diameter is None:  # any, for parts to replace
+            problem = replace(problem, design=problem.design.replace({f"elements.{element}.diameter": 1.0}))
+        given = given_by(kinds, element)
         left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds
         posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
-        return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds))
+        return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds), element)
 
     @property
     def _shape(self) -> tuple[int, ...]:
@@ -98,9 +126,18 @@ class Combinations:
     @cached_property
     def _columns(self) -> list[dict[str, Array]]:
         return [
-            {place: np.array([read(part) for part in parts]) for place, read in parts[0].gives.items()}
+            {place: np.array([self._numbers(part)[place] for part in parts]) for place in self._numbers(parts[0])}
             for parts in self.parts
         ]
+
+    def _numbers(self, part: Entry) -> dict[str, Any]:
+        """What a part gives by its place; of a material also the index that the problem's light has in it."""
+        numbers = {placed(place, self.element): value for place, value in part.numbers.items()}
+        wavelength = float(self.problem.base.wavelength)
+        glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
+        return numbers | {
+            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength)) for place, glass in glasses.items()
+        }
 
     def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
         """Place to the parts' numbers, for many combinations at once."""
@@ -114,7 +151,7 @@ class Combinations:
 
     def problem_at(self, number: int) -> DesignProblem:
         """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens."""
-        numbers = {place: value for part in self.chosen(number) for place, value in part.numbers.items()}
+        numbers = {place: value for part in self.chosen(number) for place, value in self._numbers(part).items()}
         return replace(self.problem, given={**self.problem.given, **numbers})
 
 
@@ -174,7 +211,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
     chain = problem.base.chain
-    if chain is not None and (chain.bends or any(name.startswith("elements.") for name in names)):
+    if chain is not None and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
@@ -198,11 +235,17 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
     units = low + corners[:, None, :] * (high - low)
     numbers = {**combinations.values(owner), **problem.values(units)}
-    focal = numbers.get(CONJUGATES[0], problem.base.f)
-    for place in CONJUGATES[1:]:
+    focal, chain = numbers.get(CONJUGATES[0], problem.base.f), problem.base.chain
+    least = focal * (1 + 2 * ROOM)
+    if chain is not None:
+        glass = problem.base.replace({place: number for place, number in numbers.items() if place not in CONJUGATES})
+        leasts = glass.plane_seen_at(least), least + chain.before_array(glass.numbers)
+    else:
+        leasts = least, least
+    for place, lowest in zip(CONJUGATES[1:], leasts, strict=True):
         if place in numbers and not (CONJUGATES[1] in numbers and CONJUGATES[2] in numbers):
             # What lies beyond holds no camera; the corner moves to where cameras begin.
-            numbers[place] = np.maximum(numbers[place], focal * (1 + 2 * ROOM))
+            numbers[place] = np.maximum(numbers[place], lowest)
     with np.errstate(all="ignore"):
         cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
         shape = units.shape[:2]
@@ -308,7 +351,7 @@ def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorFi
 def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
     """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
     gaps = np.array([1e-6, 1e-9])
-    values = part.each(base.replace({"aperture.distance": base.d_f * (1 - gaps)}), sensor_field(base))
+    values = part.each(base.replace({"aperture.distance": base[CONJUGATES[1]] * (1 - gaps)}), sensor_field(base))
     near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
     if nearer > 30 * near:
         return "pole" if part.quantity.positive else "jump"

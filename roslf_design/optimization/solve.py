@@ -218,8 +218,8 @@ class Answer:
     @property
     def runs_off(self) -> bool:
         """Whether the goal has no optimum here, but a pole that the search ran up to."""
-        slope = value_and_jacobian(self.problem.vector, self.unit)[1][0]
-        return not float(np.linalg.norm(slope)) < RUNAWAY
+        slope = np.linalg.norm(value_and_jacobian(self.problem.vector, self.unit)[1][0])
+        return not (slope < RUNAWAY and bool((_slopes(self.problem, self.unit) < RUNAWAY).all()))
 
     def agrees(self, check: Check) -> bool:
         """Whether another solver's polished point is the answer, or no better."""
@@ -363,6 +363,15 @@ def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
     return notes
 
 
+def _slopes(problem: DesignProblem, unit: Array) -> Array:
+    """Size of the merit's slope along each variable, over a step of 1e-7 of the box: poles have two sides; (n,)."""
+    step = 1e-7
+    near = np.clip(unit + step * np.concatenate([np.eye(problem.n), -np.eye(problem.n)]), 0.0, 1.0)
+    merits = problem.vector(np.concatenate([unit[None], near]))[0]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs((merits[1:] - merits[0]) / step).reshape(2, -1).max(axis=0))
+
+
 def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
     """Limits that a point rests on, hardest first, by non-negative least squares on the gradients.
 
@@ -372,7 +381,8 @@ def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...],
     from scipy.optimize import nnls
 
     values, jacobian = value_and_jacobian(problem.vector, unit)
-    if not np.isfinite(jacobian[0]).all():
+    within = (unit > TOUCHING) & (unit < 1 - TOUCHING)
+    if not (np.isfinite(jacobian[0]).all() and (_slopes(problem, unit) < RUNAWAY)[within].all()):
         return (), math.inf
     columns: list[Array] = []
     limits: list[tuple[str, str, float, bool]] = []

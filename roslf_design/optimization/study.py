@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator
 
-from ..camera import TIP, Camera, Number
+from ..camera import TIP, Camera
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, load_beside
@@ -83,9 +83,9 @@ class StudyTable(StrictTable):
         """Of the bore; empty where the design's aperture stands."""
         return () if self.bore is None else self.bore.rims
 
-    def faults(self, numbers: Mapping[str, Number]) -> Iterator[Problem]:
-        """What does not go together, in a study of a design with these numbers."""
-        names = tuple(self.variables)
+    def faults(self, design: Design) -> Iterator[Problem]:
+        """What does not go together, in a study of a design."""
+        names, numbers = tuple(self.variables), Camera.of(design).numbers
         yield from (Problem("variables", words) for words in name_faults(names, numbers))
         for name, variable in self.variables.items():
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
@@ -99,7 +99,12 @@ class StudyTable(StrictTable):
                 yield Problem("pareto.goals", f"'{name}' is not among [[goals]]; {hint}")
         if self.catalogue is not None:
             varied = {PATHS.get(name, name) for name in names}
-            if not varied - given_by(self.catalogue.kinds):
+            element = None
+            try:
+                element = self.catalogue.plate(design)
+            except ValueError as error:
+                yield Problem("catalogue.element", str(error))
+            if not varied - given_by(self.catalogue.kinds, element):
                 words = "its parts give everything that varies; let something else vary, e.g. d_2"
                 yield Problem("catalogue", words)
             plane = CONJUGATES[1] in varied or "working_distance" in varied
@@ -164,7 +169,7 @@ def read_study(
     table = None
     try:
         table = StudyTable.model_validate(data, context={"from_file": True})
-        faults += [] if design is None else table.faults(Camera.of(design).numbers)
+        faults += [] if design is None else table.faults(design)
     except ValidationError as error:
         faults += problems_of(error, StudyTable)
     if faults or table is None or design is None:
@@ -241,7 +246,8 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         deadline = time.monotonic() + settings.seconds
         robust = maximise_robustness(problem, table.robust, scatter, answer.unit, deadline, tell)
     if table.catalogue is not None:
-        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds)
+        element = table.catalogue.plate(problem.design)
+        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element)
         ranking = rank(combinations, table.catalogue.keep, settings.seconds, settings.seed, tell)
     return Result(study, answer, bore, front, robust, ranking, time.monotonic() - began)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..camera import Camera
+from ..design import PATHS
 from ..theory.f_number import matched, mismatch_px
 from ..theory.light_field import SIGMA_DISPARITY, depth_sigma, rim_disparity
 from ..theory.vignetting import corner_room
@@ -39,11 +40,17 @@ class DepthCurve(NamedTuple):
 
 
 def depth_curve(design: Design, points: int = 241) -> DepthCurve:
-    """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP."""
+    """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP or what is before it."""
     camera = Camera.of(design)
-    depth = np.linspace(0.4, 1.8, points) * camera.gap
-    sigma, blur = depth_sigma(camera, depth), np.abs(rim_disparity(camera, depth))
-    return DepthCurve(depth + design.d_3, sigma, blur, float(depth_sigma(camera, camera.gap)))
+    start = design.d_3 if camera.chain is None else max(design.d_3, float(camera.tip))
+    distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
+
+    def precision(at: Floats | float) -> tuple[Floats, Floats]:
+        plane = camera.plane(at)
+        depth = plane.distance - camera.d_3
+        return np.abs(depth_sigma(camera, depth) * plane.depth), np.abs(rim_disparity(camera, depth))
+
+    return DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
 
 
 def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
@@ -136,19 +143,28 @@ def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
 
 def _margin(camera: Camera) -> Floats:
     """Linear in D_F and in d_3, unlike the room itself."""
-    parts = [rim.part for rim in (camera.fap, *camera.rims)]
-    centred = camera.replace({f"{part}.decentre.{k}": 0.0 for part in parts for k in (0, 1)})
-    return np.asarray(2 * camera.gap * corner_room(centred).min(axis=0))
+    before = [place for place in camera.numbers if not place.startswith(("microlens_array.", "sensor."))]
+    centred = camera.replace({place: 0.0 for place in before if ".decentre." in place})
+    return np.asarray(2 * np.abs(camera.gap) * corner_room(centred).min(axis=0))
+
+
+def _telecentric(camera: Camera) -> float:
+    """Where the FAP is seen at f, with a ruler [mm]; nan where flat glass stands there, or lenses before it."""
+    if camera.chain is None:
+        return float(camera.f)
+    return math.nan if camera.chain.bends else float(camera.chain.stands_at(camera.numbers, camera.f))
 
 
 def _right(camera: Camera) -> float:
     """A d_3 beyond the design, telecentricity, the undistorted region and the match for the design's own D_F."""
-    d_f, d_3 = float(camera.d_f), float(camera.d_3)
+    d_f, d_3 = (float(camera[PATHS[symbol]]) for symbol in ("d_f", "d_3"))
     reach = d_f * (1 - 1e-3)
     tried = np.linspace(0.0, reach, 401)
     clear = tried[_margin(camera.replace({"d_3": tried, "D_F": np.zeros_like(tried)})) >= 0]
     match = matched(camera, "d_3")
-    shown = [d_3, float(camera.f), float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0]
+    telecentric = _telecentric(camera)
+    ends = telecentric, float(clear.max(initial=0.0)), float(match.value) if match.exists else 0.0
+    shown = [d_3, *(end for end in ends if not math.isnan(end))]
     return min(reach, 1.15 * max(shown))
 
 
@@ -184,6 +200,9 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         start = next((s for s in (at + away, at - away - wide) if 0 <= s <= room - wide), max(room - wide, 0.0))
         return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
 
+    # No stop stands in glass.
+    spans = [(element.distance, element.distance + element.length) for element in thin.elements if element.length]
+    glass = [(near, min(far, across.high)) for near, far in spans if near < across.high]
     marks: list[Mark] = []
     if (plane.margin > 0).any():
         region = where_above(plane.margin, plane.d_3, plane.D_F, 0.0)
@@ -194,9 +213,14 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     for curve, look in ((plane.approximate, ("orange", 1.6, "7 4")), (plane.exact, ("blue", 2.4, ""))):
         real = np.isfinite(curve)
         marks.append(Line(plane.d_3[real], curve[real], *look))
-    if thin.f <= across.high:
-        marks.append(Line([thin.f, thin.f], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
-        marks.append(label(thin.f, 0.0, "telecentric: d_3 = f", "grey", 6.0, -8.0))
+    telecentric = _telecentric(Camera.of(thin))
+    marks += [
+        Area([near, far, far, near], [0.0, 0.0, up.high, up.high], "grey", 0.9, hatch=True) for near, far in glass
+    ]
+    if telecentric <= across.high:
+        words = "telecentric: d_3 = f" if Camera.of(thin).chain is None else "telecentric"
+        marks.append(Line([telecentric, telecentric], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
+        marks.append(label(telecentric, 0.0, words, "grey", 6.0, -8.0))
     # The design is drawn over the frame, as it may be dragged there.
     x, y = min(thin.d_3, across.high), min(thin.D_F, up.high)
     words = f"d_3 = {short(thin.d_3)} mm, D_F = {short(thin.D_F)} mm"
@@ -209,6 +233,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         line_key("approximation, Eq. 8", "orange", 1.6, "7 4"),
         box_key(f"whole sensor undistorted, Eq. 6{nowhere}", "green", 0.16, "green"),
         dot_key("this design", "vermillion", size=5),
+        *([box_key("glass stands there", "grey", 0.9, hatch=True)] if glass else []),
     ]
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "FAP distance d_3 [mm]", "FAP diameter D_F [mm]")
     title = (

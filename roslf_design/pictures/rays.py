@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
+from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, element_name, made_of
+from ..design.material import material_told
 from ..evaluation import default_fields
-from ..rays import PASSED, fans, trace_pupil
+from ..lenses.glass import AIR
+from ..rays import PASSED, fans, glass_shares, trace_pupil
 from ..words import length
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, line_key, parted
+from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, one_panel
 from .theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 
@@ -35,6 +38,8 @@ MOST_PIXELS = 200
 """In a column of a drawing up to which they are drawn one by one; finer ones would be grey, and a large file."""
 BEYOND = 1.5
 """How far beyond all else blocked rays are followed, in its half heights."""
+FLAT = 60.0
+"""Height of a section below which no diameters are told inside it [px]."""
 LOWEST, TALLEST = 90.0, 270.0
 """Least height of a section, and greatest of one that is to scale [px]."""
 
@@ -46,7 +51,7 @@ class LabelledFan(NamedTuple):
     kept: NDArray[np.bool_]
     """Shape (N,)."""
     z: Floats
-    """Corners of each ray [mm], light's way, shape (N, 4); a blocked ray repeats the point where it ends."""
+    """Corners of each ray [mm], light's way, shape (N, V); a blocked ray repeats the point where it ends."""
     x: Floats
     """Heights there [mm]."""
 
@@ -63,10 +68,18 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
     return [LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
 
 
+def medium_told(design: Design) -> str:
+    """What the scene lies in, with its index; nothing for air."""
+    medium = design.object_space.medium
+    return "" if medium == AIR else material_told(medium, design.wavelength)
+
+
 def is_centred(design: Design) -> bool:
     """Whether all elements are round about one axis, so that every meridional plane is like every other."""
     offsets = [design.main_lens.decentre, design.microlens_array.decentre, design.sensor.decentre]
-    offsets += [stop.decentre for stop in design.all_stops]
+    offsets += [part.decentre for part in (*design.all_stops, *design.elements)]
+    turns = [turn for element in design.elements for turn in (element.tilt, getattr(element, "wedge", (0.0, 0.0)))]
+    offsets += turns
     return design.aligned and all(offset == (0.0, 0.0) for offset in offsets)
 
 
@@ -110,14 +123,19 @@ def meridional(
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
         keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
+    if medium := medium_told(thin):
+        keys.append(box_key(f"medium: {medium}", *MEDIUM))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
     # How many rows the legend takes must be known before the scale is, which it tells.
     longest = Key(_scale_told(design, 100.0, whole), ruler)
     foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
     section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
     keys.append(Key(_scale_told(design, section.exaggeration, whole), ruler))
-    ends, half = [-_front(thin), thin.d_1 + thin.d_2], section.half
-    marks: list[Mark] = [Area([*ends, *ends[::-1]], [half, half, -half, -half], "pale", 0.28)]
+    tip, half = -_front(thin), section.half
+    marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
+    if medium:
+        marks.append(_block(section.panel.x.low, tip, -half, half, *MEDIUM, testid="medium"))
+    marks += _glass(thin, section)
     for fan, colour in zip(drawn, FIELDS, strict=True):
         marks += _fan(fan, colour, half)
     marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
@@ -140,8 +158,8 @@ def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
 
 
 def _front(design: Design) -> float:
-    """Distance of the outermost stop from the lens [mm]."""
-    return max(stop.distance for stop in design.all_stops)
+    """Distance of the outermost stop or element from the lens [mm]."""
+    return float(Camera.of(design).tip)
 
 
 def _instrument_share(design: Design) -> float:
@@ -180,6 +198,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
     right = end + 0.07 * length
     solid = [design.D / 2 + math.hypot(*design.main_lens.decentre), math.hypot(*design.sensor_size) / 2]
     solid += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    solid += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
     high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -197,6 +216,8 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
         factor = 1.0 if to_scale else up / along
         margin = 0.0 if to_scale else side[0] + (across - along * (right - left)) / 2
         sides = _sides(design, along, margin - along * (left + design.d_3), whole)
+        if 2 * half * along * factor < FLAT:
+            sides = dict.fromkeys(sides, 0)
         names = _named(design, sides, whole)
         widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
@@ -217,9 +238,12 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
     """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
-    inner = [stop.distance for stop in design.all_stops if stop.distance > 0]
-    gaps = [design.d_3 - distance for distance in (*inner, 0.0) if distance < design.d_3]
-    before = min(before, along * (design.d_f - design.d_3)) if whole else before
+    spans = [(stop.distance, stop.distance) for stop in design.all_stops if stop.distance > 0]
+    spans += [(element.distance, element.distance + element.length) for element in design.elements]
+    inner = [near for near, _ in spans]
+    gaps = [design.d_3 - far for _, far in (*spans, (0.0, 0.0)) if far < design.d_3]
+    beyond = [design.d_f] * whole + [near for near, _ in spans if near > design.d_3]
+    before = min([before, *(along * (z - design.d_3) for z in beyond)])
     lens = {1: along * design.d_1 - 34, -1: along * min(inner, default=design.d_f) - 34}
     pupil = {-1: before - 20, 1: along * min(gaps, default=design.d_1) - 20}
     return {
@@ -236,6 +260,7 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
+    names += [(-e.distance - e.length / 2, element_name(e, k)) for k, e in enumerate(design.elements, 1)]
     names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
@@ -267,7 +292,7 @@ def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
 
 
 def _elements(design: Design, section: SectionLayout) -> list[Mark]:
-    half, (mm, up) = section.half, section.panel.per_px
+    half, (mm, _) = section.half, section.panel.per_px
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
     for number, stop in enumerate(design.all_stops):
@@ -275,7 +300,7 @@ def _elements(design: Design, section: SectionLayout) -> list[Mark]:
             edge = stop.decentre[0] + sign * stop.diameter / 2
             marks.append(Line([-stop.distance] * 2, [edge, sign * half], stop_colour(number), 3.2))
     middle, radius = design.main_lens.decentre[0], design.D / 2
-    bulge = min(max(0.09 * 2 * radius / up, 4.0), 14.0) * mm / 2
+    bulge = _thick(radius, section) / 2
     t = np.linspace(-1, 1, 25)
     z, x = bulge * (1 - t**2), middle + radius * t
     marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], "blue", 0.22, "blue", 1.2))
@@ -295,6 +320,84 @@ def _elements(design: Design, section: SectionLayout) -> list[Mark]:
     if section.whole:
         marks.append(Line([-design.d_f] * 2, [-half, half], "grey", 1.6, "7 3"))
     return marks
+
+
+GLASS, MEDIUM = ("sky", 0.3), ("sky", 0.13)
+"""Fillings of glass, and of what the scene lies in."""
+
+
+def _block(start: float, end: float, low: float, high: float, fill: str, opacity: float, **more: Any) -> Area:
+    return Area([start, end, end, start], [high, high, low, low], fill, opacity, **more)
+
+
+def reach(element: AnyElement) -> float | None:
+    """Half its height [mm]; None where it fills the bore."""
+    if element.diameter is None and isinstance(element, LensGroup):
+        return max(surface.semi_diameter for surface in element.lens.surfaces)
+    return None if element.diameter is None else element.diameter / 2
+
+
+def _glass(design: Design, section: SectionLayout) -> list[Mark]:
+    """Elements before the main lens with their mounts, and the plates about the array."""
+    half, marks = section.half, []  # type: float, list[Mark]
+    for number, element in enumerate(design.elements, 1):
+        near, far, middle = -element.distance, -element.distance - element.length, element.decentre[0]
+        radius = reach(element) or half
+        low, high = max(middle - radius, -half), min(middle + radius, half)
+        for edge, wall in ((high, half), (low, -half)):
+            if abs(edge) < half and element.length:
+                marks.append(_block(far, near, edge, wall, "grey", 0.25))
+            elif abs(edge) < half:
+                marks.append(Line([near, near], [edge, wall], "grey", 3.2))
+        outline = joined(
+            np.append(left, right[::-1], axis=0)
+            for left, right in profiles(element, (low, high), _thick(radius, section))
+        )
+        marks.append(Area(*xy(outline), *GLASS, "sky", 1.2, testid=f"element-{number}"))
+        if isinstance(element, Grin):  # the denser, the darker
+            marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in (0.35, 0.7)]
+    mla, plates = design.microlens_array, [(design.d_1 + a, design.d_1 + b) for a, b in _behind_array(design)]
+    if mla.substrate is not None and mla.substrate.lenslets == "sensor":
+        plates.append((design.d_1 - mla.substrate.thickness, design.d_1))
+    (x, _), height = mla.decentre, mla.size[0] / 2
+    return marks + [_block(*plate, x - height, x + height, *GLASS, edge="sky", width=0.8) for plate in plates]
+
+
+def _thick(radius: float, section: SectionLayout) -> float:
+    """How thick an ideal lens is drawn, which has no thickness [mm]."""
+    mm, up = section.panel.per_px
+    return min(max(0.18 * radius / up, 4.0), 14.0) * mm
+
+
+def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Floats, Floats]]:
+    """Left and right faces of each piece of an element in the plane x-z, points (z, x) from the lower to the upper end.
+
+    Parameters
+    ----------
+    element : element of a design
+    ends : (low, high)
+        Its rims [mm]; a prescription has its own.
+    thick : float
+        How thick an ideal lens, which has no thickness, is drawn [mm].
+    """
+    near, far = -element.distance, -element.distance - element.length
+    t = np.linspace(-1, 1, 25)
+    middle, radius = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
+
+    def face(z: ArrayLike, half: float = radius) -> Floats:
+        return np.stack([np.broadcast_to(z, t.shape), middle + half * t], -1)
+
+    if isinstance(element, FieldLens):
+        bulge = thick / 2 * (1 - t**2 if element.focal_length > 0 else 0.2 + t**2)
+        return [(face(near - bulge), face(near + bulge))]
+    if isinstance(element, LensGroup):
+        lens, z = element.lens, [far + vertex for vertex in element.lens.vertices]
+        faces = [
+            face(vertex + surface.sag(surface.semi_diameter * abs(t)), surface.semi_diameter)
+            for vertex, surface in zip(z, lens.surfaces, strict=True)
+        ]
+        return [(faces[i], faces[j]) for piece in lens.elements for i, j in pairwise(piece)]
+    return [(face(far), face(near))]
 
 
 def _names(section: SectionLayout) -> list[Mark]:
@@ -364,11 +467,12 @@ def cells(design: Design, places: Mapping[str, float]) -> Picture:
     offsets, share, t = design.d * np.arange(-2, 3), np.linspace(-1, 1, 129), np.linspace(-1, 1, 31)
     depth, axes, pitch = 1e3 * design.d_2, 1e3 * offsets, 1e3 * design.d
     labels = "distance behind the MLA [µm]", "height from this microlens's axis [µm]"
-    pictures = []
+    pictures, behind = [], glass_shares(Camera.of(design))[1]
     for label, place in places.items():
         rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
         origin = place + design.microlens_array.decentre[0] - design.sensor.decentre[0]
         landing, passed = 1e3 * (rays.sensor[0] - origin), np.isin(rays.status, PASSED)
+        bends = [(1e3 * ruler * design.d_2, in_air) for in_air, ruler in behind]
         marks: list[Mark] = []
         for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
             # Stretches of equal fate share their ends.
@@ -376,20 +480,33 @@ def cells(design: Design, places: Mapping[str, float]) -> Picture:
             for start, stop in pairwise(cuts):
                 kept, a, b = lit[start], ends[start], ends[stop]
                 edge = ("sky" if k % 2 else "blue") if kept else "vermillion"
-                marks.append(Area([0.0, depth, depth], [axis, a, b], edge, 0.4 if kept else 1.0, hatch=not kept))
-                marks.append(Line([depth, 0.0, depth], [a, axis, b], edge, 0.9))
+                zs = [depth, *(at for at, _ in bends[::-1]), 0.0, *(at for at, _ in bends), depth]
+                xs = [a, *(axis + in_air * (a - axis) for _, in_air in bends[::-1])]
+                xs += [axis, *(axis + in_air * (b - axis) for _, in_air in bends), b]
+                marks.append(Area(zs, xs, edge, 0.4 if kept else 1.0, hatch=not kept))
+                marks.append(Line(zs, xs, edge, 0.9))
         bulge = 0.03 * depth * (1 - t**2)
         for axis in axes:
             y = axis + pitch / 2 * np.concatenate([t, t[::-1]])
             marks.append(Area([*-bulge, *bulge[::-1]], y, "pale", 1.0, "grey", 0.9))
         low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
         high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
+        for near, far in _behind_array(design):
+            marks.insert(0, _block(1e3 * near, 1e3 * far, low, high, *GLASS, edge="sky", width=0.8, testid="glass"))
         marks += _pixel_row(design, 1e3 * origin, low, high, depth)
         x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {short(place)} mm"
         panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
         size = PAGE / len(places), 310.0
         pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))
     return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
+
+
+def _behind_array(design: Design) -> list[tuple[float, float]]:
+    """Where plates between array and sensor start and end [mm behind the array]; a cover lies on the sensor."""
+    plates, substrate, cover = [], design.microlens_array.substrate, design.sensor.cover
+    if substrate is not None and substrate.lenslets == "scene":
+        plates.append((0.0, substrate.thickness))
+    return plates if cover is None else [*plates, (design.d_2 - cover.thickness, design.d_2)]
 
 
 def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:
@@ -411,6 +528,8 @@ def _pixel_row(design: Design, origin: float, low: float, high: float, depth: fl
 
 ROOM = 0.35
 """Exponent that brings distances of all sizes into one drawing; 1 would be to scale."""
+THICK = 0.09
+"""Half the width in which an element before the main lens is drawn."""
 WALL = 1.12
 """Where mounts end, in half heights of the tallest element."""
 
@@ -425,6 +544,8 @@ class Element(NamedTuple):
     """Or height [mm]; 0 where it has none."""
     says: tuple[str, ...]
     """Lines that are written above it."""
+    glass: AnyElement | None = None
+    """What it is, of those that stand before the main lens."""
 
 
 def dimensions(design: Design) -> Picture:
@@ -435,27 +556,30 @@ def dimensions(design: Design) -> Picture:
     # From 0 at the object plane to 8 at the sensor.
     place = dict(zip((e.name for e in elements), (8 * spread / spread[-1]).tolist(), strict=True))
     tallest = max(element.diameter for element in elements)
-    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) for e in elements}
+    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) if e.diameter else 0.8 for e in elements}
     x = Scale(-0.45, 8.75)
     unit = PAGE / (x.high - x.low)
     up = 1 / (0.86 * unit)
     marks: list[Mark] = [Line([-0.1, 8.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
     for element in elements:
         marks += _drawn(element, place[element.name], high[element.name])
+    # An element's distance is that of its sensor side; the whole ends at the other.
+    thick = {e.name: THICK if e.glass is not None and e.glass.length else 0.0 for e in elements}
+    near, far = ({name: at + side * thick[name] for name, at in place.items()} for side in (1, -1))
     # What each element is stands above it, higher where its neighbour's words would touch.
     widths = [(max(text_width(line, SMALL) for line in element.says) + 6) / unit for element in elements]
     highest = WALL
     for element, row in zip(elements, rows_of_names(list(place.values()), widths), strict=True):
         at, bottom = place[element.name], WALL + (10 + 44 * row) * up
         stop = element.name == "FAP" or element.name.startswith("stop")
-        top = WALL if stop else 0.8 if element.name == "object plane" else high[element.name]
+        top = WALL if stop else high[element.name]
         marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
         for k, line in enumerate(reversed(element.says)):
             marks.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
         highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
     level = -WALL - 0.25
     for words, start, stop_at in _dimension_lines(design):
-        a, b = place[start], place[stop_at]
+        a, b = far[start] if words.startswith("overall") else near[start], near[stop_at]
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
         marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
@@ -485,15 +609,20 @@ def _all_elements(design: Design) -> list[Element]:
         elements.append(
             Element(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
         )
+    for number, part in enumerate(design.elements, 1):
+        name, tall = element_name(part, number), 2 * (reach(part) or 0.0)
+        elements.append(Element(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     """What each dimension line says, and the elements it runs between."""
     stops = {"FAP" if k == 0 else f"stop {k}": stop.distance for k, stop in enumerate(design.all_stops)}
-    front = max(stops, key=lambda name: stops[name])
-    front = front if stops[front] > 0 else "main lens"
-    overall = max(stops.get(front, 0.0), 0.0) + design.d_1 + design.d_2
+    stops |= {element_name(element, k): element.distance for k, element in enumerate(design.elements, 1)}
+    ends = stops | {element_name(e, k): e.distance + e.length for k, e in enumerate(design.elements, 1)}
+    front = max(ends, key=lambda name: ends[name])
+    front = front if ends[front] > 0 else "main lens"
+    overall = max(ends.get(front, 0.0), 0.0) + design.d_1 + design.d_2
     return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
         (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
@@ -506,10 +635,12 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
 
 def _drawn(element: Element, x: float, half: float) -> list[Mark]:
     if element.name == "object plane":
-        return [Line([x, x], [-0.8, 0.8], "ink", 1.3, "5 4")]
+        return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
     if element.name == "sensor":
         return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
-    if element.name in ("main lens", "MLA"):
+    if element.glass is not None and not isinstance(element.glass, FieldLens):
+        return [_block(x - THICK, x + THICK, -half, half, *GLASS, edge="sky", width=1.2)]
+    if element.name in ("main lens", "MLA") or element.glass is not None:
         count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
         turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
         middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count

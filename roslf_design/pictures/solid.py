@@ -32,13 +32,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
-from ..camera.frames import Frame
+from ..camera.frames import Frame, frame
 from ..design import dumps, loads
+from ..design.elements import element_name
 from ..evaluation import default_fields
-from ..evaluation.fields import axes_in_space
-from ..rays import PASSED, Status, trace_pupil
+from ..lenses.glass import AIR
+from ..rays import PASSED, paths, trace_pupil
 from .marks import Area, Floats, Line, Mark, Text, joined, line_key, xy
 from .picture import PAGE, Panel, Picture, Scale, legend_height
+from .rays import profiles, reach
 from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
@@ -145,29 +147,55 @@ class Instrument(NamedTuple):
 def instrument_scene(design: Design) -> Instrument:
     """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge."""
     end = design.d_1 + design.d_2
-    front = max(stop.distance for stop in design.all_stops)
+    camera = Camera.of(design)
+    front = float(camera.tip)
     start = -min(front + 0.22 * (front + end), design.d_f)
     rays = _pencils(design, start)
     inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
     # A tube that all elements and rays fit into.
     radii = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
     radii += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    radii += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
     wall = max(1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0))
     tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
-    view = _view(np.append(tube, [[0.0, 0.0, start]], axis=0))
+    in_air = design.object_space.medium == AIR
+    before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
+    view = _view(np.append(tube, before, axis=0))
     tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
+    tops += [(element_name(e, k), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
     names = tuple(Name(text, (0.0, y, z)) for text, z, y in sorted(tops, key=lambda top: top[1]))
-    return Instrument((*rays, *_elements(design, wall, front)), view, names)
+    parts = [*rays, *_elements(design, camera, wall, front), *_glass(design, camera, wall)]
+    if not in_air:
+        parts.append(Body("medium", "round", np.asarray(before), _bands(2), "sky", 0.12))
+    return Instrument(tuple(parts), view, names)
 
 
-def _elements(design: Design, wall: float, front: float) -> list[Body]:
-    camera = Camera.of(design)
-    openings = ("aperture", *(rim.part for rim in camera.rims[1:]))
-    sensor, array, lens, *stops = (
-        camera.pose(part).seen_from(camera.world) for part in ("sensor", "microlens_array", "main_lens", *openings)
-    )
+def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
+    """Elements before the main lens as bodies of revolution, and the plates about the array."""
+    parts: list[Body] = []
+    for number, element in enumerate(design.elements, 1):
+        radius, pose = reach(element) or wall, frame(element.decentre, -element.distance, element.tilt)
+        for piece, faces in enumerate(profiles(element, (-radius, radius), 0.18 * radius)):
+            # Upper halves of both faces, from the axis out on the left one and back on the right one.
+            (left, right) = (face[len(face) // 2 :] for face in faces)
+            rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
+            name = element_name(element, number) + (f" piece {piece + 1}" if piece else "")
+            parts.append(Body(name, "round", turned(rim[:, ::-1], frame=pose), _bands(len(rim)), "sky", 0.35))
+        parts.append(_lines(f"{element_name(element, number)} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
+    substrate, cover = design.microlens_array.substrate, design.sensor.cover
+    if substrate is not None:
+        depth = substrate.thickness * (1 if substrate.lenslets == "scene" else -1)
+        parts.append(_slab("substrate", camera.stands("microlens_array"), design.microlens_array.size, depth))
+    if cover is not None:
+        parts.append(_slab("cover", camera.stands("sensor"), design.sensor_size, -cover.thickness))
+    return parts
+
+
+def _elements(design: Design, camera: Camera, wall: float, front: float) -> list[Body]:
+    openings = ("aperture", *(f"stops.{k}" for k in range(len(design.stops))))
+    sensor, array, lens, *stops = map(camera.stands, ("sensor", "microlens_array", "main_lens", *openings))
     end, radius = design.d_1 + design.d_2, design.D / 2
     parts: list[Body] = []
     for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
@@ -199,22 +227,14 @@ def _pencils(design: Design, start: float) -> list[Body]:
     around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
     # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
     pupil = 0.999 * np.array([[0.0, *np.cos(around)], [0.0, *np.sin(around)]])
-    planes = {int(Status.APERTURE) + k: -stop.distance for k, stop in enumerate(design.all_stops)}
-    planes[int(Status.MAIN_LENS)] = 0.0
-    end = design.d_1 + design.d_2
     parts: list[Body] = []
     blocked: list[Floats] = []
     for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
         rays = trace_pupil(camera, (pupil[0], pupil[1]), place)
-        (microlens,) = axes_in_space(design, [place])
-        landing = np.add(np.stack(rays.sensor, -1), design.sensor.decentre)
         kept: list[Floats] = []
-        for i, status in enumerate(rays.status.tolist()):
-            ended = planes.get(status, end)
-            course = [[*(part[i] for part in rays.at(-z)), z] for z in (start, min(ended, 0.0))]
-            if ended > 0:
-                course += [[*microlens, design.d_1], [*landing[i], end]]
-            (kept if status in PASSED else blocked).append(np.array(course, float))
+        for status, course in zip(rays.status.tolist(), paths(camera, rays, place, -start), strict=True):
+            ended = np.flatnonzero((course != course[-1]).any(axis=1))[-1] + 2
+            (kept if status in PASSED else blocked).append(course[:ended])
         if kept:
             parts.append(_lines(name, kept, colour, 2.2))
     return [*parts, _lines(RAYS[-1], blocked, "vermillion", 2.2)] if blocked else parts
@@ -263,6 +283,15 @@ def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opac
     corners = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
     points = corners @ np.array([frame.x, frame.y]) + np.asarray(frame.origin)
     return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity)
+
+
+def _slab(name: str, frame: Frame, size: tuple[float, float], depth: float) -> Body:
+    """A plate from its frame's plane to `depth` along its normal [mm]."""
+    flat = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
+    corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in (0.0, depth)])
+    points = corners @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin)
+    sides = [(0, 1, 2, 3), (4, 5, 6, 7), *((k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4))]
+    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)
 
 
 def _lines(name: str, lines: Sequence[Floats], colour: str, width: float) -> Body:

@@ -37,6 +37,8 @@ class Layout(NamedTuple):
     """Shape (3 + K, 3, 4)."""
     rims: Floats
     """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, radius; (K, 4) [mm]."""
+    front: Floats
+    """The farthest element's scene side: distance, A, B, C, D, index, E and F (x, y) of `design.chain.Plane`; (10,)."""
 
 
 def lay_out(camera: Camera) -> Layout:
@@ -60,7 +62,10 @@ def lay_out(camera: Camera) -> Layout:
     if not camera.tilted:
         maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
     rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
-    return Layout(np.array([*ones, camera.D / 2, camera.d / 2], float), np.array(maps, float), np.array(rims, float))
+    end, plane = camera.front
+    front = [end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean]
+    constants = [*ones, camera.D / 2, camera.d / 2]
+    return Layout(*(np.array(part, float) for part in (constants, maps, rims, front)))
 
 
 def _map(pose: Frame) -> Floats:
@@ -109,3 +114,14 @@ def crossing(m: Any, lx: Any, ly: Any, ox: Any, oy: Any) -> Any:
     ax = (m[0, 0] * lx + m[0, 1] * ly + m[0, 3]) - sx * z
     ay = (m[1, 0] * lx + m[1, 1] * ly + m[1, 3]) - sy * z
     return ax, ay, sx, sy, tz > 0.0
+
+
+@kernel()
+def behind_elements(front: Any, lens_x: Any, lens_y: Any, hx: Any, hy: Any, ox: Any, oy: Any) -> Any:
+    """Height at z = 0 and slope in the medium of the scene, of a ray that leaves the main lens; system's axes."""
+    lx, ly = hx - lens_x, hy - lens_y
+    sx = ((front[4] * ox - front[3] * lx) + front[8]) / front[5]
+    sy = ((front[4] * oy - front[3] * ly) + front[9]) / front[5]
+    x = lens_x + ((front[1] * lx - front[2] * ox) + front[6])
+    y = lens_y + ((front[1] * ly - front[2] * oy) + front[7])
+    return x + sx * front[0], y + sy * front[0], sx, sy

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera, Rim, Vector
-from ..camera.frames import along, dot, minus, plus, times
+from ..camera.frames import along, dot, minus, times
+from ..design.chain import COVER, SUBSTRATE
+from ..design.parts import PATHS
 from ..theory.stop_images import Projected, lens_point, project
 
 Floats = NDArray[np.float64]
@@ -33,6 +35,10 @@ class Status(IntEnum):
     """Landed on the sensor, outside its own microlens's cell."""
     UNTRACEABLE = 5
     """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
+    REFLECTED = 6
+    """Totally reflected inside a window, prism, rod or lens before the main lens."""
+    ELEMENT = 7
+    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
     APERTURE = 16
     """Clipped by the flexible angular plane (FAP), which is stop 0; further stops follow."""
 
@@ -47,6 +53,8 @@ _NAMES = {
     Status.OFF_SENSOR: "off the sensor",
     Status.NEIGHBOUR: "in a neighbour's cell",
     Status.UNTRACEABLE: "untraceable",
+    Status.REFLECTED: "totally reflected",
+    Status.ELEMENT: "clipped by an element",
     Status.APERTURE: "clipped by flexible angular plane",
 }
 
@@ -65,7 +73,7 @@ def describe(code: int) -> str:
         return _NAMES[Status(code)]
     except ValueError:
         raise ValueError(
-            f"{code} is not a ray status: expected 0 to 5, or {Status.APERTURE} + a stop's index"
+            f"{code} is not a ray status: expected 0 to 7, or {Status.APERTURE} + a stop's index"
         ) from None
 
 
@@ -213,10 +221,10 @@ def _own_cell(camera: Camera, x: Floats, y: Floats, landing: Projected, px: Floa
 
 
 class Fan(NamedTuple):
-    """Polylines of rays for drawing, in the system's axes [mm]."""
+    """Polylines of rays for drawing, with a ruler's lengths, in the system's axes [mm]."""
 
     z: Floats
-    """Along the axis; shape (microlenses, rays, 4): object plane, main lens, microlens, sensor."""
+    """Along the axis; shape (microlenses, rays, V), V = 4 in air: object plane, main lens, microlens, sensor."""
     x: Floats
     """Height in the meridional plane, likewise. A stopped ray repeats the point where it ended."""
     y: Floats
@@ -242,7 +250,7 @@ def fans(
         How much of that diameter they span; above 1, the outermost rays are shown being clipped.
     distance : float, optional
         Where they start, from the main lens [mm]; None for the plane in focus on the array or, where that is at
-        infinity or behind the lens, one and a half times as far as the farthest stop.
+        infinity or behind the lens, one and a half times as far as the farthest stop or element.
 
     Raises
     ------
@@ -253,47 +261,143 @@ def fans(
         raise ValueError(f"distance: {distance} cannot be drawn; give a finite one in mm")
     c = np.asarray(microlens, float)[..., None]
     course = trace_pupil(camera, (np.linspace(-fill, fill, rays), 0.0), (c, 0.0))
-    start = _start(camera) if distance is None else distance
-    line = (*course.height, *course.slope)
-    lens = _meeting(camera, "main_lens", line)
-    vertices = [
-        (*course.at(start), np.asarray(-start)),
-        lens,
-        _placed(camera, "microlens_array", c, np.zeros(())),
-        _placed(camera, "sensor", *course.sensor),
-    ]
-    ended = [(int(Status.MAIN_LENS), lens)]
-    ended += [
-        (Status.APERTURE + k, _meeting(camera, rim.part, line)) for k, rim in enumerate((camera.fap, *camera.rims[1:]))
-    ]
-    shape = course.status.shape
-    paths = np.stack([np.stack([np.broadcast_to(x, shape) for x in vertex], -1) for vertex in vertices], -2)
-    for code, point in ended:
-        stop = np.stack([np.broadcast_to(x, shape) for x in point], -1)
-        stopped = (course.status == code)[..., None, None] & (np.arange(4) > 0)[:, None]
-        paths = np.where(stopped, stop[..., None, :], paths)
-    return Fan(paths[..., 2], paths[..., 0], paths[..., 1], course.status)
+    drawn = paths(camera, course, (c, 0.0), _start(camera) if distance is None else distance)
+    return Fan(drawn[..., 2], drawn[..., 0], drawn[..., 1], course.status)
 
 
 def _start(camera: Camera) -> float:
-    d_f = float(camera.d_f)
+    d_f = float(camera[PATHS["d_f"]])
     if np.isfinite(d_f) and d_f > 0:
         return d_f
-    farthest = max(float(rim.distance) for rim in (camera.fap, *camera.rims))
-    return 1.5 * farthest if farthest > 0 else float(camera.d_1)
+    farthest = float(camera.tip)
+    return 1.5 * farthest if farthest > 0 else float(camera[PATHS["d_1"]])
 
 
-def _meeting(camera: Camera, part: str, line: tuple[Floats, Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+STEPS_IN_ROD = 24
+"""Stretches in which a ray's curve through a gradient rod is drawn."""
+
+
+def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Floats:
+    """Polylines of traced rays as a ruler finds them, bent at every face, in the system's axes.
+
+    Parameters
+    ----------
+    camera : Camera
+        The build that was traced.
+    rays : PupilRays
+        What `trace_pupil` gave.
+    microlens : pair of array_like
+        As they were traced through [mm].
+    start : float
+        Where they begin before the main lens [mm].
+
+    Returns
+    -------
+    ndarray
+        Shape (*rays, V, 3) [mm], light's way: at `start`, at what stands between, the main lens, the microlens, the
+        sensor. A stopped ray repeats the point where it ended.
+    """
+    lens = _meeting(camera, "main_lens", _line_at(camera, rays, 0.0))
+    axis = _placed(camera, "microlens_array", *(np.asarray(part, float) for part in microlens))
+    sensor = _placed(camera, "sensor", *rays.sensor)
+    planes = [start, *(z for z in _planes(camera) if z < start)]
+    before = [_on_plane(camera, rays, z) for z in planes]
+    to_array, to_sensor = glass_shares(camera)
+    vertices = [
+        *before,
+        lens,
+        *(_between(lens, axis, *share) for share in to_array),
+        axis,
+        *(_between(axis, sensor, *share) for share in to_sensor),
+        sensor,
+    ]
+    shape = rays.status.shape
+    drawn = np.stack([np.stack([np.broadcast_to(x, shape) for x in vertex], -1) for vertex in vertices], -2)
+    stops = [(int(Status.MAIN_LENS), camera.rims[0])]
+    stops += [(Status.APERTURE + k, rim) for k, rim in enumerate((camera.fap, *camera.rims[1:]))]
+    reached = np.array([*planes, *[-1.0] * (len(vertices) - len(planes))])
+    for code, rim in stops:
+        stands = float(rim.stands)
+        met = _meeting(camera, rim.part, _line_at(camera, rays, stands))
+        end = np.stack([np.broadcast_to(x, shape) for x in met], -1)
+        # The main lens itself stands at 0; a ray always keeps the point it starts from.
+        past = (reached <= stands) & (np.arange(len(vertices)) > 0)
+        drawn = np.where((rays.status == code)[..., None, None] & past[:, None], end[..., None, :], drawn)
+    return np.asarray(drawn)
+
+
+def _planes(camera: Camera) -> list[float]:
+    """Where rays bend before the main lens [mm], the farthest first."""
+    if camera.chain is None:
+        return []
+    planes: list[float] = []
+    for k in reversed(camera.chain.order):
+        near, length = float(camera[f"elements.{k}.distance"]), float(camera.chain.length(camera.numbers, k))
+        steps = STEPS_IN_ROD if camera.chain.elements[k].kind == "grin" else 1
+        planes += [near + length * (steps - i) / steps for i in range(steps if length else 0)]
+        planes.append(near)
+    return planes
+
+
+def glass_shares(camera: Camera) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Faces of glass between lens and array, and between array and sensor: shares of the way in air, and of a ruler's.
+
+    A cover lies on the sensor.
+    """
+    to_array: list[tuple[float, float]] = []
+    to_sensor: list[tuple[float, float]] = []
+    if camera.chain is None:
+        return to_array, to_sensor
+    numbers, (d_1, d_2) = camera.numbers, (float(camera[PATHS[symbol]]) for symbol in ("d_1", "d_2"))
+    if (substrate := numbers.get(f"{SUBSTRATE}.thickness")) is not None:
+        thick = float(substrate)
+        if camera.chain.lenslets == "sensor":
+            to_array.append(((d_1 - thick) / float(camera.d_1), (d_1 - thick) / d_1))
+        else:
+            reduced = thick / float(numbers[f"{SUBSTRATE}.index"])
+            to_sensor.append((reduced / float(camera.d_2), thick / d_2))
+    if (cover := numbers.get(f"{COVER}.thickness")) is not None:
+        reduced = float(cover) / float(numbers[f"{COVER}.index"])
+        to_sensor.append((1 - reduced / float(camera.d_2), 1 - float(cover) / d_2))
+    return to_array, to_sensor
+
+
+def _between(a: Vector, b: Vector, in_air: float, ruler: float) -> Vector:
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ax + in_air * (bx - ax), ay + in_air * (by - ay), az + ruler * (bz - az)
+
+
+def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """The straight course of rays at a plane of object space, with a ruler: height where it meets z = 0, and slope."""
+    if camera.chain is None:
+        return (*rays.height, *rays.slope)
+    plane = camera.plane(distance)
+    lines = []
+    for axis in (0, 1):
+        off = camera[f"main_lens.decentre.{axis}"]
+        height, slope = rays.height[axis] - off, rays.slope[axis]
+        here = plane.a * height - plane.b * slope + plane.aside[axis] + off
+        there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium
+        lines.append((np.asarray(here + there * distance), np.asarray(there)))
+    (hx, sx), (hy, sy) = lines
+    return hx, hy, sx, sy
+
+
+def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:
+    hx, hy, sx, sy = _line_at(camera, rays, distance)
+    return hx - sx * distance, hy - sy * distance, np.asarray(-distance)
+
+
+def _meeting(camera: Camera, part: str, line: tuple[Floats, Floats, Floats, Floats]) -> Vector:
     """Where object-side rays meet a part's plane, in the system's axes."""
-    pose = camera.pose(part).seen_from(camera.world)
+    pose = camera.stands(part)
     (nx, ny, nz), (ex, ey, ez) = pose.z, pose.origin
     hx, hy, ox, oy = line
     z = (nx * (ex - hx) + ny * (ey - hy) + nz * ez) / (nx * ox + ny * oy + nz)
     return hx + ox * z, hy + oy * z, np.asarray(z)
 
 
-def _placed(camera: Camera, part: str, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+def _placed(camera: Camera, part: str, x: Floats, y: Floats) -> Vector:
     """Points of a part's own plane in the system's axes."""
-    pose = camera.pose(part).seen_from(camera.world)
-    point = along(pose.origin, x, pose.x, y, pose.y)
-    return np.asarray(point[0]), np.asarray(point[1]), np.asarray(plus(point[2], 0.0))
+    pose = camera.stands(part)
+    return along(pose.origin, x, pose.x, y, pose.y)

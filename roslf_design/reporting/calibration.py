@@ -174,7 +174,7 @@ class FoundPosterior(LenientTable):
 class FoundTable(LenientTable):
     """A whole calibration.json."""
 
-    schema_: Annotated[str, Field(alias="schema", pattern=f"^{re.escape(SCHEMA)}")]
+    schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
     design: str
     quantities: dict[str, FoundQuantity]
     posterior: FoundPosterior | None = None

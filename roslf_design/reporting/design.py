@@ -8,11 +8,22 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..accuracy.table import QUANTITIES, choose, shipped_table
+from ..camera import Camera
 from ..design import dumps
+from ..design.elements import element_name
 from ..design.files import WRITTEN
 from ..evaluation import evaluate
 from ..evaluation.evaluate import evaluation_accuracy
-from ..evaluation.show import WIDTHS, absent_effects, budget_table, effects_table, fact_tables, field_table, lens_table
+from ..evaluation.show import (
+    WIDTHS,
+    absent_effects,
+    budget_table,
+    effects_table,
+    fact_tables,
+    field_table,
+    lens_table,
+    seen_table,
+)
 from ..evaluation.verdicts import near_cases
 from ..units import format_quantity
 from ..words import length, listed, number, sentence, spaced
@@ -35,6 +46,7 @@ from .parts_list import parts_section
 
 if TYPE_CHECKING:
     from ..design import Design, MainLens, MicrolensArray, Sensor, Stop
+    from ..design.elements import AnyElement
     from ..evaluation.result import Evaluation
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
@@ -111,7 +123,7 @@ def design_report(
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     sections = (
         Section("Summary", (*opening, answers, key_figures(design, result))),
-        Section("The design", (figures["dimensions"], parameters, *_stops(design))),
+        Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section("Evaluation", (*fact_tables(result), field_table(result), budget_table(result))),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
@@ -145,8 +157,9 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 def key_figures(design: Design, result: Evaluation) -> Table:
     """What the camera is and does, in a handful of numbers."""
     seen, sampled, depth = result.non_distortion, result.sampling, result.depth
-    front = max(0.0, *(stop.distance for stop in design.all_stops))
-    widest = max(design.D, *(stop.diameter for stop in design.all_stops), math.hypot(*design.microlens_array.size))
+    front = max(0.0, float(Camera.of(design).tip))
+    openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
+    widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {depth.sigma_disparity_pitches:g} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
     rows = (
@@ -156,8 +169,8 @@ def key_figures(design: Design, result: Evaluation) -> Table:
         ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
         ("depth spread σ_Z", f"{number(depth.sigma_z_mm)} mm", error),
         ("views across", number(sampled.views_independent, 3), pixels),
-        ("length", length(front + design.d_1 + design.d_2), "foremost stop or lens to sensor"),
-        ("widest part", length(widest), "lens, stop openings, or diagonal of the microlens array; without walls"),
+        ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
+        ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
     )
     return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
 
@@ -190,11 +203,12 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
 
 def misalignments(design: Design) -> list[tuple[str, str]]:
     """Parts that are decentred, tilted or turned, and by how much."""
-    parts: dict[str, MainLens | MicrolensArray | Sensor | Stop] = {
+    parts: dict[str, MainLens | MicrolensArray | Sensor | Stop | AnyElement] = {
         "main lens": design.main_lens,
         "FAP": design.aperture,
         "microlens array": design.microlens_array,
         "sensor": design.sensor,
+        **{element_name(element, k): element for k, element in enumerate(design.elements, 1)},
     }
     moved = [(name, _pose(part)) for name, part in parts.items() if _pose(part) != "-"]
     if design.microlens_array.rotation:
@@ -261,13 +275,18 @@ def _length(value: float) -> str:
     return f"{float(size):.7g} {unit}"
 
 
-def _pose(part: MainLens | MicrolensArray | Sensor | Stop) -> str:
+def _pose(part: MainLens | MicrolensArray | Sensor | Stop | AnyElement) -> str:
     pairs = [
         ", ".join(format_quantity(value, kind) for value in pair)
         for kind, pair in (("length", part.decentre), ("angle", part.tilt))
         if pair != (0.0, 0.0)
     ]
     return "; ".join(pairs) or "-"
+
+
+def _seen(result: Evaluation) -> tuple[Table, ...]:
+    table = seen_table(result)
+    return () if table is None else (table,)
 
 
 def _stops(design: Design) -> Iterator[Table]:
@@ -300,6 +319,11 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     """What the report takes for granted, and which effects it leaves out."""
     items = [IDEAL if result.real_lens is None else REAL, *MODEL]
+    if result.object_space is not None:
+        items.append(
+            "Liquid, elements before the main lens and glass about the array act by their first order in tables and "
+            "drawings: a plate as its thickness over its index."
+        )
     if design.sensor.relay_magnification != 1:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
     if not design.aligned:

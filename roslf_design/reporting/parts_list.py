@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..optimization.parts import KINDS, ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, load_catalogue
+from ..design.elements import LensGroup, element_name, made_of
+from ..optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, load_catalogue
 from ..words import length
 from .blocks import Bullets, Section, Table
 
 if TYPE_CHECKING:
     from ..design import Design
+    from ..design.elements import AnyElement
 
 ALIKE = 0.01
 """Relative difference up to which a length of a part counts as the design's."""
@@ -21,7 +23,8 @@ FAR = math.log(2)
 def parts_section(design: Design) -> Section:
     """The parts list, beside the shipped catalogue."""
     known = load_catalogue()
-    (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in KINDS), strict=True)
+    kinds: tuple[Kind, ...] = ("lenses", "microlens_arrays", "sensors")
+    (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
     aperture = f"clear aperture {length(design.D)}"
     ideal = f"focal length {length(design.f)}, {aperture}, ideal in this report"
@@ -34,6 +37,13 @@ def parts_section(design: Design) -> Section:
         (f"stop {k}", f"opening {length(stop.diameter)}", "made to drawing") for k, stop in enumerate(design.stops, 1)
     ]
     rows += [
+        (_part_name(element, k), ", ".join(made_of(element)), _bought(element))
+        for k, element in enumerate(design.elements, 1)
+    ]
+    for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
+        if plate is not None:
+            rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
+    rows += [
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
         ("image sensor", f"pixel {length(design.sensor.pixel)}, {across} x {up} px", sensor),
     ]
@@ -42,7 +52,7 @@ def parts_section(design: Design) -> Section:
         rows.append(("relay to the sensor", relay, "not in the catalogue"))
     caption = (
         f"Catalogue: a part is the same where its lengths agree to {100 * ALIKE:g} % and it is large enough; else the "
-        "nearest is named with what differs. Walls, window, mounts and light source are not part of the model."
+        "nearest is named with what differs. Walls, mounts and light source are not part of the model."
     )
     table = Table(
         tuple((str(place), *row) for place, row in enumerate(rows, 1)),
@@ -53,6 +63,18 @@ def parts_section(design: Design) -> Section:
     )
     notes = tuple(_provenance(entry) for entry in entries if entry is not None)
     return Section("Parts list", (table, Bullets(notes)) if notes else (table,))
+
+
+NAMES = {"plate": "window", "grin": "gradient-index rod", "prescription": "lens group"}
+"""What a part is called where it is bought."""
+
+
+def _part_name(element: AnyElement, number: int) -> str:
+    return f"{NAMES.get(element.kind, element.kind)} ({element_name(element, number)})"
+
+
+def _bought(element: AnyElement) -> str:
+    return f"{element.lens.name}, as prescribed" if isinstance(element, LensGroup) else "to be made or bought"
 
 
 def catalogue_match(design: Design, catalogue: Catalogue, kind: Kind) -> tuple[str, Entry | None]:

@@ -42,10 +42,15 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
         if is_centred(design)
         else "Drawn in the plane x-z, as decentres and tilts make the sides differ."
     )
+    through = (
+        ""
+        if result.object_space is None
+        else " Glass before the lens and about the array is light blue, where a ruler finds it; rays bend at its faces."
+    )
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
-        f"mount blue. {follow} {plane}"
+        f"mount blue.{through} {follow} {plane}"
     )
     return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
 

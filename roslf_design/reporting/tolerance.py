@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import words
+from ..design import Design
 from ..pictures.picture import Picture
 from ..pictures.studies import (
     Yields,
@@ -138,7 +139,10 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     ranked = ranking(result)
     if ranked and ranked[0][1] > 0.05:
         place, part = ranked[0]
-        yield Statement("plain", f"{short_name(place)} goes with it most: {100 * part:.0f} % of its variance.")
+        yield Statement(
+            "plain",
+            f"{short_name(place, result.plan.question.design)} goes with it most: {100 * part:.0f} % of its variance.",
+        )
 
 
 def ranking(result: StudyResult) -> list[tuple[str, float]]:
@@ -210,13 +214,14 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
 
 def _tolerances(result: StudyResult, brief: bool) -> Table:
     """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
-    kinds = perturbable(result.plan.question.design)
+    design = result.plan.question.design
+    kinds = perturbable(design)
     alone = {a.place: (display(a.tolerance, kinds[a.place]), a.limited_by) for a in result.allowed}
     scale = None if result.scale_for_target is None else result.scale_for_target[0]
     shares = dict(ranking(result))
     source: Column = ("source", "l", lambda p: p.source.split(";")[0])
     columns: tuple[Column, ...] = (
-        ("parameter", "l", lambda p: short_name(p.place)),
+        ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
         ("alone up to", "r", lambda p: alone.get(p.place, ("", ""))[0]),
@@ -262,17 +267,17 @@ def _sobol(result: StudyResult) -> Table:
         for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
             numbers = [[words.fixed(one, 3) for one in (value[row, k], *ends[row, k])] for value, ends in shares]
             cells = [f"{index} ({low} to {high})" for index, low, high in numbers]
-            rows.append((_factor(indices.factors[k]), *cells))
+            rows.append((_factor(indices.factors[k], result.plan.question.design), *cells))
     heads = ("parameter", "first order (95 %)", "total (95 %)")
     title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"
     return Table(tuple(rows), "lrr", heads, title)
 
 
-def _factor(name: str) -> str:
+def _factor(name: str, design: Design) -> str:
     if name.startswith("group "):
         return name
     place = name.removesuffix(" (own part)")
-    return short_name(place) + ("" if place == name else ", own part")
+    return short_name(place, design) + ("" if place == name else ", own part")
 
 
 def _shown(result: StudyResult, brief: bool) -> set[str]:
@@ -342,7 +347,8 @@ def _yields(result: StudyResult) -> Yields:
 
 
 def _names(result: StudyResult, order: NDArray[np.intp]) -> list[str]:
-    return [short_name(result.plan.draws.perturbations[index].place) for index in order]
+    plan = result.plan
+    return [short_name(plan.draws.perturbations[index].place, plan.question.design) for index in order]
 
 
 def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -214,7 +214,9 @@ def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
     return min(period, 4 * thing.radius), True
 
 
-def depths(thing: White | Plane | Points | Sphere | Tube, focal_plane: float, slopes: float) -> Iterator[float]:
+def depths(
+    thing: White | Plane | Points | Sphere | Tube, focal_plane: float, slopes: float, height: float = 0.0
+) -> Iterator[float]:
     """Nearest and farthest Z that an object shows [mm]; nothing for a white field, which looks alike at any.
 
     Parameters
@@ -223,8 +225,8 @@ def depths(thing: White | Plane | Points | Sphere | Tube, focal_plane: float, sl
         The object.
     focal_plane : float
         Z [mm] of planes that give none.
-    slopes : float
-        Largest slope at which the camera looks off its axis, for planes without bounds.
+    slopes, height : float
+        How far off its axis the camera looks, ``slopes Z + height`` [mm], for planes without bounds.
     """
     if isinstance(thing, Points):
         yield from (z for _, _, z in thing.positions)
@@ -243,5 +245,6 @@ def depths(thing: White | Plane | Points | Sphere | Tube, focal_plane: float, sl
         # distances Z count against the light's z.
         rise_x, rise_y = math.tan(tilt_y), -math.tan(tilt_x) / math.cos(tilt_y)
         at_axis = distance - rise_x * thing.centre[0] - rise_y * thing.centre[1]
-        rise = math.hypot(rise_x, rise_y) * slopes
-        yield from (at_axis / (1 + rise), at_axis / (1 - rise) if rise < 1 else math.inf)
+        steepest = math.hypot(rise_x, rise_y)
+        rise, start = steepest * slopes, steepest * height
+        yield from ((at_axis + sign * start) / (1 - sign * rise) if sign * rise < 1 else math.inf for sign in (-1, 1))

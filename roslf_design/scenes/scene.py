@@ -81,7 +81,7 @@ class Scene(Part):
         """
         self.check(design)
         details = [detail(thing) for thing in self.objects]
-        reach = [z for thing in self.objects for z in depths(thing, design.d_f, _view_slope(design))]
+        reach = [z for thing in self.objects for z in depths(thing, design.d_f, *_view(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
         return SceneBrief(
             smallest_period=min(period for period, _ in details),
@@ -109,16 +109,23 @@ WHITE_FIELD = Scene(name="white field")
 """The default scene."""
 
 
-def _view_slope(design: Design) -> float:
-    """Largest slope at which chief rays leave the FAP's centre towards the object."""
+def _view(design: Design) -> tuple[float, float]:
+    """How far off the axis chief rays go, ``slope Z + height``: slope, height [mm]."""
     camera = Camera.of(design)
-    return Subject(design).x_ml * float(camera.inverse_m) / float(camera.gap)
+    slope = Subject(design).x_ml * float(camera.inverse_m) / float(camera.gap)
+    end, plane = camera.front
+    if end == 0:
+        return slope, 0.0
+    outside = slope * float((plane.d - plane.c * camera.d_3) / plane.medium)
+    height = slope * float(plane.b - plane.a * camera.d_3) - outside * float(end)
+    away = 1 if outside * design.d_f + height > 0 else -1  # from the axis; else towards a pupil beyond the focal plane
+    return away * outside, away * height
 
 
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
     mouth = float(Camera.of(design).tip)
     for number, thing in enumerate(scene.objects, 1):
-        reach = list(depths(thing, design.d_f, _view_slope(design)))
+        reach = list(depths(thing, design.d_f, *_view(design)))
         if not reach:
             continue
         key, nearest = f"objects.{number}", min(reach)

@@ -180,6 +180,17 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     return centres, radii
 
 
+def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
+    """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
+    scale = product(c.d_2, stop_angle(c, rim.distance))
+    e_x, e_y = c.decentre(rim.part)
+    return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), rim.radius * np.abs(scale)
+
+
+CLEAR, TILTED = 0.02, 10.0
+"""Share of a rim that tilts do not reach across: this much, and this much for each radian of the largest tilt."""
+
+
 class MicrolensImages:
     """Microlens images at some fields of any number of builds; what several numbers share is computed once.
 
@@ -271,6 +282,18 @@ class MicrolensImages:
         """Where rays through the main lens's centre meet the sensor [mm]."""
         return stop_image(self.camera, self.camera.rims[0], self.microlens).centre
 
+    @property
+    def _clear(self) -> tuple[bool, ...]:
+        """Whether a rim stays so far off every image of every build that no tilt brings it there; of each rim."""
+        c = self.camera
+        (e_x, e_y), room = c.decentre("microlens_array"), 1 - CLEAR - TILTED * c.largest_tilt
+        reach = np.max(np.hypot(self.x, self.y)) + np.hypot(e_x, e_y)
+        (bend, (x, y), radius), *others = (_disc(c, rim) for rim in (c.fap, *c.rims))
+        return tuple(
+            bool(np.all(reach * np.abs(b - bend) + np.hypot(u - x, v - y) + radius <= room * r))
+            for b, (u, v), r in others
+        )
+
     @cached_property
     def shapes(self) -> DiscIntersection:
         """The lit parts, what all stops leave of the FAP's image [mm].
@@ -280,8 +303,9 @@ class MicrolensImages:
         c = self.camera
         if not c.tilted:
             return intersect(*self.discs)
-        images = [self.outline, *(stop_image(c, r, self.microlens).ellipse(r.radius) for r in c.rims)]
         shape = (len(self.fields), *(c.shape or (1,)))
+        rims = [rim for rim, clear in zip(c.rims, self._clear, strict=True) if not clear]
+        images = [self.outline, *(stop_image(c, rim, self.microlens).ellipse(rim.radius) for rim in rims)]
         centres, matrices = np.empty((*shape, len(images), 2)), np.empty((*shape, len(images), 3))
         for k, image in enumerate(images):
             centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y

@@ -25,7 +25,13 @@ Place = tuple[Number, Number]
 DISC_RULE = ((0.0, 0.0, 0.25), *((np.sqrt(2 / 3), k * np.pi / 3, 0.125) for k in range(6)))
 """Radius, angle and weight of points that average polynomials up to the fifth degree over the unit disc exactly."""
 CALIBRATION_DEPTHS = (0.8, 1.0, 1.25)
-"""Depths at which a full calibration sees a target, in units of the object's gap to the FAP."""
+"""Depths at which a full calibration sees a target, in units of the object's gap to the end of the bore."""
+
+
+def bore_end(camera: Camera) -> float:
+    """The FAP or the farthest element, whichever is farther out [mm from the main lens]; of one camera."""
+    end = 0.0 if camera.chain is None else camera.chain.end(camera.numbers)
+    return max(float(camera["aperture.distance"]), float(end))
 
 
 def azimuths(x: Array, y: Array) -> tuple[Array, Array]:
@@ -68,17 +74,18 @@ class IdealBuilds(MicrolensImages):
     @cached_property
     def targets(self) -> tuple[Array, Array]:
         """Where the object points that the decoder looks at stand beside the axis [mm], (fields, 1)."""
-        n = self.nominal
+        n, plane = self.nominal, self.nominal.plane(self.object_distance)
         # Chief ray, per unit of c: on the lens at l = H d_3/d_1, slope (c - l)/d_1 behind the lens and l/f more before.
         height = n.d_3 * n.d_f / ((n.d_f - n.d_3) * n.d_1)
-        stretch = height - ((1 - height) / n.d_1 + height / n.f) * self.object_distance
+        slope = (1 - height) / n.d_1 + height / n.f
+        stretch = plane.a * height - plane.b * slope
         return self.x * stretch, self.y * stretch
 
     @cached_property
     def calibration_depths(self) -> tuple[float, ...]:
         """Where a calibration's targets stand, on the axis [mm from the main lens]."""
-        d_3 = float(self.nominal.d_3)
-        return tuple(d_3 + (self.object_distance - d_3) * factor for factor in CALIBRATION_DEPTHS)
+        bore = bore_end(self.nominal)
+        return tuple(bore + (self.object_distance - bore) * factor for factor in CALIBRATION_DEPTHS)
 
     @cached_property
     def lattice(self) -> tuple[Place, Place, Place]:
@@ -121,7 +128,7 @@ class IdealBuilds(MicrolensImages):
         depth: Number
         if not self.calibrated:  # Eq. 12, solved for the depth
             m, reach = n.d_1 / n.d_f, n.d_1 * (n.d_f - n.d_3) / n.d_f
-            depth = 1 / ((m * reach - slope * (n.d * n.d_2 / n.q)) / (reach * reach)) + n.d_3
+            depth = n.plane_seen_at(1 / ((m * reach - slope * (n.d * n.d_2 / n.q)) / (reach * reach)) + n.d_3)
         else:
             zero, one = np.zeros((1, 1)), np.ones((1, 1))
             known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]
@@ -131,9 +138,9 @@ class IdealBuilds(MicrolensImages):
     def _slope(self, x: Array, y: Array, z: float, azimuth: tuple[Array, Array]) -> Number:
         """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
         cos, sin = azimuth
-        ends = []
+        point, ends = self.camera.see(x, y, z), []
         for sign in (1.0, -1.0):
-            px, py, u, v = self._landing(x, y, z, sign * cos, sign * sin)
+            px, py, u, v = self._landing(point, sign * cos, sign * sin)
             s, t = self.believed_centre(u, v)
             ends.append((minus(px, s), minus(py, t), u, v))
         ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
@@ -142,8 +149,8 @@ class IdealBuilds(MicrolensImages):
     @cached_property
     def blur_pitches(self) -> Number:
         """Root-mean-square radius on the array of the targets' light, of rays that fill the FAP [microlens pitches]."""
-        point = *self.targets, self.object_distance
-        points = [self._landing(*point, rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
+        point = self.camera.see(*self.targets, self.object_distance)
+        points = [self._landing(point, rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
         weight = np.array([share for *_, share in DISC_RULE])[:, None, None]
         total: Number = 0.0
         for axis in (2, 3):
@@ -151,16 +158,15 @@ class IdealBuilds(MicrolensImages):
             total = total + np.sum(weight * (at - np.sum(weight * at, axis=0)) ** 2, axis=0)
         return np.sqrt(total)
 
-    def _landing(
-        self, x: Array, y: Array, z: float, a: Array | float, b: Array | float
-    ) -> tuple[Number, Number, Number, Number]:
+    def _landing(self, point: Vector, a: Array | float, b: Array | float) -> tuple[Number, Number, Number, Number]:
         """Pixel (x, y) [pixels] and microlens (u, v) [indices] that object points reach through a point of the FAP.
 
-        That point is given in units of the FAP's radius, in its own coordinates.
+        Object points are as the main lens sees them, (x, y, distance before it); that of the FAP is given in units of
+        its radius, in its own coordinates.
         """
-        c, fap, world = self.camera, self.camera.pose("aperture"), self.camera.world
+        c, fap, world, (x, y, z) = self.camera, self.camera.pose("aperture"), self.camera.world, point
         at = along(world.origin, x, world.x, y, world.y)
-        px, py, pz = along(at, -z, world.z, 0.0, world.z)
+        px, py, pz = along(at, -1.0 * z, world.z, 0.0, world.z)
         ax, ay, az = along(fap.origin, times(c.fap.radius, a), fap.x, times(c.fap.radius, b), fap.y)
         span = minus(pz, az)
         lx, ly = (times(ax, pz) - times(px, az)) / span, (times(ay, pz) - times(py, az)) / span

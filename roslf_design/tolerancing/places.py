@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,10 @@ from typing import NamedTuple, TypeVar
 
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
+from ..design.chain import MEDIUM
+from ..design.conjugates import REFRACTING
 from ..errors import InputError, Problem
+from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values
 from ..toml_files import read_toml
 from ..units import FARTHEST, parse_quantity, within_reach
@@ -31,7 +34,13 @@ LENS = "main_lens."
 FOCAL_LENGTH = "main_lens.focal_length"
 BARE = {"ratio": '"0.3 %" or 0.003', "number": '0.0005 or "0.1 %"', "curvature": '"1e-5 /mm" or "0.1 %"'}
 """Kinds whose tolerances are not lengths or angles, and how they are written."""
-SHOWN = {"number": (1.0, ""), "curvature": (1.0, " /mm"), "ratio": (100.0, " %"), "angle": (1e3, " mrad")}
+SHOWN = {
+    "number": (1.0, ""),
+    "curvature": (1.0, " /mm"),
+    "gradient": (1.0, " /mm"),
+    "ratio": (100.0, " %"),
+    "angle": (1e3, " mrad"),
+}
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
 SHIPPED = Path(__file__).with_name("grades.toml")
 """The grades that ship: engineering judgement, to be replaced by a shop's own figures."""
@@ -43,7 +52,8 @@ def perturbable(design: Design) -> dict[str, str]:
     Returns
     -------
     dict
-        Dotted place to what it measures: "length", "angle", "ratio"; in a real lens also "curvature" or "number".
+        Dotted place to what it measures: "length", "angle", "ratio", "number" (an index) or "gradient"; in a real lens
+        also "curvature".
     """
     kinds = {place: _kind(place) for place in Camera.of(design).numbers if place != TIP and ".size." not in place}
     if design.lens is not None:
@@ -55,7 +65,9 @@ def perturbable(design: Design) -> dict[str, str]:
 def _kind(place: str) -> str:
     if place.endswith("relay_magnification"):
         return "ratio"
-    return "angle" if ".tilt." in place or place.endswith("rotation") else "length"
+    if place.endswith((".index", ".gradient")):
+        return "number" if place.endswith(".index") else "gradient"
+    return "angle" if ".tilt." in place or ".wedge." in place or place.endswith("rotation") else "length"
 
 
 @lru_cache(maxsize=64)
@@ -91,7 +103,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         Whose places.
     name : str
         A dotted place, a paper's symbol ("d_3"), a pair without its index ("aperture.decentre": x and y), or a pattern
-        ("stops.*.diameter": every further stop; "main_lens.surfaces.*.radius": every surface that has one).
+        ("stops.*.diameter": every further stop; "elements.*.thickness", "main_lens.surfaces.*.radius": every element or
+        surface that has one).
 
     Raises
     ------
@@ -100,8 +113,7 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     """
     name = PATHS.get(name, SHORT.get(name, name))
     known = perturbable(design)
-    pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.[01])?")
-    places = tuple(place for place in known if pattern.fullmatch(place))
+    places = _matching(known, name)
     if places or (name.startswith("stops.*.") and not design.stops):
         return places
     if "*" in name and in_lens(name):
@@ -123,8 +135,16 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     raise ValueError(f"'{name}' is not a number of this design that a build can miss; {remedy}")
 
 
-def short_name(place: str) -> str:
-    """What to call a place on a figure or in a table: "d_3", "FAP decentre x", "MLA rotation"."""
+def _matching(known: Iterable[str], name: str) -> tuple[str, ...]:
+    pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.[01])?")
+    return tuple(place for place in known if pattern.fullmatch(place))
+
+
+def short_name(place: str, design: Design | None = None) -> str:
+    """What to call a place on a figure or in a table: "d_3", "FAP decentre x", "MLA rotation", "plate 1 wedge x".
+
+    Without the design elements before the main lens go by their number alone.
+    """
     symbols = {path: symbol for symbol, path in PATHS.items() if symbol not in ("q", "wavelength")}
     if place in symbols:
         return symbols[place]
@@ -132,10 +152,15 @@ def short_name(place: str) -> str:
     if part == "stops":
         index, _, rest = rest.partition(".")
         part = f"stop {int(index) + 1}"
+    if part == "elements":
+        index, _, rest = rest.partition(".")
+        part = f"{'element' if design is None else design.elements[int(index)].kind} {int(index) + 1}"
+    if rest.startswith(("cover.", "substrate.")):
+        part, _, rest = rest.partition(".")
     if in_lens(place):
         part, index, rest = rest.split(".", 2)
         part = f"{part.removesuffix('s')} {index}"
-    names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA"}
+    names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA", "object_space": "medium"}
     words = [{"0": "x", "1": "y"}.get(word, word.replace("_", " ")) for word in rest.split(".")]
     return " ".join([names.get(part, part), *words]).replace("sensor relay magnification", "relay magnification")
 
@@ -161,7 +186,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     text : object
         "0.05 mm", "3 mrad", or percent of the nominal value: "1 %". A ratio or a number takes percent or a bare number,
         a curvature "1e-5 /mm".
-    kind : {"length", "angle", "ratio", "number", "curvature"}
+    kind : {"length", "angle", "ratio", "number", "gradient", "curvature"}
         What the place measures.
     nominal : float
         The design's value there.
@@ -239,7 +264,9 @@ class Grades:
 
 
 def _covered(design: Design, place: str) -> tuple[str, ...]:
-    """Places of a design that a line speaks of; a real lens's focal length is no number of its own."""
+    """Places of a design that a line speaks of; a real lens's focal length and air's index are none of its own."""
+    if place.startswith(REFRACTING):
+        return () if place == MEDIUM and design.object_space.medium == AIR else _matching(perturbable(design), place)
     idle = place == FOCAL_LENGTH if design.lens is not None else in_lens(place)
     return () if idle else expand(design, place)
 

@@ -29,6 +29,7 @@ from pydantic import (
     model_validator,
 )
 
+from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, load_beside
@@ -37,6 +38,7 @@ from ..evaluation import default_fields
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
+from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
 
@@ -397,10 +399,15 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     """
     problems: list[Problem] = []
     distance = design.d_f if study.object_distance is None else study.object_distance
-    if distance <= design.d_3:
-        problems.append(
-            Problem("object_distance", f"{distance:g} mm lies within the bore (d_3 = {design.d_3:g} mm); move it out")
+    if distance <= (bore := bore_end(Camera.of(design))):
+        end = f"d_3 = {bore:g} mm" if bore == design.d_3 else f"its farthest element ends at {bore:g} mm"
+        problems.append(Problem("object_distance", f"{distance:g} mm lies within the bore ({end}); move it out"))
+    if design.lens is not None and Camera.of(design).chain is not None:
+        words = (
+            "has a real main lens and glass beside it, and builds of both together are not traced; give main_lens "
+            f'focal_length = "{design.f:.6g} mm" and diameter = "{design.D:.6g} mm" in place of its prescription'
         )
+        problems.append(Problem("design", f"{design.name}: {words}"))
     if study.sampling == "sobol" and study.trials > 2**BITS:
         problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))

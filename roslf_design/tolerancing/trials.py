@@ -111,7 +111,7 @@ class Compensator:
         widths = np.array([allowed[column] for column in self.columns])
         self.aim = aim[self.columns, None]
         self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]
-        self.steps = np.array([1e-5 * (1 if kinds[a.place] == "angle" else design.d_1) for a in plan.adjusters])
+        self.steps = np.array([1e-5 * (design.d_1 if kinds[a.place] == "length" else 1) for a in plan.adjusters])
         self.reach = np.array([adjuster.reach for adjuster in plan.adjusters])[:, None]
         self.gain = self._gain()
 

@@ -167,7 +167,7 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                 if row == 0:
                     ax.annotate(label.replace(", ", "\n"), (0, 1.16), xycoords="axes fraction", fontweight="bold")
                 if column == 0:
-                    where = ("centre", "edge, x = 11.15 mm", "corner, 13.4 mm out")[row]
+                    where = ("centre", "edge, x = 11.17 mm", "corner, 13.4 mm out")[row]
                     ax.set_ylabel(f"{where}\ny [px]")
                 if row == 2:
                     ax.set_xlabel("x [px]")

@@ -183,6 +183,28 @@ def test_water_moves_the_focal_plane_to_n_fold_its_distance_and_depth_errors_wit
         )
 
 
+@pytest.mark.parametrize(("in_air", "in_water"), [(70, 50.972), (90, 64.073), (120, 81.035)])
+def test_angles_of_view_in_air_are_narrower_in_water(in_air, in_water):
+    """The same camera behind the same window; and the ray through the FAP's middle, traced by Snell's law."""
+    window = {**PLATE, "distance": 3.0, "thickness": 0.5, "diameter": None}
+    scope = roslf.load("rigid-scope")
+    half = quantity_named("field_half_angle_deg")
+    before = math.tan(math.radians(float(half(Camera.of(scope)))))
+    width = scope.sensor.size[0] * math.tan(math.radians(in_air / 2)) / before
+    wide = scope.replace({"sensor.size": (width, width), "microlens_array.size": (2 * width, 2 * width)})
+    designs = [
+        wide.replace({"elements": [window], "object_space.medium": medium, "microlens_array.distance": scope.d_1})
+        for medium in ({"index": 1.0}, {"index": 1.333})
+    ]
+    air, water = (2 * float(half(Camera.of(design))) for design in designs)
+    assert float(half(Camera.of(wide))) == pytest.approx(in_air / 2, rel=1e-12)
+    assert air == pytest.approx(in_air, rel=1e-12)
+    assert water == pytest.approx(in_water, abs=6e-4)
+    slope = mp.tan(mp.radians(in_air) / 2)
+    (near, far), *_ = traced(designs[1], [(slope * mp.mpf(scope.d_3), slope)], [10, 20], exact=True)
+    assert water == pytest.approx(2 * math.degrees(math.atan(abs(far - near) / 10)), rel=1e-12)
+
+
 def test_glass_about_the_array_is_reduced():
     """Cover and substrate behind the lenslets take t (1 - 1/n) off d_2; a substrate before them off d_1."""
     cover, plate = {"thickness": 0.4, "material": {"index": 1.5}}, {"thickness": 1.2, "material": {"index": 1.6}}
@@ -246,6 +268,23 @@ def test_files_hold_elements():
         ({"elements": [PLATE, {**PLATE, "distance": 118.5}]}, r"elements.2.distance: 118.5 mm lies inside the element"),
         ({"elements": [{**PLATE, "kind": "plat"}]}, r"elements.1.kind: .*did you mean 'plate'"),
         (
+            {
+                "sensor.cover": {"thickness": 1.2, "material": "D263"},
+                "microlens_array.substrate": {"thickness": 1.0, "material": {"index": 1.5}},
+            },
+            "sensor.distance: 2 mm does not hold the 2.2 mm of glass in it",
+        ),
+        (
+            {
+                "microlens_array.substrate": {
+                    "thickness": 150.0,
+                    "material": {"index": 1.1},
+                    "lenslets": "sensor",
+                },
+            },
+            r"microlens_array.distance: 140 mm does not hold the 150 mm of glass",
+        ),
+        (
             {"elements": [{**PLATE, "distance": 400.0}]},
             r"main_lens.focal_plane: .* is not in front of the",
         ),
@@ -258,3 +297,13 @@ def test_files_hold_elements():
 def test_bad_elements_are_told(change, said):
     with pytest.raises(DesignError, match=said):
         PAPER.replace(change)
+
+
+@pytest.mark.parametrize("name", ["water", "saline", "B270", "sapphire", "fused silica"])
+def test_materials_by_name_come_back_from_a_file_by_name(name):
+    design = PAPER.replace({"elements": [{**PLATE, "material": name}], "object_space.medium": name})
+    again = loads(dumps(design))
+    assert again == design
+    assert f'material = "{again.elements[0].material.name}"' in dumps(design)
+    with pytest.raises(DesignError, match=r"object_space.medium: 'sallne' is not .* nearest known is 'saline'"):
+        PAPER.replace({"elements": [PLATE], "object_space.medium": "sallne"})

@@ -356,15 +356,6 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         ),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--distances", "none"], "no such file"),
         (["--plan", "paper", "--distances", "none"], "--distances: has no place beside --plan"),
-        (["--plan", "paper", "--use-in", "1.33"], "--use-in: has no place beside --plan"),
-        (
-            ["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--use-in", "1.33"],
-            "--use-in: 1.33: nothing keeps n = 1.33 from the main lens; add the window",
-        ),
-        (
-            ["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--use-in", "0.5"],
-            "--use-in: 0.5: an index must be a number from 1 to 5",
-        ),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--tilt", "9 deg"], "--tilt: goes with"),
         (["--plan", "paper", "-o", "out"], "--output: has no place beside --plan"),
         (["--plan", "paper", "--tilt", "0 deg"], "up to 0.0 degrees); tilt them by up to 20 degrees"),

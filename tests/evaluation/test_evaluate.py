@@ -14,6 +14,7 @@ from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
+from roslf_design.evaluation.show import budget_table, seen_table
 from roslf_design.reporting.design import accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
 
@@ -495,3 +496,36 @@ def test_a_real_lenss_faults_are_never_told_as_nothing():
     assert "field curvature 0 pitch" in printed
     ideal = " ".join(str(roslf.evaluate(roslf.load("paper"))).split()).split("nothing comes from: ")[1]
     assert "lens aberrations" in ideal
+
+
+def test_what_stands_before_the_lens_is_told_with_a_ruler_and_as_it_is_seen():
+    """By hand: a plate of 1 mm, index 1.5, in front of it water: each length over its index."""
+    design = PAPER.replace(
+        {
+            "elements": [
+                {"kind": "plate", "distance": 122.0, "thickness": 1.0, "material": {"index": 1.5}, "diameter": 8.0}
+            ],
+            "object_space.medium": {"index": 1.333},
+            "main_lens.focal_plane": 423.0,
+            "sensor.cover": {"thickness": 0.4, "material": {"index": 1.5}},
+        }
+    )
+    result = roslf.evaluate(design)
+    parts = {part["name"]: part for part in result.to_dict()["object_space"]["parts"]}
+    assert list(parts) == ["focal plane", "plate 1", "FAP", "MLA", "sensor"]
+    assert parts["focal plane"]["distance_mm"] == 423
+    assert parts["focal plane"]["seen_distance_mm"] == pytest.approx(122 + 1 / 1.5 + 300 / 1.333)
+    assert parts["plate 1"]["seen_distance_mm"] == 122
+    assert (parts["FAP"]["diameter_mm"], parts["FAP"]["seen_diameter_mm"]) == pytest.approx((2.9, 2.9))
+    assert parts["sensor"]["seen_distance_mm"] == pytest.approx(2 - 0.4 * (1 - 1 / 1.5))
+    rows = {row[0]: row for row in seen_table(result).rows}
+    assert rows["plate 1"][1:] == ("1 mm of n = 1.5, diameter 8 mm", "122 mm", "", "")
+    assert rows["focal plane"][4] == "347.72 mm"
+    assert rows["FAP"][2:] == ("120 mm", "2.9 mm", "")
+    budget = budget_table(result)
+    assert [row[0] for row in budget.rows] == [
+        *("lost at plate 1, front", "lost at plate 1, back", "lost at main lens", "lost at sensor"),
+        *("own cell", "neighbours"),
+    ]
+    assert "in n = 1.333" in str(result)
+    assert "object_space" not in roslf.evaluate("paper").to_dict()

@@ -559,3 +559,57 @@ def test_what_stands_in_the_way_is_told_and_cannot_be_taken(page):
     assert "cannot hold together" in place.inner_text()
     assert "What helps" in place.inner_text()
     assert not page.get_by_test_id("take").is_visible()
+
+
+def test_a_window_and_a_liquid_are_put_before_the_camera_changed_and_taken_away(page):
+    def section():
+        return ElementTree.fromstring(page.locator("[data-picture=meridional] svg").evaluate("e => e.outerHTML"))
+
+    def drawn(testid):
+        return [e for e in section().iter() if e.attrib.get("data-testid") == testid]
+
+    assert not page.locator("[data-field=window_thickness]").count()
+    click(page, "#n-window")
+    assert page.is_checked("#n-window")
+    assert len(drawn("element-1")) == 1
+    write(page, "window_thickness", "2 mm")
+    write(page, "window_diameter", "9 mm")
+    before = page.inner_text(".lights")
+    page.select_option("#n-medium", "index")
+    idle(page)
+    page.fill("#n-index", "1.333")
+    page.press("#n-index", "Enter")
+    idle(page)
+    assert len(drawn("medium")) == 1
+    assert value(page, "d_f") > 400  # of 350 in air
+    page.fill("#n-material", "1.7")
+    page.press("#n-material", "Enter")
+    idle(page)
+    # A link brings it back.
+    page.wait_for_function("location.hash.length > 10")
+    page.wait_for_timeout(400)
+    address = page.url
+    page.goto("about:blank")
+    page.goto(address)
+    page.wait_for_selector("[data-field=window_thickness]")
+    idle(page)
+    assert number(page, "window_thickness").input_value() == "2 mm"
+    assert page.input_value("#n-material") == "1.7"
+    assert page.input_value("#n-index") == "1.333"
+    with page.expect_download() as file:
+        page.click("[data-testid=menu-save] summary")
+        page.click("text=Design (TOML)")
+    saved = loads(file.value.path().read_text())
+    assert (saved.elements[0].thickness, saved.elements[0].diameter) == (2.0, 9.0)
+    # A window where nothing passes it is a fault of the verdicts; what lies inside it is told.
+    write(page, "window_diameter", "2 mm")
+    assert page.inner_text(".lights") != before
+    write(page, "window_distance", "119 mm")
+    assert "lies inside" in fault(page, "window_distance").inner_text()
+    click(page, "#tab-space")
+    click(page, "#tab-camera")
+    click(page, "#n-window")
+    assert not drawn("element-1")
+    assert page.input_value("#n-medium") == "air"
+    click(page, "undo")
+    assert len(drawn("element-1")) == 1

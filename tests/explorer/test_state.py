@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roslf_design.design import DesignError, dumps, load, preset_names
+from roslf_design.evaluation import evaluate
 from roslf_design.explorer.state import (
     BY_SYMBOL,
     CONJUGATE,
@@ -355,3 +356,54 @@ def test_a_link_with_a_design_that_cannot_be_says_what_is_wrong():
     content = {"design": text, "follows": "d_f", "look": {}}
     with pytest.raises(LinkError, match=r"main_lens.diameter: 3 has no unit"):
         decode(link_of(json.dumps(content)))
+
+
+def test_a_window_and_a_liquid_come_change_and_go():
+    """What follows follows: with f and d_1 kept, the plane in focus moves to n times its distance from the glass."""
+    state = State.of(PAPER)
+    assert not state.changeable("window_thickness")
+    with_glass = state.choose("window", "yes")
+    (window,) = with_glass.design.elements
+    assert window.distance >= PAPER.d_3
+    assert evaluate(with_glass.design).non_distortion.room_at_corner_mm > 0
+    assert (with_glass.design.f, with_glass.design.d_1) == (PAPER.f, PAPER.d_1)
+    wet = with_glass.choose("medium", "1.333")
+    end = window.distance + window.thickness
+    assert wet.design.d_f - end == pytest.approx(1.333 * (with_glass.design.d_f - end), rel=1e-12)
+    thick = wet.edit("window_thickness", "2 mm").set("window_distance", 130.0).edit("window_diameter", "9")
+    (window,) = thick.design.elements
+    assert (window.thickness, window.distance, window.diameter) == (2.0, 130.0, 9.0)
+    assert (thick.design.f, thick.design.d_1) == (PAPER.f, PAPER.d_1)
+    assert thick.choose("window_material", "1.7").design.elements[0].material.coefficients == (1.7,)
+    assert decode(encode(thick, Look()))[0].design == thick.design
+    dry = thick.choose("window", "no")
+    assert dry.design.elements == ()
+    assert dry.design.object_space.medium.name == "air"
+    assert dry.design.d_f == pytest.approx(PAPER.d_f, rel=1e-12)
+    sealed = state.choose("medium", "1.333").design
+    assert len(sealed.elements) == 1  # a liquid brings what seals it off
+    history = History(state).record(with_glass).record(wet)
+    assert history.undo().present.design == with_glass.design
+    assert history.undo().undo().present.design == PAPER
+
+
+def test_only_the_outermost_plate_is_the_window():
+    lens = {"kind": "lens", "distance": 60.0, "focal_length": 500.0}
+    design = PAPER.replace({"elements": (lens,)})
+    state = State.of(design).choose("window", "yes")
+    assert [element.kind for element in state.design.elements] == ["lens", "plate"]
+    assert state.choose("window", "no").design.elements == design.elements
+
+
+@pytest.mark.parametrize(
+    ("what", "text", "said"),
+    [("medium", "watter", "not a known"), ("medium", "0.5", "from 1"), ("window_material", "N-BK8", "N-BK7")],
+)
+def test_a_material_that_is_none_is_told_beside_its_field(what, text, said):
+    state = State.of(PAPER).choose("window", "yes")
+    wrong = state.choose(what, text)
+    assert said in wrong.fault(what).message
+    assert wrong.design == state.design
+    assert wrong.choose(what, "1.4").faults == ()
+    inside = state.edit("window_distance", "119.9 mm")
+    assert "lies inside" in inside.fault("window_distance").message

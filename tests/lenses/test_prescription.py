@@ -242,6 +242,31 @@ def test_files_that_cannot_be_read(tmp_path):
         load_lens(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "glass",
+    [
+        'formula = "abbe"\nindex = 1.52\nabbe = 58.0',
+        'formula = "schott"\na = [2.3, -0.01, 0.01]\nagainst = "vacuum"',
+    ],
+)
+def test_own_glasses_of_every_kind_come_back_from_a_file(glass):
+    text = f"""
+        [[surfaces]]
+        radius = "20 mm"
+        thickness = "3 mm"
+        glass = "mine"
+        diameter = "10 mm"
+        [[surfaces]]
+        radius = "inf"
+        diameter = "10 mm"
+        [glasses.mine]
+        {glass}
+        range = ["400 nm", "700 nm"]
+        """
+    lens = loads_lens(text)
+    assert loads_lens(dumps_lens(lens)) == lens
+
+
 def test_own_glass_in_a_lens_file():
     lens = loads_lens(
         """

@@ -1,6 +1,7 @@
 """What every picture must be, and that each says what the theory and the engines say."""
 
 import math
+import pickle
 import re
 import xml.etree.ElementTree as ET
 
@@ -29,10 +30,10 @@ from roslf_design.pictures.microlens import (
 from roslf_design.pictures.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.vignetting import nondistortion_margin
-from tests.pictures.designs import DESIGNS, EXTREMES, PAPER
+from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
 SVG = "{http://www.w3.org/2000/svg}"
-ALL = DESIGNS | EXTREMES
+ALL = DESIGNS | EXTREMES | THROUGH
 PICTURES = {
     "meridional": meridional,
     "rays": ray_diagrams,
@@ -115,7 +116,7 @@ def test_axes_have_labels_with_units_for_every_printer(name):
 @pytest.mark.parametrize("name", ALL)
 def test_blocked_rays_end_at_an_opening_they_miss_and_kept_ones_on_the_sensor(name):
     design = ALL[name].thin_twin
-    openings = {-stop.distance: stop.diameter / 2 for stop in design.all_stops} | {0.0: design.D / 2}
+    openings = {-float(rim.stands) for rim in (Camera.of(design).fap, *Camera.of(design).rims)}
     for fan in labelled_fans(design):
         # Within half a millimetre per mm of stop radius for the stop that is tilted in one of them.
         np.testing.assert_allclose(fan.z[fan.kept, -1], design.d_1 + design.d_2, rtol=1e-12)
@@ -370,3 +371,37 @@ def test_waves_and_raw_images_are_shown_with_their_scales():
     assert all("µm" in panel.x_label for panel in picture.panels[::2])
     raw = render(PAPER, region=(0, 0, 200, 100), threads=1)
     assert {panel.title for panel in preview(raw).panels} >= {"centre", "edge", "corner"}
+
+
+@pytest.mark.parametrize("name", THROUGH)
+def test_depth_precision_is_told_where_a_ruler_finds_the_object(name):
+    """At the focal plane as `evaluate` says; beside it the spread of a point is that of two traced rays."""
+    design = THROUGH[name]
+    curve = depth_curve(design, 15)
+    assert curve.in_focus == pytest.approx(evaluate(design).depth.sigma_z_mm, rel=1e-9)
+    assert float(np.interp(design.d_f, curve.distance, curve.blur)) == pytest.approx(0, abs=1e-6 * curve.blur.max())
+    # sigma is the disparity error over how fast disparity changes with the object's place.
+    near, at = depth_curve(design, 100_001), 60_000
+    rate = abs(near.blur[at + 1] - near.blur[at - 1]) / (near.distance[at + 1] - near.distance[at - 1])
+    assert near.sigma[at] == pytest.approx(0.1 / rate, rel=1e-6)
+    assert curve.distance[0] > max(design.d_3, float(Camera.of(design).tip)) - 1e-9
+
+
+def test_elements_are_drawn_where_a_ruler_puts_them():
+    """Glass between its faces and as high as its clear aperture; the medium begins at the farthest face."""
+    design = THROUGH["needle"]
+    picture = meridional(design)
+    for number, (near, far, radius) in enumerate([(1.0, 32.4, 1.35), (32.6, 32.9, 1.3)], 1):
+        mark = _mark(picture, f"element-{number}")
+        assert (min(mark.x), max(mark.x)) == pytest.approx((-far, -near))
+        assert (min(mark.y), max(mark.y)) == pytest.approx((-radius, radius))
+    assert max(_mark(picture, "medium").x) == pytest.approx(-32.9)
+    assert "n = 1.333" in _words(picture.svg())
+    assert not [mark for mark in meridional(PAPER).marks if mark.testid in ("medium", "element-1")]
+
+
+def test_a_design_from_another_process_lies_in_air_as_before():
+    """Its air is equal, not the same object."""
+    there = pickle.loads(pickle.dumps(THROUGH["objective"]))
+    assert meridional(there).svg() == meridional(THROUGH["objective"]).svg()
+    assert evaluate(there).object_space == evaluate(THROUGH["objective"]).object_space

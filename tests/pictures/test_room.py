@@ -12,11 +12,12 @@ from roslf_design.pictures.curves import matching_plane
 from roslf_design.pictures.field import field_map, field_maps, mla_map
 from roslf_design.pictures.marks import Area, Disc, Dots, Line, Text
 from roslf_design.pictures.microlens import ON_PICTURE, microlens_image
-from roslf_design.pictures.rays import cells, meridional, ray_diagrams
+from roslf_design.pictures.rays import cells, dimensions, meridional, ray_diagrams
 from roslf_design.pictures.studies import Yields, YieldShare, yield_bars
 from roslf_design.pictures.theme import SMALL, text_width, theme_named
-from tests.pictures.designs import DESIGNS, PAPER
+from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
+LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}
 FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.ttf", 1000)
 
 
@@ -106,3 +107,21 @@ def test_a_million_pixels_behind_five_microlenses_are_a_small_file():
     assert len(cells(PAPER.replace(q=1e-5), {"centre": 0.0, "edge": 11.0}).svg()) < 50_000
     plain = cells(PAPER, {"centre": 0.0})
     assert any(isinstance(mark, Area) and mark.fill == "pale" and len(mark.x) > 100 for mark in plain.marks)
+
+
+@pytest.mark.parametrize("size", [(1040.0, 300.0), (420.0, 260.0)])
+@pytest.mark.parametrize("name", LOOKING)
+def test_words_of_a_section_with_elements_do_not_touch(name, size):
+    design = LOOKING[name]
+    for picture in (meridional(design, size), ray_diagrams(design), dimensions(design)):
+        for panel in picture.panels:
+            boxes = []
+            for mark in (mark for mark in panel.marks if isinstance(mark, Text)):
+                wide = FONT.getlength(re.sub("_", "", mark.text)) * mark.size / 1000
+                x, y = panel.at(mark.x, mark.y)
+                left = x + mark.dx - wide * {"start": 0.0, "middle": 0.5, "end": 1.0}[mark.anchor]
+                boxes.append((left, left + wide, y + mark.dy - 0.7 * mark.size, y + mark.dy, mark.text))
+            for n, (left, right, top, bottom, text) in enumerate(boxes):
+                for other in boxes[:n]:
+                    apart = left >= other[1] or right <= other[0] or top >= other[3] or bottom <= other[2]
+                    assert apart, (picture.name, text, other[4])

@@ -55,6 +55,7 @@ OPTIMUM = OptimiseResult(
     before=1.25,
     after=0.6,
     changes=(VariableMove("D_F", 2.9, 5.8, 1.45, 5.8), VariableMove("d_3", 120.0, 100.0, 60.0, 240.0)),
+    followers=(("d_1", 140.0, 141.0),),
     design=None,
     sentences=(),
     ends=(

@@ -221,3 +221,22 @@ def test_the_library_refers_to_no_other_place():
     page = gzip.decompress(base64.b64decode(library())).decode()
     assert not re.search(r"<(link|script|img)[^>]+(href|src)=", page)
     assert "kitware.github.io/vtk-js/icon" not in page
+
+
+def test_elements_stand_in_the_scene_where_a_ruler_puts_them():
+    design = designs.THROUGH["prism and cover"]
+    parts = {part.name: part for part in instrument_scene(design).parts}
+    prism = parts["prism 1"].points
+    assert (prism[:, 2].min(), prism[:, 2].max()) == pytest.approx((-80.0, -20.0))
+    assert np.hypot(*prism[:, :2].T).max() == pytest.approx(20.0)
+    assert np.abs(parts["lens 2"].points[:, 0].mean() - 0.6) < 1e-9
+    end = design.d_1 + design.d_2
+    assert sorted({round(z, 9) for z in parts["cover"].points[:, 2]}) == pytest.approx([end - 0.4, end])
+    assert sorted({round(z, 9) for z in parts["substrate"].points[:, 2]}) == pytest.approx(
+        [design.d_1, design.d_1 + 1.2]
+    )
+    medium = {part.name: part for part in instrument_scene(designs.THROUGH["needle"]).parts}["medium"].points
+    assert medium[:, 2].max() == pytest.approx(-32.9)
+    before, after = (scene(design).meshes for design in (design.replace({"elements": ()}), design))
+    assert {"prism 1", "lens 2", "prescription 3"} <= changed(before, after).keys()
+    assert changed(after, before)["prism 1"] is None

@@ -16,7 +16,9 @@ from roslf_design.rays.backward import aligned_ray, crossing, lay_out, posed_ray
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.stop_images import stop_discs
 from roslf_design.theory.vignetting import nondistortion_margin
+from tests.oracles.object_space import object_side
 from tests.oracles.rays import backward, forward, planes
+from tests.pictures.designs import THROUGH
 
 EPS = np.finfo(float).eps
 PAPER = roslf.load("paper")
@@ -77,7 +79,7 @@ def test_backward_rays_are_those_of_the_oracle(tilted):
     rng = np.random.default_rng(7)
     for _ in range(25):
         design = random_design(rng, stops=3, tilted=tilted)
-        k, maps, rims = lay_out(Camera.of(design))
+        k, maps, rims, _ = lay_out(Camera.of(design))
         c = rng.uniform(-10, 10, 2) * design.d
         p, v = c + rng.uniform(-0.7, 0.7, 2) * design.d, rng.uniform(-0.5, 0.5, 2) * design.d
         exact = backward(design, p, c, v)
@@ -147,7 +149,7 @@ def test_fates_after_the_last_opening():
     assert describe(Status.APERTURE) == "clipped by flexible angular plane"
     assert describe(18) == "clipped by stop 2"
     with pytest.raises(ValueError, match="is not a ray status"):
-        describe(6)
+        describe(8)
 
 
 def test_a_pupil_whose_image_lies_on_the_array_sends_no_traceable_rays():
@@ -249,3 +251,50 @@ def test_a_camera_focused_at_infinity_is_drawn_from_beyond_its_stops():
     np.testing.assert_array_equal(fans(camera.replace({"d_3": 0.0}), 0.0).z[:, 0], -100.0)
     with pytest.raises(ValueError, match="finite"):
         fans(camera, 0.0, distance=np.inf)
+
+
+@pytest.mark.parametrize("name", ["window in water", "relay", "objective"])
+def test_corners_of_a_fan_are_where_a_ray_bends_with_a_ruler(name):
+    """Every vertex before the main lens against the same ray through every face in mpmath."""
+    design = THROUGH[name]
+    kinds = {"plate": lambda e: (e.thickness, e.material.index(design.wavelength)), "lens": lambda e: (e.focal_length,)}
+    elements = [(e.kind, e.distance, *kinds[e.kind](e)) for e in design.elements]
+    fan = fans(Camera.of(design), [0.0, 1.0], rays=5, fill=0.9)
+    assert -fan.z[..., 0] == pytest.approx(np.full((2, 5), design.d_f))
+    faces = sorted({z for e in design.elements for z in (e.distance, e.distance + e.length)}, reverse=True)
+    kept = np.isin(fan.status, PASSED)
+    assert kept[0].all()
+    for z, x in zip(fan.z[kept], fan.x[kept], strict=True):
+        np.testing.assert_allclose(-z[1:-3], faces)
+        slope = (x[-3] - x[-4]) / (z[-3] - z[-4])  # in the air before the main lens
+        with mp.workdps(30):
+            wanted = object_side(x[-3], slope, elements, design.object_space.medium.index(design.wavelength), -z[:-3])
+        np.testing.assert_allclose(x[:-3], np.array(wanted, float), rtol=0, atol=1e-9)
+
+
+def test_a_ray_swings_through_a_gradient_rod():
+    """``x'' = -g^2 x`` inside, index times slope the same on both sides of its ends."""
+    design = THROUGH["needle"]
+    rod = design.elements[0]
+    fan = fans(Camera.of(design), 0.5, rays=3)
+    z, x = fan.z[1], fan.x[1]
+    inside = (-z >= rod.distance) & (-z <= rod.distance + rod.length + 1e-9)
+    h = np.diff(z[inside])
+    np.testing.assert_allclose(h, h[0], rtol=1e-9)
+    y = x[inside]
+    np.testing.assert_allclose(y[2:] + y[:-2], 2 * np.cos(rod.gradient * h[0]) * y[1:-1], atol=1e-12)
+    last = np.flatnonzero(inside)[-1]
+    leaves = (x[last + 1] - x[last]) / (z[last + 1] - z[last])
+    g = rod.gradient
+    entering = g * (y[-1] * np.cos(g * h[0]) - y[-2]) / np.sin(g * h[0])  # x' at the end of the last stretch
+    assert rod.index * entering == pytest.approx(leaves, rel=1e-9)
+
+
+def test_glass_about_the_array_bends_rays_by_its_index():
+    design = THROUGH["prism and cover"]
+    fan = fans(Camera.of(design), 0.0, rays=3)
+    z, x = fan.z[0, -5:] - design.d_1, fan.x[0, -5:]
+    np.testing.assert_allclose(z[1:], [0.0, 1.2, 1.6, 2.0], atol=1e-9)
+    substrate, air, cover = np.diff(x[1:]) / np.diff(z[1:])
+    assert 1.46 * substrate == pytest.approx(air)
+    assert float(design.sensor.cover.material.index(design.wavelength)) * cover == pytest.approx(air)

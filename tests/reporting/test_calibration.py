@@ -122,7 +122,7 @@ def without(key):
         (changed(sigma=None), "quantities.d_3.sigma: is missing"),
         (changed(sigma="x"), "quantities.d_3.sigma: "),
         (changed(sigma=-1.0), "must not be negative"),
-        (changed(interval_68=[1.0]), "quantities.d_3.interval_68.1: is missing"),
+        (changed(interval_68=[1.0]), "quantities.d_3.interval_68.2: is missing"),
         (changed(variance_shares=[1.0]), "quantities.d_3.variance_shares: "),
         (changed(r_hat=None), "lacks r_hat or ess"),
     ],
@@ -154,7 +154,7 @@ def test_a_story_may_end_in_a_calibration(tmp_path):
     data = {"story": {"title": "t", "design": "paper"}, "parts": [{"calibrated": "."}]}
     story = read_story(data, tmp_path, "story.toml")
     assert story.calibrations[0].data["quantities"]["d_3"]["sigma"] == 2.34
-    with pytest.raises(InputError, match=r"story.toml: parts.0.calibrated: .*no such file"):
+    with pytest.raises(InputError, match=r"story.toml: parts.1.calibrated: .*no such file"):
         read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
 
 

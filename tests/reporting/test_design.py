@@ -11,16 +11,17 @@ from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.pictures import solid
 from roslf_design.reporting.blocks import Figure, Report, Section, Table
 from roslf_design.reporting.compare import comparison_report
-from roslf_design.reporting.design import design_report
+from roslf_design.reporting.design import design_report, key_figures
 from roslf_design.reporting.parts_list import catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheets import picture_sheet
 from roslf_design.reporting.story import full_report
-from tests.pictures.designs import DESIGNS
+from tests.pictures.designs import DESIGNS, THROUGH
 
 SECTIONS = (
     *("summary", "the-design", "parts-list", "evaluation", "rays", "microlens-images", "design-space", "effects"),
@@ -293,3 +294,22 @@ def test_a_pdf_tells_date_version_and_command_at_its_foot_unless_asked_not_to(tm
 def test_reports_that_git_keeps_are_made_without_a_date(root):
     lines = [line for line in (root / "Makefile").read_text().splitlines() if "roslf report" in line]
     assert all("--no-stamp" in line for line in lines if "--pdf" in line)
+
+
+@pytest.mark.parametrize("name", THROUGH)
+def test_a_report_lists_what_stands_before_the_lens(name):
+    design = THROUGH[name]
+    report = design_report(design)
+    (table,) = [table for table in blocks(report, Table) if table.title.startswith("Beside the main lens")]
+    told = {row[0]: row for row in table.rows}
+    (parts,) = [block for block in parts_section(design).blocks if isinstance(block, Table)]
+    bought = " | ".join(row[1] for row in parts.rows)
+    for k, element in enumerate(design.elements, 1):
+        assert float(told[f"{element.kind} {k}"][2].split()[0]) == element.distance
+        assert f"({element.kind} {k})" in bought
+    figures = {figure.name: figure for figure in blocks(report, Figure)}
+    assert all(f"{e.kind} {k}" in figures["dimensions"].content for k, e in enumerate(design.elements, 1))
+    key = {row[0]: row[1] for row in key_figures(design, evaluate(design)).rows}
+    tip = max(design.d_3, *(e.distance + e.length for e in design.elements))
+    assert float(key["working distance"].split()[0]) == pytest.approx(design.d_f - tip, rel=1e-4)
+    assert render_html(report)

@@ -185,3 +185,21 @@ def test_wide_tables_stay_on_the_page(tmp_path, paper):
     text = " ".join(" ".join(pages(Report("t", "", (Section("s", (table,)),)), tmp_path, paper)).split())
     assert text.count("0.123 mm") == text.count("trusted") == 5
     assert "parameter 4 0.123 mm 1.0 1.00 mm fill factor" in text
+
+
+def test_text_goes_before_a_figure_that_does_not_fit_the_page(tmp_path):
+    """And not before the next section; a section's last figures stay in their order."""
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 9 9" width="400pt" height="400pt"')
+    lines = Bullets(tuple(f"line {n}" for n in range(38)))
+    figures = [Figure(name, f"figure {name}", "", tall, "") for name in "abc"]
+    sections = (
+        Section("One", (lines, figures[0], Paragraph("what follows"))),
+        Section("Two", (Paragraph("the next"), figures[1], figures[2])),
+    )
+    first, *others = pages(Report("t", "", sections), tmp_path)
+    assert "line 37" in first
+    assert "what follows" in first
+    assert "figure a" not in first
+    rest = "\f".join(others)
+    order = [rest.index(words) for words in ("figure a", "Two", "the next", "figure b", "figure c")]
+    assert order == sorted(order)

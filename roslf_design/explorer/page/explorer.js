@@ -300,12 +300,47 @@
     },
     template: `
 <div class="field" :class="{ wrong: field.fault, shut: !field.open }" :data-field="field.symbol">
-  <label :for="'n-' + field.symbol"><b v-html="field.markup"></b> {{ field.name }}</label>
+  <label :for="'n-' + field.symbol"><b v-if="field.markup" v-html="field.markup"></b> {{ field.name }}</label>
   <button v-if="field.can_follow" type="button" class="lock" :aria-pressed="field.follows" :title="field.follows ? 'Follows from the other two' : 'Let this one follow from the other two'" :aria-label="field.spoken + ' follows from the other two'" @click="ask('follow', field.symbol)"><svg viewBox="0 0 20 20" aria-hidden="true"><path v-if="field.follows" d="M8 12a3.500 3.500 0 0 0 5 0l2.500-2.500a3.540 3.540 0 0 0-5-5L9.500 5.500M12 8a3.500 3.500 0 0 0-5 0L4.500 10.500a3.540 3.540 0 0 0 5 5l1-1" /><path v-else d="M9 15.500 8.500 16a3.500 3.500 0 0 1-5-5L5 9.500M11 4.500l.5-.5a3.500 3.500 0 0 1 5 5L15 10.500M4 4l12 12" /></svg></button>
   <input class="number" :id="'n-' + field.symbol" type="text" inputmode="text" autocomplete="off" spellcheck="false" :value="text" :readonly="!field.open" :title="field.why" :aria-invalid="field.fault ? 'true' : 'false'" :aria-describedby="field.fault ? 'e-' + field.symbol : null" @input="typed" @change="written" @blur="left" @keydown="keys" />
   <input class="slider" type="range" min="0" :max="field.steps" step="1" :value="place" :disabled="!field.open" :aria-label="field.spoken" :aria-valuetext="field.shown" @input="slide" @pointerdown="grasp" @pointerup="release" @change="release" />
   <p v-if="field.fault" class="fault" :id="'e-' + field.symbol" role="alert">{{ field.fault }}</p>
 </div>`,
+  };
+
+  // What the scene lies in, and the window at the tip.
+  const Bore = {
+    props: ["bore"],
+    setup(props) {
+      // Both show what the server says, which may refuse.
+      function medium(event) {
+        ask("choose", "medium", event.target.value === "index" ? "1.35" : event.target.value);
+        event.target.value = props.bore.medium;
+      }
+      function turn(event) {
+        ask("choose", "window", event.target.checked ? "yes" : "no");
+        event.target.checked = props.bore.window;
+      }
+      return { ask, medium, turn };
+    },
+    template: `
+<fieldset><legend>Bore</legend>
+  <div class="field" :class="{ wrong: bore.medium_fault }" data-field="medium"><label for="n-medium">Scene lies in</label>
+    <select id="n-medium" class="number" :value="bore.medium" @change="medium"><option v-for="name in bore.media" :key="name" :value="name">{{ name }}</option><option value="index">index…</option></select>
+    <p v-if="bore.medium_fault" class="fault" role="alert">{{ bore.medium_fault }}</p></div>
+  <div v-if="bore.medium === 'index'" class="field" data-field="medium_index"><label for="n-index"><b><i>n</i></b> Its index</label>
+    <input id="n-index" class="number" type="text" autocomplete="off" :value="bore.index" @change="ask('choose', 'medium', $event.target.value)" /></div>
+  <div class="field" :class="{ wrong: bore.window_fault }" data-field="window"><label for="n-window">Window at the tip</label>
+    <input id="n-window" type="checkbox" class="tick" :checked="bore.window" @change="turn" />
+    <p v-if="bore.window_fault" class="fault" role="alert">{{ bore.window_fault }}</p></div>
+  <template v-if="bore.window">
+    <div class="field" :class="{ wrong: bore.window_material_fault }" data-field="window_material"><label for="n-material">Window material</label>
+      <input id="n-material" class="number" type="text" list="glasses" autocomplete="off" spellcheck="false" :value="bore.material" :aria-invalid="bore.window_material_fault ? 'true' : 'false'" @change="ask('choose', 'window_material', $event.target.value)" />
+      <datalist id="glasses"><option v-for="name in bore.materials" :key="name" :value="name"></option></datalist>
+      <p v-if="bore.window_material_fault" class="fault" role="alert">{{ bore.window_material_fault }}</p></div>
+    <rx-field v-for="field in bore.fields" :key="field.symbol" :field="field"></rx-field>
+  </template>
+</fieldset>`,
   };
 
   // Behind a real lens: what is drawn, or computed, for its thin twin all the same.
@@ -519,6 +554,7 @@
       vue = app;
       app.component("rx-shell", Shell);
       app.component("rx-field", FieldView);
+      app.component("rx-bore", Bore);
       app.component("rx-card", Card);
       app.component("rx-twin", Twin);
       app.component("rx-picture", Picture);
