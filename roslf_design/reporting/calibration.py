@@ -353,7 +353,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
         off = f"{low:+.1f} %" if high - low < 0.1 else f"{low:+.1f} to {high:+.1f} %"
         yield Statement(
             "caution",
-            f"Calibrated in {medium}, used in {name}: depths in {name} would be off by {off}"
+            f"Calibrated in {medium}, used in {name}: depths there would be off by {off}"
             f" ({there.error[0]:+.3g} mm at {there.distances[0]:.4g} mm, {there.error[-1]:+.3g} mm at"
             f" {there.distances[-1]:.4g} mm).",
             f"calibrated.toml is the camera in {name}: depths by it are right.",

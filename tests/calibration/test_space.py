@@ -128,6 +128,23 @@ def test_glass_about_the_array_alone_shortens_d_2_only():
     assert ruler["d_3"] == pytest.approx(117.0)
 
 
+@pytest.mark.parametrize("name", ["arthroscope", "cystoscope", "grin-needle", "video-otoscope"])
+def test_scopes_that_ship_go_to_their_boards_medium_and_back(name):
+    """The GRIN needle's relay turns the picture, which boards do not show: A and m of the fit are positive."""
+    design = roslf.load(name)
+    camera, sheet, c = camera_of(design), sheet_of(design), Camera.of(design)
+    assert camera.A > 0
+    assert camera.m > 0
+    # The focal plane lies A/m before the pupil, by a ruler.
+    assert pupil_of(design) + camera.A / camera.m == pytest.approx(design.d_f, rel=1e-9)
+    lengths = derived(camera.vector(), sheet)
+    for symbol in ("H", "d_3", "d_1", "d_f", "d_2", "A", "m"):
+        assert lengths[symbol] == pytest.approx(float(getattr(c, symbol)), rel=1e-9), symbol
+    ruler = sheet.space.ruler(lengths)
+    for symbol in ("d_3", "d_1", "d_f", "d_2"):
+        assert ruler[symbol] == pytest.approx(getattr(design, symbol), rel=1e-9), symbol
+
+
 @pytest.mark.parametrize("name", ["window", "lens and window"])
 def test_plans_through_elements_promise_what_calibrations_scatter_by(name):
     design = DESIGNS[name]
