@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
-from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, element_name, made_of
+from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, Prism, element_name, made_of
 from ..design.material import material_told
 from ..evaluation import default_fields
 from ..lenses.glass import AIR
@@ -260,7 +260,9 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
-    names += [(-e.distance - e.length / 2, element_name(e, k)) for k, e in enumerate(design.elements, 1)]
+    for k, e in enumerate(design.elements, 1):
+        turns = f", turns by {math.degrees(e.deviation):.3g}°" if isinstance(e, Prism) and e.deviation else ""
+        names.append((-e.distance - e.length / 2, element_name(e, k) + turns))
     names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
