@@ -21,7 +21,7 @@ lint: $(INSTALLED_DEV)
 	$(BIN)/lint-imports --no-cache
 
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
-R ?= paper story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
+R ?= paper story-arthroscope story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
   optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage
 REPORTS := $(addprefix report-,$(R))
 reports: $(REPORTS)

@@ -162,6 +162,7 @@ def calibrate(
     cell_sigma: str = "0.1%",
     white_pitch: str | None = None,
     distances: str | Path | None = None,
+    use_in: str | None = None,
 ) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
@@ -189,6 +190,8 @@ def calibrate(
         How well the white image's pitch is known, as "0.01%", where it is to be used.
     distances : str or Path, optional
         A TOML file of how far the boards stood.
+    use_in : str, optional
+        The medium that the camera will look into where that is not the boards': `Outcome.used_in`.
 
     Raises
     ------
@@ -203,7 +206,7 @@ def calibrate(
     return calibrated(
         Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
         d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
-        distances=None if distances is None else Path(distances),
+        distances=None if distances is None else Path(distances), use_in=use_in,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ WORDS = {
     "undistorted_field_mm": "undistorted field radius",
     "field_half_width_mm": "field half width",
     "field_half_diagonal_mm": "field half diagonal",
+    "field_half_angle_deg": "half angle of view",
     "object_sample_mm": "object sample",
     "sigma_z_mm": "depth spread σ_Z",
     "blur_pitches": "defocus blur",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,17 @@ from .lattice import CentreLattice
 Samples = NDArray[np.float32]
 _DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
+
+
+class HexagonalRows(NamedTuple):
+    """Samples of a hexagonal array where its microlenses stand, before they are interpolated to a square grid."""
+
+    values: Samples
+    """Shape (t, s, v, k): sample k of row v at u = ``starts[v] + k``."""
+    weight: Samples
+    """As of `LightField`, of the same shape."""
+    starts: Array
+    """u of each row's first sample [microlens pitches]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +52,8 @@ class LightField:
     """[microlens pitches]"""
     pitch: float
     """Microlens-image pitch on the sensor [px]."""
+    hexagonal: HexagonalRows | None = None
+    """Of a hexagonal array; None of a square one."""
 
     def __post_init__(self) -> None:
         shape = (len(self.t), len(self.s), len(self.v), len(self.u))
@@ -161,6 +174,7 @@ class Decoder:
         values, _ = self._sampled(frame, told=False)
         values *= self.gain
         weight, lattice, offsets = self.light, self.lattice, self._offsets
+        hexagonal = None
         if lattice.layout == "square":
             u, step = self.starts[0] + self.columns.astype(float), 1.0
         else:
@@ -168,8 +182,10 @@ class Decoder:
             first = self.starts + 0.5 * self.rows
             along = lattice.inside(self.shape) @ (1.0, 0.5)
             u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
+            hexagonal = HexagonalRows(values, weight, first)
             values, weight = _squared(values, weight, u, first)
-        return LightField(values, weight, offsets, offsets.copy(), u, step * self.rows.astype(float), lattice.pitch)
+        v = step * self.rows.astype(float)
+        return LightField(values, weight, offsets, offsets.copy(), u, v, lattice.pitch, hexagonal)
 
     @property
     def _offsets(self) -> Array:

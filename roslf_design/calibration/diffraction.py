@@ -27,7 +27,7 @@ from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice, Layout
-from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations
+from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations, derived
 
 Wish = Literal["auto", "on", "off"]
 _SMALL = 0.1
@@ -145,9 +145,10 @@ def calibrate_corrected(
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
     result = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    camera, d_2 = result.fit.camera, 1 / result.joint.camera.inverse_d_2
+    camera, seen = result.fit.camera, derived(result.joint.camera.vector(), sheet)
     # The pupil image that D_F, lambda and the calibrated d_2 and A make.
-    radius = design.D_F / 2 * d_2 / (result.joint.camera.A * design.q)
+    d_2 = float(seen["d_2"])
+    radius = abs(float(Camera.of(design).D_F)) / 2 * d_2 / (abs(float(seen["A"])) * design.q)
     predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),

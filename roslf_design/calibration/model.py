@@ -24,6 +24,7 @@ from ..design import Design
 from ..theory.light_field import back_substitute
 from ..units import FARTHEST, parse_quantity
 from .frames import Array, CalibrationError
+from .space import SceneSide
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
@@ -315,6 +316,8 @@ class DataSheet:
     """[mm]"""
     cell_sigma: float = 0.0
     """Relative error of the board's cell."""
+    space: SceneSide | None = None
+    """What stands between boards and main lens, and about the array; None: air."""
 
     def __post_init__(self) -> None:
         for name in ("f", "q", "d"):
@@ -344,8 +347,9 @@ class DataSheet:
 def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3, cell_sigma: float = 1e-3) -> DataSheet:
     """Data-sheet values of a design with relative standard deviations of f, d and the board's cell."""
     return DataSheet(
-        design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma
-    )
+        design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma,
+        space=SceneSide.of(design),
+    )  # fmt: skip
 
 
 def relative_sigma(text: str, f: float) -> float:
@@ -379,7 +383,7 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     Returns
     -------
     dict
-        `QUANTITIES`, each of shape (...).
+        `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it.
 
     Notes
     -----
@@ -390,5 +394,7 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     f, q, d, board = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
     A, m = A * (d / sheet.d), m * (d / sheet.d) / board
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
+    if sheet.space is not None:
+        A, m, d_2 = sheet.space.seen(f, A, m, d_2)
     d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
     return {name: np.asarray(value) for name, value in zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)}

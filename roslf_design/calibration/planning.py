@@ -16,9 +16,10 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..words import sentence
 from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .model import Board, DataSheet, Intrinsics, Observations, Poses, project_boards
+from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import variance_shares
 from .sidedata import image_pitch, white_pitch
+from .space import SceneSide, Shown, as_shown
 
 MOST_CORNERS = 10_000
 """Of a plan, over all its images: beyond it, time and memory grow without telling more."""
@@ -92,7 +93,8 @@ class Captures:
         if distance_range is not None and distance_range < 0:
             raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
-        spread = (design.d_f - design.d_3) / 4 if distance_range is None else distance_range
+        pupil = pupil_of(design)
+        spread = (design.d_f - pupil) / 4 if distance_range is None else distance_range
         image = abs(float(microlens_image_diameter(Camera.of(design))))
         nearest = middle - spread / 2
         board = _fitting_board(design, nearest) if board is None else board
@@ -104,7 +106,7 @@ class Captures:
             distance=middle,
             distance_range=spread,
             tilt=tilt,
-            offset=max(min(0.035 * (middle - design.d_3), room), 0.0),
+            offset=max(min(0.035 * (middle - pupil), room), 0.0),
             noise=noise,
             # As far out as corners are followed: views at the pupil's rim are left out.
             reach=0.385 * min(design.d, image) / design.q,
@@ -121,18 +123,29 @@ class Captures:
 
 def camera_of(design: Design) -> Intrinsics:
     """The calibration's parameters of a design, the axis at the middle of its array."""
-    c = Camera.of(design)
+    shown = _shown(design)
     x_0, y_0 = (size / design.d / 2 for size in design.sensor_size)
-    return Intrinsics(float(c.A), float(c.m), 1 / design.d_2, x_0, y_0, q=design.q, d=design.d)
+    return Intrinsics(float(shown.A), float(shown.m), 1 / float(shown.d_2), x_0, y_0, q=design.q, d=design.d)
+
+
+def pupil_of(design: Design) -> float:
+    """Where the boards' medium has the FAP: before the main lens with a ruler [mm]."""
+    return float(_shown(design).pupil)
+
+
+def _shown(design: Design) -> Shown:
+    c = Camera.of(design)
+    lengths = {name: np.asarray(getattr(c, name), float) for name in ("A", "m", "d_2", "d_3", "d_f")}
+    return as_shown(lengths, SceneSide.of(design))
 
 
 def field_at(design: Design, distance: float) -> tuple[float, float]:
     """What the sensor sees of a plane at `distance` from the main lens, across and down [mm], by middles of pencils."""
-    return _field(camera_of(design), design.d_3, distance)
+    return _field(camera_of(design), pupil_of(design), distance)
 
 
-def _field(camera: Intrinsics, d_3: float, distance: float) -> tuple[float, float]:
-    scale = 2 * camera.d * abs(distance - d_3) / camera.A
+def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, float]:
+    scale = 2 * camera.d * abs(distance - pupil) / camera.A
     return camera.x_0 * scale, camera.y_0 * scale
 
 
@@ -148,7 +161,7 @@ def _fitting_board(design: Design, nearest: float) -> Board:
 
 def too_large(design: Design, captures: Captures) -> str:
     """A clause where the sensor cannot see the whole board at its nearest, as plans count every corner; else ""."""
-    if _fits(camera_of(design), design.d_3, captures):
+    if _fits(camera_of(design), pupil_of(design), captures):
         return ""
     board = captures.board
     field = sorted(field_at(design, captures.distance - captures.distance_range / 2))
@@ -159,9 +172,9 @@ def too_large(design: Design, captures: Captures) -> str:
     )
 
 
-def _fits(camera: Intrinsics, d_3: float, captures: Captures) -> bool:
+def _fits(camera: Intrinsics, pupil: float, captures: Captures) -> bool:
     """Whether the sensor sees the whole board at its nearest."""
-    field = sorted(_field(camera, d_3, captures.distance - captures.distance_range / 2))
+    field = sorted(_field(camera, pupil, captures.distance - captures.distance_range / 2))
     sides = sorted((captures.board.columns * captures.board.cell, captures.board.rows * captures.board.cell))
     return all(side <= seen for side, seen in zip(sides, field, strict=True))
 
@@ -169,7 +182,7 @@ def _fits(camera: Intrinsics, d_3: float, captures: Captures) -> bool:
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:
     """Poses as a person would choose them: distances spread evenly, tilts in every direction, boards turned in hand.
 
-    `pupil_distance` is d_3 [mm], from lens to FAP: poses are in the FAP's frame.
+    `pupil_distance` is that from lens to FAP [mm], as the boards' medium has it: poses are in the FAP's frame.
     """
     n = captures.boards
     spread = (np.arange(n) + 0.5) / n - 0.5 if n > 1 else np.zeros(1)
@@ -286,19 +299,19 @@ def expected_errors(
     CalibrationError
         The captures do not determine A, m or d_2, and says why.
     """
-    names = shared_names(distortion)
-    d_3 = sheet.f + (sheet.f - camera.A) / camera.m
-    if captures.distance - captures.distance_range / 2 <= d_3:
+    names, pupil = shared_names(distortion), _pupil(camera, sheet)
+    end, what = max((pupil, "FAP is"), (0.0 if sheet.space is None else sheet.space.end, "farthest element ends"))
+    if captures.distance - captures.distance_range / 2 <= end:
         raise CalibrationError(
-            f"boards at {captures.distance:g} ± {captures.distance_range / 2:g} mm reach into the bore: the FAP is at"
-            f" {d_3:.1f} mm from the lens"
+            f"boards at {captures.distance:g} ± {captures.distance_range / 2:g} mm reach into the bore: the {what} at"
+            f" {end:.1f} mm from the lens"
         )
     if captures.views == 1 or captures.boards == 1:
         raise CalibrationError(f"these captures do not determine A, m and d_2: {reason(captures)}")
     shares, fits = [], []
     for k in range(samples):
         rng = np.random.default_rng([seed, k])
-        poses = random_poses(captures, d_3, rng)
+        poses = random_poses(captures, pupil, rng)
         observations = synthetic_observations(camera, poses, captures)
         statistics = corner_statistics(observations, fit_lines(observations), captures.noise)
         fit = fit_at(statistics, camera, poses, names)
@@ -316,6 +329,10 @@ def expected_errors(
     return ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]))
 
 
+def _pupil(camera: Intrinsics, sheet: DataSheet) -> float:
+    return float(as_shown(derived(camera.vector(), sheet), sheet.space).pupil)
+
+
 def plan(
     camera: Intrinsics,
     sheet: DataSheet,
@@ -331,15 +348,15 @@ def plan(
     Parameters and errors as in `expected_errors`; a change that cannot be made (a tilt beyond 40 degrees, boards in
     the bore, a board that the sensor would no longer see whole) is left out.
     """
-    d_3 = sheet.f + (sheet.f - camera.A) / camera.m
-    seen_whole = _fits(camera, d_3, captures)
+    pupil = _pupil(camera, sheet)
+    seen_whole = _fits(camera, pupil, captures)
     expected = functools.partial(
         expected_errors, camera, distortion=distortion, seed=seed, samples=samples, white=white
     )
     before = expected(sheet, captures)
     changes = []
     for what, other, known in _alternatives(captures, sheet):
-        if seen_whole and not _fits(camera, d_3, other):
+        if seen_whole and not _fits(camera, pupil, other):
             continue
         try:
             after = expected(known, other)

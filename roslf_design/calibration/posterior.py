@@ -14,6 +14,7 @@ from .fit import StatisticsFit
 from .frames import Array, CalibrationError
 from .model import GLOBALS, QUANTITIES, DataSheet, derived
 from .sidedata import Combined, SideDatum, combine
+from .space import as_shown
 
 ENSEMBLES = 4
 """Between which convergence is judged: fewer would not tell."""
@@ -343,16 +344,16 @@ def depth_errors(
     and the error of A stays.
     """
     distances = np.asarray(distances, float)
-    best = combine(fit, sheet, data).lengths(sheet)
-    depth = distances - best["d_3"]
+    best = as_shown(combine(fit, sheet, data).lengths(sheet), sheet.space)
+    depth = distances - best.pupil
     if not (depth > 0).all():
-        raise CalibrationError(f"distances must lie beyond the FAP at {float(best['d_3']):.2f} mm from the lens")
+        raise CalibrationError(f"distances must lie beyond the FAP at {float(best.pupil):.2f} mm from the lens")
     # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
-    measured = (best["m"] - best["A"] / depth) * best["A"] / best["d_2"]
-    m, A, d_2, d_3 = (draws.quantities[name][:, None] for name in ("m", "A", "d_2", "d_3"))
+    measured = (best.m - best.A / depth) * best.A / best.d_2
+    A, m, d_2, pupil = (part[:, None] for part in as_shown(draws.quantities, sheet.space))
     with np.errstate(divide="ignore"):
         z_f = A / (m - measured * d_2 / A)
-    z = z_f + d_3
+    z = z_f + pupil
     low, high = np.quantile(z - distances, [0.025, 0.975], axis=0)
     return {
         "distance": distances,

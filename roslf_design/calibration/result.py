@@ -22,6 +22,7 @@ from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
 from .sidedata import Combined, SideDatum, combine
+from .space import UsedIn, as_shown, used_in
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -75,6 +76,9 @@ class Outcome:
     shares: Mapping[str, Mapping[str, float]]
     """`variance_shares`."""
     estimates: Mapping[str, QuantityEstimate]
+    """As the main lens sees lengths through what stands before it."""
+    ruler: Mapping[str, QuantityEstimate]
+    """H, d_3, d_1, d_f and d_2 with a ruler, where elements or glass make them others; else empty."""
     misfit: Misfit
     """What the fit leaves over."""
     combined: Combined
@@ -83,6 +87,22 @@ class Outcome:
     seed: int
     distortion: int
     accuracy: Accuracy
+    medium: str | None = None
+    """That the camera is to be used in, where it is another than that of its boards."""
+
+    @property
+    def used_in(self) -> UsedIn | None:
+        """What becomes of depths there, at distances from the nearest to the farthest board.
+
+        Raises
+        ------
+        DesignError
+            The values make no design, or none in that medium.
+        """
+        if self.medium is None:
+            return None
+        low, high = self.depths["distance"][[0, -1]]
+        return used_in(self.calibrated, self.medium, np.linspace(low, high, 5))
 
     @property
     def posterior(self) -> Posterior | None:
@@ -117,7 +137,7 @@ class Outcome:
             f"roslf calibrate, {images} images of a board, {known}: {said} (standard deviations);"
             f" before: {self.design.name}"
         )
-        lengths = {name: values[name].value for name in ("d_3", "d_1", "d_2")}
+        lengths = {name: (self.ruler or values)[name].value for name in ("d_3", "d_1", "d_2")}
         if self.combined.data:
             lengths["f"] = float(self.combined.best[-4])
         return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
@@ -133,7 +153,7 @@ class Outcome:
         p = self.posterior
         lattice = self.centres.lattice
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
-        radius = self.undistorted_radius
+        radius, used = self.undistorted_radius, self.used_in
         return {
             "schema": SCHEMA,
             "design": self.design.name,
@@ -149,6 +169,11 @@ class Outcome:
                 }
                 for name, e in self.estimates.items()
             },
+            "ruler": {
+                name: {"estimate": e.value, "unit": UNITS[name], "sigma": e.sigma, "interval_95": e.interval_95}
+                for name, e in self.ruler.items()
+            },
+            "used_in": None if used is None else used.to_dict(),
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),
             "posterior": None if p is None else {name: getattr(p, name) for name in told},
@@ -203,6 +228,7 @@ def outcome_of(
     diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
     data: Sequence[SideDatum] = (),
+    medium: str | None = None,
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
     fit = calibration.fit
@@ -215,10 +241,19 @@ def outcome_of(
         name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(told[name]))
         for name in QUANTITIES
     }
+    ruler = {}
+    if sheet.space is not None:
+        values, drawn, planned = (sheet.space.ruler(lengths) for lengths in (best, draws.quantities, told))
+        for name, value in values.items():
+            sigma = float(drawn[name].std(ddof=1))
+            low, lower, higher, high = (float(x) for x in np.quantile(drawn[name], [0.025, 0.16, 0.84, 0.975]))
+            intervals = (lower, higher), (low, high)
+            ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]))
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
-    distances = float(best["d_3"]) + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
+    pupil = float(as_shown(best, sheet.space).pupil)
+    distances = pupil + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []
     expected, shown = image_pitch(design), centres.lattice.pitch
@@ -244,7 +279,7 @@ def outcome_of(
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius, draws, depths, shares, estimates,
-        misfit, combined, tuple(notes), seed, distortion, accuracy,
+        ruler, misfit, combined, tuple(notes), seed, distortion, accuracy, medium,
     )  # fmt: skip
 
 

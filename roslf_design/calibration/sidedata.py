@@ -16,6 +16,7 @@ from .fit import StatisticsFit
 from .frames import Array, CalibrationError
 from .misfit import DISAGREE
 from .model import DataSheet, derived
+from .space import as_shown
 
 _STEPS = 20
 _NUDGE = 1e-6
@@ -90,7 +91,7 @@ def board_distances(
     def off(states: Array) -> Array:
         shared, drawn = states[:, :count], states[:, count:].T
         moved = depth + (shared - best) @ fit.pose_by_shared[boards, 5].T
-        start = 0.0 if relative else derived(shared, sheet, drawn)["d_3"][:, None]
+        start = 0.0 if relative else as_shown(derived(shared, sheet, drawn), sheet.space).pupil[:, None]
         away = (moved * drawn[3][:, None] + start - told) / spread
         return np.asarray(away - (away @ common)[:, None] * common if relative else away)
 

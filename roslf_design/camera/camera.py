@@ -256,8 +256,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, Plane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        end: Number = 0.0 if self.chain is None else self.chain.end(self._numbers)
-        return end, self.plane(np.nextafter(end, np.inf))
+        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
 
     @cached_property
     def focus(self) -> Plane:
@@ -565,6 +564,9 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    if design.tube is not None:
+        known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
+        places += [f"tube.{name}" for name in known]
     numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
     if chain is None:
         return Camera(numbers, array.layout, array.lens_shape, design.lens)

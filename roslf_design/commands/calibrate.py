@@ -29,6 +29,7 @@ from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
 from ..calibration.result import LAPLACE_DRAWS
+from ..calibration.space import in_medium
 from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import InputError, Problem
@@ -70,6 +71,7 @@ def calibrate(
     no_posterior: Flag = False,
     accuracy: float | None = None,
     diffraction: Literal["auto", "on", "off"] = "auto",
+    use_in: str | None = None,
     plan: str | None = None,
     boards: int | None = None,
     tilt: str | None = None,
@@ -119,6 +121,9 @@ def calibrate(
     diffraction
         Take microlens diffraction off the corners: always, never, or (auto) where the design's is above 0.1 px and the
         white image shows it.
+    use_in
+        The medium that the camera will look into where that is not the boards', as water, saline or an index: tells
+        what depths would be off by, and calibrated.toml is the camera in that medium.
     plan
         Instead of a folder: a design whose calibration is to be planned, before anyone captures an image.
     boards
@@ -135,6 +140,7 @@ def calibrate(
     choices = {"boards": boards, "tilt": tilt, "distance": distance, "range": range, "noise": noise}
     planned = {name: value for name, value in choices.items() if value is not None}
     places = {"FOLDER": folder, "--design": design, "--output": output, "--distances": distances}
+    places["--use-in"] = use_in
     needed = {"--design": (design, "paper"), "--board": (board, '"4x5 6 mm"'), "--output": (output, "out/calibration")}
     if plan is not None:
         idle = [key for key, value in places.items() if value is not None]
@@ -164,6 +170,7 @@ def calibrate(
         result = calibrated(
             folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy,
             d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances,
+            use_in=use_in,
         )  # fmt: skip
     except CalibrationError as error:
         text = " ".join(str(error).split())
@@ -176,12 +183,13 @@ def calibrate(
     command = typed(
         "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, d_sigma=d_sigma,
         cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
-        seed=seed, diffraction=diffraction, no_posterior=no_posterior, accuracy=accuracy,
+        seed=seed, diffraction=diffraction, no_posterior=no_posterior, accuracy=accuracy, use_in=use_in,
     )  # fmt: skip
     seconds = time.perf_counter() - began
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
-        files["calibrated.toml"] = dumps(result.calibrated, WRITTEN).encode()
+        used = result.used_in
+        files["calibrated.toml"] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
@@ -225,6 +233,7 @@ def calibrated(
     cell_sigma: str = "0.1%",
     white_pitch: str | None = None,
     distances: Path | None = None,
+    use_in: str | None = None,
 ) -> Outcome:
     """From a folder of images to what they say; options as on the command line.
 
@@ -238,6 +247,13 @@ def calibrated(
     except CalibrationError as error:
         raise refusal("--board", str(error)) from None
     loaded = load(design)
+    if use_in is not None:
+        try:
+            in_medium(loaded, use_in)
+        except DesignError as error:
+            said = "; ".join(problem.message for problem in error.problems)
+            raise refusal("--use-in", f"{use_in}: {said}") from None
+    circular = loaded.microlens_array.lens_shape == "circular"
     sheet, white = _known(loaded, checkerboard, f_sigma, d_sigma, cell_sigma, white_pitch)
     stood = None if distances is None else _read_distances(distances)
     with StatusLine("calibrate") as status:
@@ -252,7 +268,7 @@ def calibrated(
     views: dict[str, Samples] = {}
     try:
         with bar("boards", len(capture.boards)) as done:
-            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard)
+            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard, circular=circular)
         with StatusLine("calibrate") as status:
             status.tell("fitting")
             fitted, waves = calibration.calibrate_corrected(
@@ -288,6 +304,7 @@ def calibrated(
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
         seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius, data=data,
+        medium=use_in,
     )  # fmt: skip
 
 

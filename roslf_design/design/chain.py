@@ -209,9 +209,13 @@ class Chain:
         """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
         if not self.elements:
             return distance
+        far, last = self.front(numbers)
+        return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
+
+    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, Plane]:
+        """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
         last = self.walk(numbers)[-1]
-        a, b, c, d = last.matrix
-        return last.place + numbers.get(MEDIUM, 1.0) * (distance * a - b) / (d - distance * c)
+        return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
     @property
     def bends(self) -> bool:

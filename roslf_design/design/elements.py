@@ -37,7 +37,7 @@ class Element(Part):
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
-    """[rad], about the sensor-side vertex."""
+    """About the sensor-side vertex [rad]."""
 
     @property
     def length(self) -> float:

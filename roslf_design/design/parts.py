@@ -12,7 +12,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..units import Angle, AnyLength, Distance, Length
@@ -142,6 +142,23 @@ class Sensor(Part):
     """[rad]."""
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm], as seen at the MLA's image plane."""
+
+
+class Housing(Part):
+    """The tube that a scope is built into, from its tip backwards."""
+
+    outer_diameter: Length
+    """[mm]."""
+    wall: Length
+    """Thickness of its wall [mm]."""
+    length: Length | None = None
+    """From the tip [mm]; what lies farther back need not fit inside. None: everything must."""
+
+    @model_validator(mode="after")
+    def _hollow(self) -> Housing:
+        if 2 * self.wall >= self.outer_diameter:
+            raise ValueError("the wall is half the outer diameter or more, which leaves no room; make it thinner")
+        return self
 
 
 class Light(Part):

@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self
 
 from ..design import Design
 from ..errors import InputError, Problem
-from . import geometry, lens, waves
+from . import elements, geometry, lens, waves
 from .effect import WHITE, Effect, SceneBrief, Subject, Unit
 
 EFFECTS: tuple[Effect, ...] = (
@@ -25,6 +25,7 @@ EFFECTS: tuple[Effect, ...] = (
     geometry.OBJECT_DEFOCUS,
     geometry.COS4,
     *lens.EFFECTS,
+    elements.PLATE_ABERRATION,
     geometry.MLA_ROTATION,
     geometry.TILTS,
     geometry.DECENTRES,
@@ -218,9 +219,7 @@ def _wanted(overrides: Iterable[str], design: Design) -> dict[str, bool]:
         if sign == "-" and known[name].always:
             raise PlanError.about("effects", f"{name} is never left out; drop -{name}")
         if sign == "+" and not known[name].available(design):
-            raise PlanError.about(
-                "effects", f"{name} needs a traced main lens, and this design's is ideal; drop +{name}"
-            )
+            raise PlanError.about("effects", f"{name} needs {known[name].needs}; drop +{name}")
         wanted[name] = sign == "+"
     return wanted
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..theory import tube
 from ..theory.f_number import fill_factor, matched
 from ..words import place
 from .fields import default_fields, field_discs
@@ -21,6 +22,8 @@ TOUCHING_PX = 1e-6
 """Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
+ROUNDING = 1e-9
+"""Relative difference of widths that is none."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -32,12 +35,13 @@ def verdicts_of(
     sampling: Sampling,
     lens: RealLens | None = None,
 ) -> tuple[Verdict, ...]:
-    """Answer whether the f-number is matched, the field undistorted, and the pixels worth having.
+    """Answer whether the f-number is matched, the field undistorted, the pixels worth having, the tube wide enough.
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     """
     answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(sampling)]
-    return (*answers, *(() if lens is None else (_thin(f_number, lens),)))
+    answers += [] if lens is None else [_thin(f_number, lens)]
+    return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
 
 def _answer(name: str, text: str, remedy: str = "") -> Verdict:
@@ -93,6 +97,22 @@ def _undistorted(camera: Camera, thin: NonDistortion, lens: RealLens | None) -> 
         else "at any field"
     )
     return _answer("field_undistorted", f"field undistorted: microlens images are full discs {bound}; {sees}")
+
+
+def _fits(camera: Camera) -> Verdict:
+    outer, wall = (float(camera[place]) for place in (tube.OUTER, tube.WALL))
+    room = outer - 2 * wall
+    within = [part for part in tube.housed(camera) if tube.inside(camera, part)]
+    wide = [part for part in within if part.width > room * (1 + ROUNDING)]
+    holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
+    if not wide:
+        widest = max(within, key=lambda part: float(part.width))
+        text = f"fits inside the tube: {holds}; widest is the {widest.name}, {float(widest.width):.4g} mm"
+        return _answer("fits_tube", text)
+    parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
+    text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}"
+    needed = _rounded_up(max(float(part.width) for part in wide) + 2 * wall)
+    return _answer("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
 
 
 def _field_remedy(camera: Camera, field: NonDistortion) -> str:

@@ -148,7 +148,9 @@ class _Job:
         self.rays = 0
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and (real is not None or self.camera.tilted)
+        self.traced |= scene.white is not None and (
+            real is not None or self.camera.tilted or effects.on("plate_aberration")
+        )
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         self.series = self._series()
         ways = {
@@ -223,11 +225,18 @@ class _Job:
 
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""
-        if self.scene.points and self.camera.tilted:
-            message = (
-                "point sources through tilted parts are not rendered; add --effects -tilts to take them as straight"
-            )
-            raise InputError((Problem("effects", message),))
+        ways = (
+            (self.camera.tilted, "tilted parts", "-tilts"),
+            (
+                self.plan.on("plate_aberration"),
+                "elements by Snell's law",
+                "-plate_aberration",
+            ),
+        )
+        for on, what, remedy in ways:
+            if self.scene.points and on:
+                message = f"point sources through {what} are not rendered; add --effects {remedy} to take them as ideal"
+                raise InputError((Problem("effects", message),))
         camera = self.camera
         lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,9 @@ from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
 from ..design.parts import Part
-from ..effects import Plan
+from ..effects import Plan, Subject
+from ..effects.elements import misses
+from ..lenses.tracer import BLOCK, COLUMNS, ROWS
 from ..rays.backward import (
     ARRAY_X,
     D_1,
@@ -37,6 +39,7 @@ from ..rays.backward import (
     lay_out,
     posed_ray,
 )
+from ..rays.object_space import ObjectSpace, outwards
 from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
@@ -58,9 +61,10 @@ MOST = 64
 DIMENSIONS = 6
 """Of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
 
-POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH = range(7)
+POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH, EXACT = range(8)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
-light left out; FAP diffraction; circular microlenses; elements before the main lens."""
+light left out; FAP diffraction; circular microlenses; elements before the main
+lens; exact rays through them."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +238,9 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
+NOTHING = ObjectSpace(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8))
+
+
 @dataclass(frozen=True, eq=False)
 class Tracer:
     """Everything the kernel needs, laid out."""
@@ -250,11 +257,17 @@ class Tracer:
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
     """Z of the bore's mouth [mm]."""
+    colours: tuple[ObjectSpace, ...]
+    """What rays go through before the main lens, once a wavelength; where they are not exact one that is empty."""
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
         """For a design, a plan and a scene."""
         camera = planned_camera(design, plan)
+        lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
+        if exact:  # rims are met in order, on the way
+            slack = misses(design, Subject(design).lens_field, ()).image
+            lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=layout.rims[:0])
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
         kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
@@ -266,17 +279,19 @@ class Tracer:
             kicked,
             camera.lens_shape == "circular",
             camera.chain is not None and bool(camera.chain.elements),
+            exact,
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)
         return cls(
             camera,
-            ImageLattice.of(camera),
-            lay_out(camera),
+            lattice,
+            layout,
             np.array(flags),
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(camera.inverse_m / (camera.gap * camera.fap.scale)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
+            tuple(ObjectSpace.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
 
     @property
@@ -306,18 +321,20 @@ class Tracer:
         camera, lattice = self.camera, self.lattice
         x, y = pixel_centres(camera, region, fine)
         counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)])
-        image = np.zeros((y.size, x.size), np.float32)
-        spent = np.zeros(y.size, np.int64)
+        images = np.zeros((len(self.colours), y.size, x.size), np.float32)
+        spent = np.zeros((len(self.colours), y.size), np.int64)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
         points = sobol_points(int(counts[1]))
         with THREADS:
-            _trace.compiled(
-                x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
-                lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags, *self.layout,
-                *self.surfaces, self.kicks, self.falloff, self.mouth, float(camera.d_3), float(camera.d_f), points,
-                counts, sampling.tolerance * fine, place, image, spent,
-            )  # fmt: skip
-        return image, int(spent.sum())
+            for space, image, used in zip(self.colours, images, spent, strict=True):
+                _trace.compiled(
+                    x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
+                    lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
+                    *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
+                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts, sampling.tolerance * fine, place,
+                    image, used,
+                )  # fmt: skip
+        return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
 
 def _airy_kicks(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
@@ -342,12 +359,34 @@ def mixed(a: Any, b: Any, c: Any) -> Any:
     return z ^ (z >> np.uint64(31))
 
 
+@kernel()
+def to_scene(
+    flags: Any, k: Any, front: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any, d_3: float, d_f: float,
+    kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
+) -> Any:  # fmt: skip
+    """A ray that leaves the main lens, as it goes on before all elements, and whether it gets there."""
+    ex, ey, tx, ty, fate = hx, hy, ox, oy, 0
+    fx, fy, gx, gy = hx, hy, ox, oy
+    if flags[EXACT]:
+        ex, ey, tx, ty, fate = outwards(table, media, takers, buffer, work, hx, hy, ox, oy)
+        fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+    if flags[IN_FOCUS]:
+        hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
+    ox, oy = ox + kick_x, oy + kick_y
+    hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
+    if flags[THROUGH]:
+        hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+    if flags[EXACT]:  # off the exact ray by as much as these two put the closed forms' ray off
+        hx, hy, ox, oy = ex + (hx - fx), ey + (hy - fy), tx + (ox - gx), ty + (oy - gy)
+    return hx, hy, ox, oy, fate == 0
+
+
 @kernel(parallel=True)
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
-    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, rows: Any, pictures: Any, beyond: float,
-    kicks: Any, falloff: float, mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float,
-    place: Any, image: Any, spent: Any,
+    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, table: Any, media: Any, takers: Any,
+    rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, mouth: float, d_3: float, d_f: float,
+    points: Any, counts: Any, tolerance: float, place: Any, image: Any, spent: Any,
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays."""
     d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
@@ -358,6 +397,7 @@ def _trace(
     for j in prange(y.size):
         lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
         near_x, near_y = np.empty(MOST), np.empty(MOST)
+        buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         used = 0
         for i in range(x.size):
             n = 0
@@ -448,12 +488,26 @@ def _trace(
                             if not kept:
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
-                        if flags[IN_FOCUS]:
-                            hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-                        ox, oy = ox + kick_x, oy + kick_y
-                        hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
-                        if flags[THROUGH]:
-                            hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+                        hx, hy, ox, oy, kept = to_scene(
+                            flags,
+                            k,
+                            front,
+                            table,
+                            media,
+                            takers,
+                            buffer,
+                            work,
+                            d_3,
+                            d_f,
+                            kick_x,
+                            kick_y,
+                            hx,
+                            hy,
+                            ox,
+                            oy,
+                        )  # fmt: skip
+                        if not kept:
+                            continue
                         batch += gain[c] * radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
                 batch /= BATCH
                 done += BATCH

@@ -27,6 +27,7 @@ from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
+from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
@@ -376,8 +377,11 @@ class DesignProblem:
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
         worst = constraint.quantity.worst
-        widest = constraint.quantity.name == "largest_diameter_mm"
-        rims = [""] * (1 + len(self.base.rims)) if widest else [f" ({rim.name})" for rim in self.base.rims]
+        widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
+        rims = [f" ({rim.name})" for rim in self.base.rims]
+        if widest:
+            housing = constraint.quantity.name == "outer_diameter_mm"
+            rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * (1 + len(self.base.rims))
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
             for end in ("min", "max") if side == "equal" else (side,):
@@ -459,7 +463,7 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
     """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
-    idle = (*IDLE, "decentre", "relay", ".index", ".gradient")
+    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.")
     lengths = [place for place in numbers if "." in place and not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED])
     for name in names:

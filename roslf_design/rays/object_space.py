@@ -59,7 +59,7 @@ class ObjectSpace:
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
 
     @classmethod
-    def of(cls, camera: Camera, *, clip: bool = True, until: str | None = None) -> ObjectSpace:
+    def of(cls, camera: Camera, *, clip: bool = True) -> ObjectSpace:
         """All that stands before the main lens of one camera.
 
         Parameters
@@ -68,22 +68,22 @@ class ObjectSpace:
             One build.
         clip : bool
             Whether clear apertures stop rays.
-        until : str, optional
-            Place of the FAP or a stop ("aperture", "stops.0") behind which nothing counts: rays end on it, in the air
-            or liquid there.
         """
-        units = sorted(_units(camera), key=lambda unit: unit[0])
         rows, media, takers = [], [], []
-        for (_, _, place), faces in units:
+        for _, faces in sorted(_units(camera), key=lambda unit: unit[0]):
             for row, scene, sensor, taker in faces:
                 if not clip:
                     row[LIMIT] = OPEN
                 rows.append(row)
                 media.append((scene, sensor))
                 takers.append(taker)
-            if place == until:
-                break
         return cls(np.array(rows).reshape(-1, COLUMNS), np.array(media).reshape(-1, 2), np.array(takers, np.uint8))
+
+    def until(self, distance: float) -> ObjectSpace:
+        """Only what stands nearer than a distance [mm]: rays go on straight from there, be it in glass."""
+        nearer = -self.table[:, 2] < distance
+        count = len(nearer) if nearer.all() else int(np.argmin(nearer))
+        return ObjectSpace(self.table[:count], self.media[:count], self.takers[:count])
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards.
@@ -111,7 +111,7 @@ FEW = 2000
 Face = tuple[Floats, float, float, int]
 
 
-def _units(camera: Camera) -> Iterator[tuple[tuple[float, int, str], list[Face]]]:
+def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
     """Stops and elements, each with where it begins; a stop on an element's vertex comes before that."""
     n, chain = camera.numbers, camera.chain
     codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate((camera.fap, *camera.rims[1:]))}
@@ -124,7 +124,7 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int, str], list[Face]]
     for part in ("aperture", *(f"stops.{k}" for k in range(camera.stops))):
         z = float(n[f"{part}.distance"])
         row = _row(_centre(n, part, z), rotation(*_pair(n, f"{part}.tilt")), float(n[f"{part}.diameter"]) / 2)
-        yield (z, 0, part), [(row, around(z), around(z), codes[part])]
+        yield (z, 0), [(row, around(z), around(z), codes[part])]
     if chain is None:
         return
     for k, element in enumerate(chain.elements):
@@ -154,7 +154,7 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int, str], list[Face]]
             faces = _group(element, float(n[PATHS["wavelength"]]), vertex, axes, radius, (back, front))
             if beyond != 1:  # as in the closed forms: the liquid ends at a window of no thickness
                 faces.append((_row(vertex - length * axes[:, 2], axes, math.inf), beyond, 1.0, front))
-        yield (z, 1, part), faces
+        yield (z, 1), faces
 
 
 def _group(

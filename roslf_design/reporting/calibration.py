@@ -29,6 +29,7 @@ from ..calibration.misfit import DISAGREE
 from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
+from ..calibration.space import SceneSide
 from ..errors import InputError, Problem
 from ..input_files import read_bytes, read_json
 from ..pictures import calibration as pictures
@@ -173,7 +174,7 @@ class FoundPosterior(LenientTable):
 class FoundTable(LenientTable):
     """A whole calibration.json."""
 
-    schema_: Annotated[str, Field(alias="schema", pattern=f"^{re.escape(SCHEMA)}")]
+    schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
     design: str
     quantities: dict[str, FoundQuantity]
     posterior: FoundPosterior | None = None
@@ -283,7 +284,11 @@ def calibration_pictures(result: Outcome) -> dict[str, Picture]:
 def calibration_report(result: Outcome, drawings: Mapping[str, str], command: str) -> Report:
     """The page: answers, tables, figures (SVG text by name), how to run it again."""
     board = result.board
-    answers = (Statements(tuple(statements(result))), quantities_table(result.to_dict()))
+    answers: tuple[Block, ...] = (
+        Statements(tuple(statements(result))),
+        quantities_table(result.to_dict()),
+        *through_tables(result),
+    )
     evidence: tuple[Block, ...] = (
         *_drawings(drawings),
         design_table(result),
@@ -341,8 +346,40 @@ def statements(result: Outcome) -> Iterator[Statement]:
         yield Statement("good" if result.posterior.converged else "bad", f"Posterior {result.posterior.message}.")
     words = sentence(result.accuracy.sentence(times=False))
     yield Statement("caution" if result.accuracy.kept is False else "plain", words)
+    there = result.used_in
+    if there is not None:
+        name, medium = there.name, result.design.object_space.medium.name.lower()
+        low, high = sorted(100 * there.relative[[0, -1]])
+        off = f"{low:+.1f} %" if high - low < 0.1 else f"{low:+.1f} to {high:+.1f} %"
+        yield Statement(
+            "caution",
+            f"Calibrated in {medium}, used in {name}: depths in {name} would be off by {off}"
+            f" ({there.error[0]:+.3g} mm at {there.distances[0]:.4g} mm, {there.error[-1]:+.3g} mm at"
+            f" {there.distances[-1]:.4g} mm).",
+            f"calibrated.toml is the camera in {name}: depths by it are right.",
+        )
     for warning in result.warnings:
         yield Statement("caution", sentence(warning))
+
+
+def through_tables(result: Outcome) -> Iterator[Table]:
+    """Lengths with a ruler where elements make them others, and depths in another medium."""
+    if result.ruler:
+        rows = tuple(
+            (name, rounded(e.value, e.sigma), UNITS[name], f"{e.sigma:.2g}", f"{e.design:.6g}")
+            for name, e in result.ruler.items()
+        )
+        heads = ("", "estimate", "", "sigma", "design")
+        note = "The lengths above are those that the main lens sees through elements and glass, as if all were air."
+        yield Table(rows, "lrlrr", heads, "The same with a ruler", note)
+    used = result.used_in
+    if used is not None:
+        columns = zip(used.distances, used.told, used.error, 100 * used.relative, strict=True)
+        titles = ("true distance [mm]", "told uncorrected [mm]", "off [mm]", "off [%]")
+        depths = tuple((f"{z:.5g}", f"{told:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, told, off, share in columns)
+        name = used.name
+        note = f"Distances before the main lens; shares of the way through {name}, which begins at {used.end:.5g} mm."
+        yield Table(depths, "rrrr", titles, f"Depths in {name}", note)
 
 
 def lenses_used(result: Outcome) -> str:
@@ -500,6 +537,8 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tu
         f"to {asked.f_sigma}, {known}{white}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
+    if SceneSide.of(design) is not None:
+        text += " Boards stand where a ruler says; d_3, H and the other lengths are as the main lens sees them."
     sigma = before.sigma
     promise = (
         f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "

@@ -77,6 +77,22 @@ def object_scale(c: Camera) -> Array:
     return product(c.inverse_m, np.abs(c.focus.magnification))
 
 
+def field_angle(c: Camera, place: ArrayLike) -> Array:
+    """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
+
+    Index times slope of that ray follows from the closed forms; as tangent in air, its sine over the index is the sine.
+
+    Parameters
+    ----------
+    c : Camera
+    place : array_like
+        Of the microlens, from the main lens's axis [mm].
+    """
+    _, front = c.front
+    slope = product(c.inverse_m, ratio(front.d - front.c * c.d_3, c.gap)) * np.asarray(place)
+    return np.asarray(np.arcsin(np.sin(np.arctan(np.sqrt(slope * slope))) / front.medium))
+
+
 class SensorField(NamedTuple):
     """The rectangle of the microlens array that the sensor sees."""
 

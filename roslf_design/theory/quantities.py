@@ -18,7 +18,7 @@ from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import Plane
 from ..design.parts import PATHS
-from . import exit_pupil, f_number, light, light_field, vignetting
+from . import exit_pupil, f_number, light, light_field, tube, vignetting
 from .light import SensorField
 from .light_field import SIGMA_DISPARITY
 from .stop_images import MicrolensImages
@@ -144,6 +144,10 @@ def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str
 
 def _least(values: Array) -> Array:
     return np.asarray(values.min(axis=0))
+
+
+def _greatest(values: Array) -> Array:
+    return np.asarray(values.max(axis=0))
 
 
 def _defocus_px(c: Camera, _: Depth) -> Array:
@@ -280,6 +284,13 @@ register(
         at="optional",
     ),
     Quantity(
+        "field_half_angle_deg",
+        "deg",
+        "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
+        **_over_field(lambda c, _, field: np.rad2deg(1.0) * light.field_angle(c, field.half[0])),
+        monotone=False,
+    ),
+    Quantity(
         "object_sample_mm",
         "mm",
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
@@ -391,7 +402,15 @@ register(
         "mm",
         "the widest of lens, FAP and stops",
         _diameters,
-        worst=lambda values: np.asarray(values.max(axis=0)),
+        worst=_greatest,
+    ),
+    Quantity(
+        "outer_diameter_mm",
+        "mm",
+        "of the narrowest tube about all that lies in it: lens, FAP, stops, elements, array and sensor by its diagonal",
+        lambda c, _: tube.outer_diameters(c),
+        worst=_greatest,
+        monotone=False,
     ),
     # d_3 alone may be 0.
     *(

@@ -149,6 +149,7 @@ def test_a_window_moved_between_two_stops_changes_nothing():
     )
     a, b = (roslf.evaluate(design).to_dict() for design in (here, there))
     assert a.pop("design") == b.pop("design")
+    a.pop("object_space"), b.pop("object_space")  # where things stand
 
     def close(x, y, place):
         if isinstance(x, dict):
@@ -181,6 +182,28 @@ def test_water_moves_the_focal_plane_to_n_fold_its_distance_and_depth_errors_wit
         assert quantity_named(name)(Camera.of(water)) == pytest.approx(
             float(quantity_named(name)(Camera.of(air))), rel=1e-9
         )
+
+
+@pytest.mark.parametrize(("in_air", "in_water"), [(70, 50.972), (90, 64.073), (120, 81.035)])
+def test_angles_of_view_in_air_are_narrower_in_water(in_air, in_water):
+    """The same camera behind the same window; and the ray through the FAP's middle, traced by Snell's law."""
+    window = {**PLATE, "distance": 3.0, "thickness": 0.5, "diameter": None}
+    scope = roslf.load("rigid-scope")
+    half = quantity_named("field_half_angle_deg")
+    before = math.tan(math.radians(float(half(Camera.of(scope)))))
+    width = scope.sensor.size[0] * math.tan(math.radians(in_air / 2)) / before
+    wide = scope.replace({"sensor.size": (width, width), "microlens_array.size": (2 * width, 2 * width)})
+    designs = [
+        wide.replace({"elements": [window], "object_space.medium": medium, "microlens_array.distance": scope.d_1})
+        for medium in ({"index": 1.0}, {"index": 1.333})
+    ]
+    air, water = (2 * float(half(Camera.of(design))) for design in designs)
+    assert float(half(Camera.of(wide))) == pytest.approx(in_air / 2, rel=1e-12)
+    assert air == pytest.approx(in_air, rel=1e-12)
+    assert water == pytest.approx(in_water, abs=6e-4)
+    slope = mp.tan(mp.radians(in_air) / 2)
+    (near, far), *_ = traced(designs[1], [(slope * mp.mpf(scope.d_3), slope)], [10, 20], exact=True)
+    assert water == pytest.approx(2 * math.degrees(math.atan(abs(far - near) / 10)), rel=1e-12)
 
 
 def test_glass_about_the_array_is_reduced():

@@ -179,6 +179,30 @@ def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path):
     assert "if the board's cells measured 1.7 mm, not 1.819 mm" in warning
 
 
+def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path):
+    """Behind a flat window the images are those of the camera without it; in water the way from it is n-fold."""
+    window = {"kind": "plate", "distance": small.d_3 + 1, "thickness": 1.0, "material": {"index": 1.5}}
+    save(small.replace({"elements": [window]}, d_1=small.d_1), tmp_path / "dry.toml")
+    out = tmp_path / "out"
+    options = ["--design", tmp_path / "dry.toml", "--board", BOARD, "-o", out, "--no-posterior", "--use-in", "1.333"]
+    code, said, err = run(capsys, "calibrate", captured / "images", *options)
+    assert (code, err) == (0, "")
+    assert "used in a medium of n = 1.333: depths there would be off by -25.0 %" in " ".join(said.split())
+    result = json.loads((out / "calibration.json").read_text())
+    end, used, ruler = small.d_3 + 2, result["used_in"], result["ruler"]
+    distances, told = np.array(used["distances_mm"]), np.array(used["uncorrected_mm"])
+    np.testing.assert_allclose((told - end) / (distances - end), 1 / 1.333, rtol=1e-9)
+    wet = load(out / "calibrated.toml")
+    assert wet.object_space.medium.index(5.5e-4) == pytest.approx(1.333)
+    assert wet.d_1 == pytest.approx(ruler["d_1"]["estimate"])
+    # Focused at 117 mm in air, a third of a millimetre of which is the window's.
+    assert ruler["d_f"]["estimate"] == pytest.approx(small.d_f + 1 / 3, abs=3 * ruler["d_f"]["sigma"])
+    assert wet.d_f == pytest.approx(end + 1.333 * (ruler["d_f"]["estimate"] - end), rel=1e-9)
+    page = (out / "index.html").read_text()
+    assert "The same with a ruler" in page
+    assert "told uncorrected" in page
+
+
 def test_side_data_reach_the_answer(capsys, captured, small, tmp_path):
     stood = "\n".join(f'"board{k}.tif" = "{small.d_f + away:.9g} mm"' for k, (away, _, _) in enumerate(POSES, 1))
     (tmp_path / "stood.toml").write_text(f'sigma = "0.05 mm"\nrelative = true\n[distances]\n{stood}\n')
@@ -332,6 +356,15 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         ),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--distances", "none"], "no such file"),
         (["--plan", "paper", "--distances", "none"], "--distances: has no place beside --plan"),
+        (["--plan", "paper", "--use-in", "1.33"], "--use-in: has no place beside --plan"),
+        (
+            ["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--use-in", "1.33"],
+            "--use-in: 1.33: nothing keeps n = 1.33 from the main lens; add the window",
+        ),
+        (
+            ["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--use-in", "0.5"],
+            "--use-in: 0.5: an index must be a number from 1 to 5",
+        ),
         (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--tilt", "9 deg"], "--tilt: goes with"),
         (["--plan", "paper", "-o", "out"], "--output: has no place beside --plan"),
         (["--plan", "paper", "--tilt", "0 deg"], "up to 0.0 degrees); tilt them by up to 20 degrees"),

@@ -8,13 +8,14 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.design import DesignError
-from roslf_design.effects import plan
+from roslf_design.effects import Budget, plan
+from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.imaging.white import WhiteGeometry
-from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid
+from roslf_design.scenes import WHITE_FIELD, Checkerboard, Plane, Points, Scene, Sinusoid
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.oracles.object_space import object_side
 
@@ -55,7 +56,7 @@ def test_a_texture_behind_elements_lies_where_rays_through_every_face_meet_it(de
     design = design.replace({"microlens_array.pitch": ALONE})
     at, wave = design.d_f - nearer, Sinusoid(period=3.0, angle=0.4)
     scene = Scene(objects=(Plane(distance=at, texture=wave, centre=(0.3, 0.1)),))
-    lines = plan(design, scene, overrides=PINHOLES)
+    lines = plan(design, scene, overrides=[*PINHOLES, "-plate_aberration"])
     camera = planned_camera(design, lines)
     lattice, index = ImageLattice.of(camera), np.array([8, 5])
     axis, image = lattice.microlens(index), lattice.image(index)
@@ -83,7 +84,7 @@ def test_a_texture_behind_elements_lies_where_rays_through_every_face_meet_it(de
 def test_white_images_behind_elements_have_their_shapes_area(design):
     """Light of whole images: coverage and rays alike add up to the exact area of the common part of all discs."""
     alone = design.replace({"microlens_array.pitch": ALONE})
-    lines = plan(alone, overrides=PINHOLES)
+    lines = plan(alone, overrides=[*PINHOLES, "-plate_aberration"])
     camera = planned_camera(alone, lines)
     lattice, index = ImageLattice.of(camera), np.array([15, 8])
     axis, image = lattice.microlens(index), lattice.image(index)
@@ -148,3 +149,80 @@ def test_a_real_main_lens_with_elements_is_refused(what):
     real = roslf.load("paper-singlet").replace({"aperture.distance": 117.0})
     with pytest.raises(DesignError, match=r"main_lens.prescription: a real main lens is not traced together with"):
         real.replace(what)
+
+
+GLASS = {"kind": "plate", "distance": 37.5, "thickness": 22.5, "material": {"index": 1.7, "abbe": 30.0}}
+BORE = {"main_lens.focal_plane": 150.0, "main_lens.diameter": 80.0, "elements": [GLASS], "microlens_array.pitch": ALONE}
+GLAZED = roslf.load("mismatched-borescope").replace(BORE)
+THICK = PAPER.replace({"elements": [{**GLASS, "distance": 121.0}], "main_lens.focal_plane": 350.0})
+BOARD = Scene(objects=(Plane(texture=Checkerboard(period=0.42)),))
+WAVES = Scene(objects=(Plane(texture=Sinusoid(period=1.0)),))
+BY_RAYS = ["-microlens_diffraction", "-microlens_defocus"]
+
+
+@pytest.mark.parametrize(
+    ("design", "scene", "overrides"),
+    [
+        (GLAZED, None, BY_RAYS),
+        (GLAZED, None, []),
+        (THICK, BOARD, BY_RAYS),
+        (THICK, WAVES, BY_RAYS),
+        (IN_WATER, BOARD, BY_RAYS),
+        (IN_WATER, WAVES, BY_RAYS),
+    ],
+    ids=["glass before the FAP", "glass, waves", "thick window", "thick window, smooth", "water, edges", "water"],
+)
+def test_exact_rays_change_pictures_by_less_than_the_plan_says(design, scene, overrides):
+    """In the sensor's corner; by an edge moved by a share of a pixel (`test_honesty`). Above the budget they are on."""
+    left_out, on = plan(design, scene, Budget(px=3.0), overrides), plan(design, scene, overrides=overrides)
+    assert not left_out.on("plate_aberration")
+    assert on.on("plate_aberration") is (on["plate_aberration"].estimate > 0.1)
+    width, height = design.pixels
+    side, rays = (120, 128) if scene is None else (40, 1024)  # a few images whole; a few microlenses
+    region, sampling = (width - side, height - side, side, side), RaySampling(rays, rays, 0.0, 7)
+    images = [
+        render(design, scene, overrides=[*overrides, f"{sign}plate_aberration"], region=region, sampling=sampling)
+        for sign in "+-"
+    ]
+    size = np.abs(images[0].pixels.astype(float) - images[1].pixels).max()
+    assert 0.01 < size <= on["plate_aberration"].estimate
+
+
+def test_exact_pictures_are_textures_met_by_snells_law():
+    """Pinholes and a plane in water: pixels are the texture where mpmath's exact rays meet it, at two wavelengths."""
+    design = IN_WATER.replace({"microlens_array.pitch": ALONE})
+    wave = Sinusoid(period=3.0)
+    colours = (4.5e-4, 6.5e-4)
+    scene = Scene(objects=(Plane(distance=300.0, texture=wave),), light={"wavelengths": colours})
+    lines = plan(design, scene, overrides=[*PINHOLES, "+plate_aberration"])
+    camera = planned_camera(design, lines)
+    lattice, index = ImageLattice.of(camera), np.array([20, 0])
+    axis, image = lattice.microlens(index), lattice.image(index)
+    corner = np.round(image / camera.q + np.array(camera.pixels) / 2).astype(int) - 3
+    region = Region(*(int(c) for c in corner), 6, 6)
+    sub = (np.arange(4) + 0.5) / 4 - 0.5
+    x, y = ((c[:, None] + sub * design.q).ravel() for c in pixel_centres(camera, region))
+    truth = 0
+    for colour in colours:
+        met = []
+        for p in x:
+            slope = (p - axis[0]) / design.d_2
+            height = axis[0] - slope * design.d_1
+            plate = [("plate", 118.0, 1.0, float(design.elements[0].material.index(colour)))]
+            water = float(design.object_space.medium.index(colour))
+            met += object_side(height, slope + height / design.f, plate, water, [300.0], True)
+        truth = truth + 0.25 * (1 + np.cos(2 * math.pi / 3 * np.array([float(u) for u in met])))
+    seen, _ = Tracer.of(design, lines, scene).image(region, RaySampling(1024, 1024, 0.0, 1))
+    assert y.size == x.size
+    np.testing.assert_allclose(seen, np.tile(truth.reshape(6, 4).mean(1), (6, 1)), rtol=0, atol=2e-3)
+    closed = plan(design, scene, overrides=[*PINHOLES, "-plate_aberration"])
+    off, _ = Tracer.of(design, closed, scene).image(region, RaySampling(1024, 1024, 0.0, 1))
+    assert np.abs(off - seen).max() > 0.02
+
+
+def test_points_by_snells_law_are_refused_with_a_remedy():
+    scene = Scene(objects=(Points(positions=((12.0, 0.0, 330.0),)),))
+    with pytest.raises(InputError, match=r"elements by Snell's law are not rendered; add --effects -plate_aberration"):
+        render(IN_WATER, scene, region=(0, 0, 8, 8))
+    with pytest.raises(InputError, match=r"plate_aberration needs something before the main lens"):
+        plan(PAPER, overrides=["+plate_aberration"])

@@ -1,0 +1,185 @@
+"""What stands between boards and main lens: a calibration's fit knows the boards' space, the closed forms what is seen.
+
+Boards are rigid where they stand, in the medium before the farthest element. What the main lens sees of that space is
+nearer and perhaps of another size, so that a rigid board looks sheared. The fit therefore takes the camera as the
+medium has it: with the plane matrix (a, b, c, d) of the farthest element's scene side (`..design.chain`) and the
+medium's index n, the pupil stands where the medium sees it, mu = 1/(d - c d_3) times as large, and
+
+    A' = n mu A,    m' = m (d - c d_f),    d_2' = n d_2,
+
+in which every equation of the model keeps its form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera import Camera
+from ..design import Design
+from ..design.chain import Plane
+from .frames import Array
+
+
+class Shown(NamedTuple):
+    """The camera as the boards' medium has it."""
+
+    A: Array
+    """[mm]"""
+    m: Array
+    d_2: Array
+    """[mm]"""
+    pupil: Array
+    """Where the medium has the FAP: before the main lens with a ruler [mm]."""
+
+
+@dataclass(frozen=True)
+class SceneSide:
+    """What a design has before its main lens and about its array, to first order."""
+
+    far: Plane
+    """Of the farthest element's scene side."""
+    end: float
+    """Where that is [mm before the main lens]."""
+    near: Plane
+    """Where the design's FAP stands."""
+    fap: float
+    """[mm before the main lens]"""
+    before_array: float
+    """What glass takes off d_1 [mm]."""
+    behind_array: float
+    """What it takes off d_2 [mm]."""
+    upright: float
+    """1, or -1 where a relay turns the picture: A and m of the fit are positive."""
+
+    @classmethod
+    def of(cls, design: Design) -> SceneSide | None:
+        """Of a design; None where there is air only."""
+        c = Camera.of(design)
+        if c.chain is None:
+            return None
+        numbers = c.numbers
+        end = float(c.chain.end(numbers))
+        far = c.plane(float(np.nextafter(end, np.inf)))
+        before, behind = (float(part(numbers)) for part in (c.chain.before_array, c.chain.behind_array))
+        upright = float(np.sign(far.d - c.d_f * far.c))
+        return cls(far, end, c.plane(design.d_3), design.d_3, before, behind, upright)
+
+    def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_f: Array) -> Shown:
+        """The camera that is seen, as the boards' medium has it."""
+        n, grown = self.far.medium, 1 / (self.far.d - d_3 * self.far.c)
+        sign = self.upright
+        return Shown(
+            sign * n * grown * A, sign * m * (self.far.d - d_f * self.far.c), n * d_2, _stands(self.far, self.end, d_3)
+        )
+
+    def seen(self, f: Array, A: Array, m: Array, d_2: Array) -> tuple[Array, Array, Array]:
+        """The other way: A, m and d_2 that the main lens of focal length f sees."""
+        n, c = self.far.medium, self.far.c
+        A, m = self.upright * A, self.upright * m
+        m = (m + c * f) / (self.far.d - c * f)
+        A = A * (self.far.d - c * f * (1 + m) / m) / (n - A * c / m)
+        return A, m, d_2 / n
+
+    def ruler(self, lengths: Mapping[str, Array]) -> dict[str, Array]:
+        """d_3, d_1, d_f and d_2 as a ruler has them, and H of these, where `lengths` are seen [mm]."""
+        d_3 = _stands(self.near, self.fap, lengths["d_3"])
+        d_f = _stands(self.far, self.end, lengths["d_f"])
+        d_1, d_2 = lengths["d_1"] + self.before_array, lengths["d_2"] + self.behind_array
+        return {"H": d_f / (d_f - d_3), "d_3": d_3, "d_1": d_1, "d_f": d_f, "d_2": d_2}
+
+
+def _stands(plane: Plane, at: float, seen: Array) -> Array:
+    """Where a plane stands that is seen at a distance, in the space about a plane `at` [mm]."""
+    return np.asarray(at + plane.medium * (seen * plane.a - plane.b) / (plane.d - seen * plane.c))
+
+
+def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> Shown:
+    """The camera of `derived` lengths, as the boards' medium has it."""
+    A, m, d_2, d_3, d_f = (lengths[name] for name in ("A", "m", "d_2", "d_3", "d_f"))
+    return Shown(A, m, d_2, d_3) if space is None else space.shown(A, m, d_2, d_3, d_f)
+
+
+# --- calibrated in one medium, used in another ------------------------------------------------------------------------
+
+
+class UsedIn(NamedTuple):
+    """What becomes of depths when a calibrated camera looks into another medium."""
+
+    design: Design
+    """The calibrated camera in that medium: what corrects them."""
+    distances: Array
+    """Of planes before the main lens, in that medium [mm]."""
+    told: Array
+    """What the calibration, left as it is, says of each [mm]."""
+    end: float
+    """Where the medium begins [mm before the main lens]."""
+
+    @property
+    def name(self) -> str:
+        """The medium's, as a sentence has it."""
+        name = self.design.object_space.medium.name
+        return f"a medium of {name}" if name.startswith("n =") else name
+
+    @property
+    def error(self) -> Array:
+        """Told less true [mm]."""
+        return np.asarray(self.told - self.distances)
+
+    @property
+    def relative(self) -> Array:
+        """Of the distance in the medium."""
+        return np.asarray(self.error / (self.distances - self.end))
+
+    def to_dict(self) -> dict[str, object]:
+        """As JSON's types."""
+        medium = self.design.object_space.medium
+        return {
+            "medium": medium.name,
+            "index": float(medium.index(self.design.wavelength)),
+            "focal_plane_mm": self.design.d_f,
+            "distances_mm": self.distances.tolist(),
+            "uncorrected_mm": self.told.tolist(),
+            "error_mm": self.error.tolist(),
+            "error_relative": self.relative.tolist(),
+        }
+
+
+def in_medium(design: Design, medium: str) -> Design:
+    """The same hardware before another medium, by its name or index: d_f follows, f, d_1 and the FAP stay.
+
+    Raises
+    ------
+    DesignError
+        No such medium, nothing that seals it off, or nothing in focus there.
+    """
+    try:
+        what: object = {"index": float(medium)}
+    except ValueError:
+        what = medium
+    return design.replace({"object_space.medium": what}, d_1=design.d_1)
+
+
+def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
+    """Depths read in another medium with a calibration left as it is.
+
+    Parameters
+    ----------
+    calibrated : Design
+        In the medium of its boards.
+    medium : str
+        Name or index.
+    distances : ndarray
+        Planes [mm before the main lens] that are seen in the boards' medium; those seen alike in the other are told of.
+    """
+    there = in_medium(calibrated, medium)
+    made, used = Camera.of(calibrated), Camera.of(there)
+    planes = np.asarray(used.plane_seen_at(made.plane(distances).distance))
+    # Eq. 12: what slope a point there has, and which depth has it in the calibrated camera.
+    slope = (used.m - used.A / (used.plane(planes).distance - used.d_3)) * used.A / used.d_2
+    told = made.plane_seen_at(made.d_3 + made.A / (made.m - slope * made.d_2 / made.A))
+    assert used.chain is not None
+    return UsedIn(there, planes, np.asarray(told), float(used.chain.end(used.numbers)))

@@ -1,0 +1,171 @@
+"""What exact rays through windows, prisms, rods and lenses before the main lens differ by from the closed forms.
+
+Snell's law against the chain of planes: the focus shift beyond the paraxial one, astigmatism, distortion, total
+reflection, and in a scene of several wavelengths their colour, which the closed forms take at the design's own.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..design import Design
+from ..rays.backward import behind_elements, lay_out
+from ..rays.object_space import ObjectSpace
+from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.stop_images import stop_discs
+from .effect import Effect, Estimate, Subject
+
+Floats = NDArray[np.float64]
+
+RADII = (0.0, 0.5, 0.8, 1.0)
+"""Parts of the field's radius at which rays are compared."""
+RIM = 8
+"""Points on the FAP's rim, beside its centre."""
+ROUNDED = 1e-11
+"""What floating point leaves where nothing moves [mm]."""
+NEARLY = 1.02
+"""Rays that far outside a rim still count."""
+
+
+class Misses(NamedTuple):
+    """Farthest that exact rays come from where the closed forms have them, over field and FAP."""
+
+    image: float
+    """What clips microlens images, on the sensor [mm]; an image's diameter where rays are lost."""
+    picture: float
+    """What is seen, on the array [mm]."""
+    spread: float
+    """The same within the light of one microlens [mm]."""
+    lost: bool
+    """Whether rays that the closed forms let through are totally reflected or miss a surface."""
+
+
+@lru_cache(maxsize=256)
+def misses(design: Design, radius: float, distances: tuple[float, ...], wavelengths: tuple[float, ...] = ()) -> Misses:
+    """Compare rays out to a radius of the array.
+
+    Parameters
+    ----------
+    design : Design
+        With an ideal main lens.
+    radius : float
+        From the main lens's axis, on the array [mm].
+    distances : tuple of float
+        Of what is seen [mm].
+    wavelengths : tuple of float
+        Beside the design's own [mm].
+    """
+    camera = Camera.of(design)
+    front, (lens_x, lens_y) = lay_out(camera).front, design.main_lens.decentre
+    lx, ly, ox, oy = _rays(camera, radius)
+    height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
+    passed = np.ones(lx.shape, np.bool_)
+    for rim in (camera.fap, *camera.rims):
+        x, y = camera.decentre(rim.part)
+        passed &= np.hypot(lx - ox * rim.distance - x, ly - oy * rim.distance - y) <= NEARLY * rim.radius
+    if not passed.any():
+        return Misses(0.0, 0.0, 0.0, False)
+    closed = behind_elements(front, lens_x, lens_y, *height, *slope)
+    image, picture, spread, lost = 0.0, 0.0, 0.0, False
+    for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
+        space = ObjectSpace.of(camera.replace({"wavelength": wavelength}), clip=False)
+        found = space.rays(height, slope)
+        good = passed & (found.status == 0)
+        lost |= bool((passed & ~good).any())
+        image = max(image, _clipping(camera, space, (height, slope), good, radius))
+        for z in distances:
+            scale = _on_array(camera, z)
+            off = [(found.height[k] - found.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
+            # An edge may lie along either axis, or a corner along both.
+            picture = max(picture, float(np.max((np.abs(off[0]) + np.abs(off[1]))[good], initial=0.0)))
+            apart = np.hypot(*(part - part[:, :1] for part in off))
+            spread = max(spread, float(np.max(apart[good & good[:, :1]], initial=0.0)))
+    image, picture, spread = (size if size > ROUNDED else 0.0 for size in (image, picture, spread))
+    whole = float(np.abs(microlens_image_diameter(camera)))
+    return Misses(whole if lost else image, picture, spread, lost)
+
+
+def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Heights from the main lens's axis and slopes just before it, (fields, 1 + RIM): the FAP's centre first."""
+    turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
+    poses = (".decentre.", ".tilt.", ".wedge.")
+    posed = (value for place, value in camera.numbers.items() if any(pose in place for pose in poses))
+    ways = turn if any(map(np.any, posed)) else turn[:1]
+    fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius
+    aside = np.array(camera.decentre("aperture"))
+    rim = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], -1)])
+    pupil, seen = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.inverse_m)
+    slope = (pupil - seen) / float(camera.gap)
+    height = seen + slope * float(camera.d_f)
+    return height[..., 0], height[..., 1], slope[..., 0], slope[..., 1]
+
+
+def _on_array(camera: Camera, distance: float) -> float:
+    """Millimetres on the array per millimetre at a distance, along chief rays."""
+    plane = camera.plane(distance)
+    reach = float((plane.distance - camera.d_3) * camera.inverse_m * np.abs(plane.magnification))
+    return abs(float(camera.gap) / reach) if reach else 0.0
+
+
+def _clipping(
+    camera: Camera,
+    space: ObjectSpace,
+    rays: tuple[tuple[Floats, Floats], tuple[Floats, Floats]],
+    good: NDArray[np.bool_],
+    radius: float,
+) -> float:
+    """How far rims that clip light move on the sensor [mm]."""
+    (hx, hy), (ox, oy) = rays
+    lens = [float(camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)]
+    (middle, radii), (aside, _) = (stop_discs(camera, x, 0.0) for x in (0.0, radius))
+    apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
+    moved: list[float] = []
+    for rim in (camera.fap, *camera.rims):
+        z, plane = float(rim.stands), camera.plane(rim.stands)
+        there = space.until(z).rays((hx, hy), (ox, oy))
+        off = [
+            there.height[k] - there.slope[k] * z - (lens[k] + plane.a * (h - lens[k]) - plane.b * o + plane.aside[k])
+            for k, (h, o) in enumerate(((hx, ox), (hy, oy)))
+        ]
+        farthest = float(np.max(np.hypot(*off)[good], initial=0.0))
+        moved.append(abs(farthest / float(rim.scale) * float(camera.d_2 * stop_angle(camera, rim.distance))))
+    cuts = apart + radii[0] - radii + moved + moved[0] > 0
+    cuts[0] = True
+    return float(np.max(np.array(moved)[cuts]))
+
+
+def plate_aberration(s: Subject) -> Estimate:
+    """How far exact rays move microlens images, and what is seen in them [px].
+
+    A pixel looks through a whole microlens: an edge of the scene that moves by a share of a pitch over the array
+    changes it by as much as an image's edge that moves by that share of a pixel, and counts for so much.
+    """
+    if not s.design.elements:
+        return Estimate(0.0, "nothing stands before the main lens")
+    distances = (s.design.d_f,) if s.brief.distances is None else s.brief.distances
+    found = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
+    size, at = found.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
+    note = f"by Snell's law microlens images lie up to {size:.3g} px off {at}"
+    if found.lost:
+        note = f"by Snell's law rays that reach microlenses {at} are lost in what stands before the main lens"
+    if s.brief.white:
+        return Estimate(size, note)
+    picture, spread = found.picture / s.design.d, found.spread / s.design.d
+    note += f", object points up to {picture:.3g} pitches off and spread over {spread:.3g}"
+    return Estimate(max(size, picture), note)
+
+
+PLATE_ABERRATION = Effect(
+    "plate_aberration",
+    "Window aberrations",
+    "px",
+    plate_aberration,
+    cost_per_pixel=32 * 0.2e-6,
+    available=lambda design: bool(design.elements),
+    needs="something before the main lens ([[elements]])",
+)

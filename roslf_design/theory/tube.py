@@ -1,0 +1,68 @@
+"""What lies in the tube of a scope and how wide it is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._arrays import Array
+from ..camera import Camera
+from ..design import PATHS
+from ..design.parts import Number
+
+WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
+
+
+class Housed(NamedTuple):
+    """A part of known width."""
+
+    name: str
+    """As ray budgets call it; of an element's two faces both."""
+    width: Number
+    """Diameter or diagonal, and twice how far it is decentred [mm]."""
+    place: Number
+    """Its end towards the scene [mm before the main lens, below 0 behind it]."""
+
+
+def housed(c: Camera) -> tuple[Housed, ...]:
+    """FAP, stops, elements, main lens, array and sensor.
+
+    Without elements of no given diameter, and without the sensor where a relay stands between, which may be anywhere.
+    """
+    numbers = c.numbers
+
+    def part(name: str, key: str, width: Number, place: Number) -> Housed:
+        return Housed(name, width + 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"]), place)
+
+    def diagonal(key: str) -> Number:
+        size: Number = np.hypot(numbers[f"{key}.size.0"], numbers[f"{key}.size.1"])
+        return size
+
+    stops = [("FAP", "aperture"), *((f"stop {k + 1}", f"stops.{k}") for k in range(c.stops))]
+    parts = [part(name, key, numbers[f"{key}.diameter"], numbers[f"{key}.distance"]) for name, key in stops]
+    for k, element in enumerate(() if c.chain is None else c.chain.elements):
+        key = f"elements.{k}"
+        if f"{key}.diameter" in numbers and c.chain is not None:
+            end = numbers[f"{key}.distance"] + c.chain.length(numbers, k)
+            parts.append(part(f"{element.kind} {k + 1}", key, numbers[f"{key}.diameter"], end))
+    array, d_2 = -numbers[PATHS["d_1"]], numbers[PATHS["d_2"]]
+    parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
+    parts.append(part("microlens array", "microlens_array", diagonal("microlens_array"), array))
+    if np.all(np.equal(numbers["sensor.relay_magnification"], 1)):
+        parts.append(part("sensor", "sensor", diagonal("sensor"), array - d_2))
+    return tuple(parts)
+
+
+def inside(c: Camera, part: Housed) -> Array:
+    """Whether a part lies in the tube: no farther behind the tip than it is long."""
+    numbers = c.numbers
+    return np.asarray(part.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
+
+
+def outer_diameters(c: Camera) -> Array:
+    """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
+    parts, wall = housed(c), c.numbers.get(WALL, 0.0)
+    fap = parts[0].width
+    widths = [np.where(inside(c, part), part.width, fap) + 2 * wall for part in parts]
+    return np.stack(np.broadcast_arrays(*widths))

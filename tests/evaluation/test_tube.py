@@ -1,0 +1,133 @@
+"""What fits inside the tube of a scope, by hand: widths, decentres, what lies behind a short tube; and limits on it."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.cli import main
+from roslf_design.design import DesignError, dumps, loads, save
+from roslf_design.optimization.problem import name_faults
+from roslf_design.optimization.solve import Settings, solve
+from tests.optimization.posing import goal, limit, posed
+
+TUBE = {"outer_diameter": 10.0, "wall": 0.25}
+
+
+@pytest.fixture(scope="module")
+def scope():
+    """Widths: FAP 2, stop 5, window 6 and 0.1 aside, lens 8, array 3 x 4, sensor 6 x 8; ends at 119 mm."""
+    return roslf.load("paper").replace(
+        {
+            "aperture.distance": 116.0,
+            "aperture.diameter": 2.0,
+            "stops": [{"diameter": 5.0, "distance": 50.0}],
+            "elements": [
+                {"kind": "plate", "distance": 118.0, "thickness": 1.0, "material": "N-BK7", "diameter": 6.0,
+                 "decentre": (0.06, 0.08)}
+            ],
+            "main_lens.diameter": 8.0,
+            "microlens_array.size": (3.0, 4.0),
+            "sensor.size": (6.0, 8.0),
+            "tube": TUBE,
+        }
+    )  # fmt: skip
+
+
+def fits(design):
+    return next(verdict for verdict in roslf.evaluate(design).verdicts if verdict.name == "fits_tube")
+
+
+def outer(design):
+    return float(roslf.quantity("outer_diameter_mm")(Camera.of(design)))
+
+
+def test_each_part_that_is_too_wide_is_named_with_what_is_missing(scope):
+    assert outer(scope) == pytest.approx(10 + 0.5)  # the sensor's diagonal
+    told = fits(scope)
+    assert not told.ok
+    assert "10 mm outside and a wall of 0.25 mm leave 9.5 mm; too wide: sensor (10 mm, 0.5 mm too much)" in told.text
+    assert "a tube of 10.5 mm outside" in told.remedy
+    narrow = fits(scope.replace({"tube.outer_diameter": 6.5}))
+    for words in (
+        "plate 1 (6.2 mm, 0.2 mm too much)",
+        "main lens (8 mm, 2 mm too much)",
+        "sensor (10 mm, 4 mm too much)",
+    ):
+        assert words in narrow.text
+    assert "stop 1" not in narrow.text
+    assert "microlens array" not in narrow.text
+    exact = fits(scope.replace({"tube.outer_diameter": 10.5}))
+    assert exact.ok
+    assert "widest is the sensor, 10 mm" in exact.text
+
+
+@pytest.mark.parametrize(
+    ("length", "wide"),
+    # From the tip at 119 mm; the lens at 0, the array 140 mm and the sensor 142 mm behind it.
+    [(60.0, 6.2), (118.9, 6.2), (119.1, 8.0), (258.0, 8.0), (260.9, 8.0), (261.1, 10.0)],
+)
+def test_what_lies_behind_a_short_tube_need_not_fit(scope, length, wide):
+    assert outer(scope.replace({"tube.length": length})) == pytest.approx(wide + 0.5)
+
+
+def test_a_sensor_behind_a_relay_may_be_anywhere(scope):
+    relayed = scope.replace({"sensor.relay_magnification": 0.5})
+    assert outer(relayed) == pytest.approx(8.5)
+
+
+def test_designs_without_a_tube_say_nothing_of_it(scope):
+    bare = scope.replace({"tube": None})
+    assert all(verdict.name != "fits_tube" for verdict in roslf.evaluate(bare).verdicts)
+    assert outer(bare) == pytest.approx(10.0)
+
+
+def test_files_hold_a_tube_and_say_what_cannot_be(scope, tmp_path, capsys):
+    assert loads(dumps(scope)) == scope
+    text = dumps(scope)
+    for old, new, said in (
+        ('wall = "250 um"', 'wall = "5 mm"', "leaves no room; make it thinner"),
+        ('wall = "250 um"', "wall = 0.25", "0.25 has no unit"),
+        ('wall = "250 um"', 'wall = "250 um"\nlenght = "1 mm"', "did you mean 'length'?"),
+        ('wall = "250 um"\n', "", "tube.wall"),
+        ('wall = "250 um"', 'wall = "0 mm"', "must be greater than zero"),
+    ):
+        mended = text.replace('wall = "0.25 mm"', 'wall = "250 um"')
+        assert old in mended
+        (tmp_path / "bad.toml").write_text(mended.replace(old, new))
+        assert main(["evaluate", str(tmp_path / "bad.toml")]) == 2
+        err = capsys.readouterr().err
+        assert said in err, err
+        assert len(err.splitlines()) == 1
+    with pytest.raises(DesignError):
+        scope.replace({"tube.wall": 6.0})
+
+
+def test_the_command_tells_it(scope, tmp_path, capsys):
+    save(scope, tmp_path / "scope.toml")
+    assert main(["evaluate", str(tmp_path / "scope.toml")]) == 0
+    assert "does not fit inside the tube" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_optimiser_holds_it(scope):
+    """Against brute force over the lens's and the window's width: the widest lens that a tube of 7 mm leaves."""
+    small = scope.replace({"sensor.size": (3.0, 4.0)})
+    problem = posed(
+        {"D": (3.0, 12.0), "elements.0.diameter": (3.0, 12.0)},
+        (limit("outer_diameter_mm", high=7.0),),
+        goal("f_number_main_lens", "min"),
+        design=small,
+    )
+    answer = solve(problem, Settings(starts=3, check=False, isres=False), lambda _: None)
+    assert answer.feasible
+    assert answer.problem.named(answer.unit)["D"] == pytest.approx(6.5, rel=1e-6)
+    labels = [row.label for row in problem.rows if "outer_diameter" in row.label]
+    assert "outer_diameter_mm (main lens) <= 7 mm" in labels
+    assert "outer_diameter_mm (plate 1) <= 7 mm" in labels
+    units = np.random.default_rng(1).uniform(0, 1, (500, 2))
+    rows, cameras = problem.vector(units)[1:], problem.cameras(units)
+    by_hand = np.maximum(cameras["main_lens.diameter"], cameras["elements.0.diameter"] + 0.2) + 0.5
+    by_hand = np.maximum(by_hand, 5.5)
+    named = np.array(["outer_diameter" in row.label for row in problem.rows])
+    assert np.array_equal(np.all(rows[named] <= 0, axis=0), by_hand <= 7)
+    assert "is nothing that can vary" in next(name_faults(("tube.wall",), problem.base.numbers))
