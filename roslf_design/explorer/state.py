@@ -306,7 +306,7 @@ class State:
         try:
             if what == "window":
                 if (text == "yes") == (k is not None):
-                    return self
+                    return replace(self, faults=self._faults_but(what))
                 elements = [*elements, new_window(design)] if k is None else elements[:k] + elements[k + 1 :]
             elif what == "medium":
                 medium = _material(text)

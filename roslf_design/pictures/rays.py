@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
-from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, element_name, made_of
+from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, Prism, element_name, made_of
 from ..design.material import material_told
 from ..evaluation import default_fields
 from ..lenses.glass import AIR
@@ -260,7 +260,9 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
-    names += [(-e.distance - e.length / 2, element_name(e, k)) for k, e in enumerate(design.elements, 1)]
+    for k, e in enumerate(design.elements, 1):
+        turns = f", turns by {math.degrees(e.deviation):.3g}°" if isinstance(e, Prism) and e.deviation else ""
+        names.append((-e.distance - e.length / 2, element_name(e, k) + turns))
     names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
@@ -568,24 +570,25 @@ def dimensions(design: Design) -> Picture:
     near, far = ({name: at + side * thick[name] for name, at in place.items()} for side in (1, -1))
     # What each element is stands above it, higher where its neighbour's words would touch.
     widths = [(max(text_width(line, SMALL) for line in element.says) + 6) / unit for element in elements]
-    highest = WALL
+    highest, words = WALL, []  # type: float, list[Mark]
     for element, row in zip(elements, rows_of_names(list(place.values()), widths), strict=True):
         at, bottom = place[element.name], WALL + (10 + 44 * row) * up
         stop = element.name == "FAP" or element.name.startswith("stop")
         top = WALL if stop else high[element.name]
         marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
         for k, line in enumerate(reversed(element.says)):
-            marks.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2))
+            words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
         highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
+    marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
-    for words, start, stop_at in _dimension_lines(design):
-        a, b = far[start] if words.startswith("overall") else near[start], near[stop_at]
+    for told, start, stop_at in _dimension_lines(design):
+        a, b = far[start] if told.startswith("overall") else near[start], near[stop_at]
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
         marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-        inside = (b - a) * unit > text_width(words, SMALL) + 24
+        inside = (b - a) * unit > text_width(told, SMALL) + 24
         at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
-        marks.append(Text(at, level, words, "ink", SMALL, anchor, dx, 4, plate=True))
+        marks.append(Text(at, level, told, "ink", SMALL, anchor, dx, 4, plate=True))
         level -= 0.36
     y = Scale(level + 0.05, highest)
     size = PAGE, 0.86 * unit * (y.high - y.low)

@@ -407,3 +407,10 @@ def test_a_material_that_is_none_is_told_beside_its_field(what, text, said):
     assert wrong.choose(what, "1.4").faults == ()
     inside = state.edit("window_distance", "119.9 mm")
     assert "lies inside" in inside.fault("window_distance").message
+
+
+def test_what_refuses_a_window_is_told_beside_it_and_forgotten_without_one():
+    refused = State.of(SINGLET).choose("window", "yes")
+    assert "real main lens" in refused.fault("window").message
+    assert refused.design == SINGLET
+    assert refused.choose("window", "no").faults == ()
