@@ -20,7 +20,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..design.chain import Plane
+from ..design.chain import ImagedPlane
 from .frames import Array
 
 
@@ -40,11 +40,11 @@ class Shown(NamedTuple):
 class SceneSide:
     """What a design has before its main lens and about its array, to first order."""
 
-    far: Plane
+    far: ImagedPlane
     """Of the farthest element's scene side."""
     end: float
     """Where that is [mm before the main lens]."""
-    near: Plane
+    near: ImagedPlane
     """Where the design's FAP stands."""
     fap: float
     """[mm before the main lens]"""
@@ -92,7 +92,7 @@ class SceneSide:
         return {"H": d_f / (d_f - d_3), "d_3": d_3, "d_1": d_1, "d_f": d_f, "d_2": d_2}
 
 
-def _stands(plane: Plane, at: float, seen: Array) -> Array:
+def _stands(plane: ImagedPlane, at: float, seen: Array) -> Array:
     """Where a plane stands that is seen at a distance, in the space about a plane `at` [mm]."""
     return np.asarray(at + plane.medium * (seen * plane.a - plane.b) / (plane.d - seen * plane.c))
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
-from ..design.chain import Chain, Passed, Plane, chain_numbers, chain_of, materials_of
+from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
@@ -48,7 +48,7 @@ class Rim:
     """The same with a ruler."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
-    plane: Plane | None = None
+    plane: ImagedPlane | None = None
     """Where it stands; None in air."""
 
     @property
@@ -221,14 +221,14 @@ class Camera(Symbols[Number]):
         )
         return f"Camera({shown})"
 
-    def plane(self, z: Number) -> Plane:
+    def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
         if self.chain is None:
-            return Plane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
+            return ImagedPlane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
         return self.chain.plane(self._numbers, z, self._walk)
 
     @cached_property
-    def _walk(self) -> tuple[Passed, ...]:
+    def _walk(self) -> tuple[ChainStep, ...]:
         assert self.chain is not None
         return self.chain.walk(self._numbers)
 
@@ -254,12 +254,12 @@ class Camera(Symbols[Number]):
         return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
 
     @cached_property
-    def front(self) -> tuple[Number, Plane]:
+    def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
         return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
 
     @cached_property
-    def focus(self) -> Plane:
+    def focus(self) -> ImagedPlane:
         """The focal plane."""
         return self.plane(self._numbers[PATHS["d_f"]])
 

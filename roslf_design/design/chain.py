@@ -35,7 +35,7 @@ MEDIUM = "object_space.index"
 COVER, SUBSTRATE = "sensor.cover", "microlens_array.substrate"
 
 
-class Plane(NamedTuple):
+class ImagedPlane(NamedTuple):
     """A plane of object space as the main lens sees it."""
 
     a: Number
@@ -65,7 +65,7 @@ class Plane(NamedTuple):
         return self.medium * self.magnification**2
 
 
-class Passed(NamedTuple):
+class ChainStep(NamedTuple):
     """Light somewhere before the main lens, in air."""
 
     matrix: tuple[Number, Number, Number, Number]
@@ -75,16 +75,16 @@ class Passed(NamedTuple):
     place: Number
     """Where [mm before the main lens]."""
 
-    def on(self, gap: Number) -> Passed:
+    def on(self, gap: Number) -> ChainStep:
         """Straight on by a reduced length; the place stays."""
         (a, b, c, d), ((e_x, f_x), (e_y, f_y)) = self.matrix, self.shifts
         shifts = (e_x - gap * f_x, f_x), (e_y - gap * f_y, f_y)
         return self._replace(matrix=(a + gap * c, b + gap * d, c, d), shifts=shifts)
 
-    def plane(self, medium: Number) -> Plane:
+    def plane(self, medium: Number) -> ImagedPlane:
         """The plane there, with an index on its scene's side."""
         (e_x, f_x), (e_y, f_y) = self.shifts
-        return Plane(*self.matrix, (e_x, e_y), (f_x, f_y), medium)
+        return ImagedPlane(*self.matrix, (e_x, e_y), (f_x, f_y), medium)
 
 
 @dataclass(frozen=True)
@@ -105,16 +105,16 @@ class Chain:
         element = self.elements[k]
         return numbers.get(f"elements.{k}.thickness", element.length)
 
-    def walk(self, numbers: Mapping[str, Number]) -> tuple[Passed, ...]:
+    def walk(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
         """Light at the main lens, then on the scene's side of each element in turn: what all planes share."""
-        steps = [Passed((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
+        steps = [ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
         for k in self.order:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
             step = steps[-1].on(start - steps[-1].place)
             steps.append(self._through(numbers, k, step, length, np.True_)._replace(place=start + length))
         return tuple(steps)
 
-    def plane(self, numbers: Mapping[str, Number], z: Number, walk: tuple[Passed, ...] | None = None) -> Plane:
+    def plane(self, numbers: Mapping[str, Number], z: Number, walk: tuple[ChainStep, ...] | None = None) -> ImagedPlane:
         """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed.
 
         `walk` is that of the numbers, for many planes.
@@ -142,13 +142,15 @@ class Chain:
         outside = np.greater_equal(z, step.place)
         return step.on(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
 
-    def _through(self, numbers: Mapping[str, Number], k: int, step: Passed, inside: Number, passed: Flags) -> Passed:
+    def _through(
+        self, numbers: Mapping[str, Number], k: int, step: ChainStep, inside: Number, passed: Flags
+    ) -> ChainStep:
         """Light past as much of an element."""
         p, q, r, s = forward = self._forward(numbers, k, inside, passed)
         a, b, c, d = step.matrix
         matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
         x, y = (self._shifted(numbers, k, axis, forward, inside, *step.shifts[axis]) for axis in (0, 1))
-        return Passed(matrix, (x, y), step.place)
+        return ChainStep(matrix, (x, y), step.place)
 
     def _forward(
         self, numbers: Mapping[str, Number], k: int, inside: Number, passed: Flags
@@ -212,7 +214,7 @@ class Chain:
         far, last = self.front(numbers)
         return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
 
-    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, Plane]:
+    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
         last = self.walk(numbers)[-1]
         return last.place, last.plane(numbers.get(MEDIUM, 1.0))

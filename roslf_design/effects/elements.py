@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design
 from ..rays.backward import behind_elements, lay_out
-from ..rays.object_space import ObjectSpace
+from ..rays.object_space import FacesAhead
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
@@ -73,7 +73,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     closed = behind_elements(front, lens_x, lens_y, *height, *slope)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
-        space = ObjectSpace.of(camera.replace({"wavelength": wavelength}), clip=False)
+        space = FacesAhead.of(camera.replace({"wavelength": wavelength}), clip=False)
         found = space.rays(height, slope)
         good = passed & (found.status == 0)
         lost |= bool((passed & ~good).any())
@@ -114,7 +114,7 @@ def _on_array(camera: Camera, distance: float) -> float:
 
 def _clipping(
     camera: Camera,
-    space: ObjectSpace,
+    space: FacesAhead,
     rays: tuple[tuple[Floats, Floats], tuple[Floats, Floats]],
     good: NDArray[np.bool_],
     radius: float,

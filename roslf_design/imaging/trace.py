@@ -39,7 +39,7 @@ from ..rays.backward import (
     lay_out,
     posed_ray,
 )
-from ..rays.object_space import ObjectSpace, outwards
+from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
@@ -238,7 +238,7 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
-NOTHING = ObjectSpace(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8))
+NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ class Tracer:
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
     """Z of the bore's mouth [mm]."""
-    colours: tuple[ObjectSpace, ...]
+    colours: tuple[FacesAhead, ...]
     """What rays go through before the main lens, once a wavelength; where they are not exact one that is empty."""
 
     @classmethod
@@ -291,7 +291,7 @@ class Tracer:
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(camera.inverse_m / (camera.gap * camera.fap.scale)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
-            tuple(ObjectSpace.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
+            tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
 
     @property

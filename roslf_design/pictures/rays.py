@@ -536,7 +536,7 @@ WALL = 1.12
 """Where mounts end, in half heights of the tallest element."""
 
 
-class Element(NamedTuple):
+class SchematicPart(NamedTuple):
     """Something on the axis."""
 
     name: str
@@ -596,25 +596,25 @@ def dimensions(design: Design) -> Picture:
     return Picture("dimensions", f"Elements of {design.name} and their dimensions", size, (panel,))
 
 
-def _all_elements(design: Design) -> list[Element]:
+def _all_elements(design: Design) -> list[SchematicPart]:
     """Everything on the axis, from the object to the sensor."""
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     elements = [
-        Element("object plane", -design.d_f, 0.0, ("object plane",)),
-        Element("FAP", -design.d_3, design.D_F, ("FAP", f"D_F = {say(design.D_F)}")),
-        Element("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
-        Element("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
-        Element(
+        SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
+        SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", f"D_F = {say(design.D_F)}")),
+        SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
+        SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
+        SchematicPart(
             "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
         ),
     ]
     for number, stop in enumerate(design.stops, 1):
         elements.append(
-            Element(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
+            SchematicPart(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
         )
     for number, part in enumerate(design.elements, 1):
         name, tall = element_name(part, number), 2 * (reach(part) or 0.0)
-        elements.append(Element(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
+        elements.append(SchematicPart(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
 
 
@@ -636,7 +636,7 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     ]
 
 
-def _drawn(element: Element, x: float, half: float) -> list[Mark]:
+def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
     if element.name == "object plane":
         return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
     if element.name == "sensor":

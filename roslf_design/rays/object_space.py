@@ -48,7 +48,7 @@ class Outside(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectSpace:
+class FacesAhead:
     """Everything that a ray meets between main lens and scene, as the kernels take it; from the main lens outwards."""
 
     table: Floats
@@ -59,7 +59,7 @@ class ObjectSpace:
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
 
     @classmethod
-    def of(cls, camera: Camera, *, clip: bool = True) -> ObjectSpace:
+    def of(cls, camera: Camera, *, clip: bool = True) -> FacesAhead:
         """All that stands before the main lens of one camera.
 
         Parameters
@@ -79,11 +79,11 @@ class ObjectSpace:
                 takers.append(taker)
         return cls(np.array(rows).reshape(-1, COLUMNS), np.array(media).reshape(-1, 2), np.array(takers, np.uint8))
 
-    def until(self, distance: float) -> ObjectSpace:
+    def until(self, distance: float) -> FacesAhead:
         """Only what stands nearer than a distance [mm]: rays go on straight from there, be it in glass."""
         nearer = -self.table[:, 2] < distance
         count = len(nearer) if nearer.all() else int(np.argmin(nearer))
-        return ObjectSpace(self.table[:count], self.media[:count], self.takers[:count])
+        return FacesAhead(self.table[:count], self.media[:count], self.takers[:count])
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards.

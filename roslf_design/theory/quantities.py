@@ -16,7 +16,7 @@ import numpy as np
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
-from ..design.chain import Plane
+from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
 from . import exit_pupil, f_number, light, light_field, tube, vignetting
 from .light import SensorField
@@ -122,7 +122,7 @@ def depth_at(c: Camera, at: Depth) -> Array:
     return c.gap if at is None else np.asarray(_plane_at(c, at).distance - c.d_3)
 
 
-def _plane_at(c: Camera, at: Depth) -> Plane:
+def _plane_at(c: Camera, at: Depth) -> ImagedPlane:
     return c.focus if at is None else c.plane(at + c.tip)
 
 

@@ -11,7 +11,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design.elements import AnyElement
 from roslf_design.rays import Status
-from roslf_design.rays.object_space import ObjectSpace, carry
+from roslf_design.rays.object_space import FacesAhead, carry
 
 PAPER = roslf.load("paper").replace({"aperture.distance": 2.0, "aperture.diameter": 50.0})
 WATER = {"index": 1.333, "abbe": 55.8}
@@ -62,7 +62,7 @@ def test_tilted_wedged_plates_into_water_are_snells_law():
     second = {**BLOCK, "kind": "prism", "distance": 60.0, "thickness": 9.0, "material": {"index": 1.77}}
     second["tilt"] = (-0.08, 0.04)
     design = looking(first, second, medium=1.333)
-    space = ObjectSpace.of(Camera.of(design))
+    space = FacesAhead.of(Camera.of(design))
     index = [float(e.material.index(design.wavelength)) for e in design.elements]
     with mp.workdps(40):
         for height, slope in RAYS:
@@ -86,7 +86,7 @@ def test_a_plane_parallel_plate_shifts_a_ray_by_its_formula():
     design = looking(BLOCK)
     n = float(design.elements[0].material.index(design.wavelength))
     angle = np.linspace(0, 1.2, 13)
-    found = ObjectSpace.of(Camera.of(design)).rays((0.0, 0.0), (np.tan(angle), 0.0))
+    found = FacesAhead.of(Camera.of(design)).rays((0.0, 0.0), (np.tan(angle), 0.0))
     sideways = np.abs(found.height[0]) * np.cos(angle)
     law = 4.0 * np.sin(angle) * (1 - np.cos(angle) / np.sqrt(n * n - np.sin(angle) ** 2))
     np.testing.assert_allclose(sideways, law, rtol=0, atol=1e-9)
@@ -98,7 +98,7 @@ def test_a_rod_is_its_ray_equation(medium):
     """Skew rays against mpmath's Taylor solution of d/ds(n dr/ds) = grad n for n = n_0 (1 - g^2 r^2/2)."""
     rod = {"kind": "grin", "distance": 30.0, "thickness": 7.0, "index": 1.6, "gradient": 0.25, "tilt": (0.02, -0.01)}
     design = looking(rod, medium=medium)
-    space = ObjectSpace.of(Camera.of(design))
+    space = FacesAhead.of(Camera.of(design))
     n_m = float(design.object_space.medium.index(design.wavelength))
     with mp.workdps(25):
         for height, slope in (((0.2, 0.1), (0.01, -0.02)), ((1.0, 2.0), (0.05, 0.08))):
@@ -135,7 +135,7 @@ def test_a_real_objective_is_its_prescription():
     design = looking(group)
     lens = design.elements[0].lens
     height, slope = (np.array([1.0, -3.0]), np.array([2.0, 0.5])), (np.array([0.02, -0.05]), np.array([0.01, 0.03]))
-    found = ObjectSpace.of(Camera.of(design)).rays(height, slope)
+    found = FacesAhead.of(Camera.of(design)).rays(height, slope)
     at = [h - s * (40.0 - 0.0) for h, s in zip(height, slope, strict=True)]  # on its sensor-side vertex's plane
     there = lens.through((at[0] - 0.4, at[1] + 0.1), slope, design.wavelength, start=lens.length, end=-5.0, clip=True)
     z = -40.0 - lens.length - 5.0
@@ -158,7 +158,7 @@ def test_near_the_axis_rays_are_the_closed_forms():
     camera = Camera.of(design)
     end, plane = camera.front
     l, o = np.array([3e-5, -1e-5]), np.array([1e-6, 2e-6])
-    found = ObjectSpace.of(camera).rays(tuple(l), tuple(o))
+    found = FacesAhead.of(camera).rays(tuple(l), tuple(o))
     assert found.status == Status.KEPT
     for k in (0, 1):
         met = found.height[k] + found.slope[k] * -float(end)
@@ -170,23 +170,23 @@ def test_near_the_axis_rays_are_the_closed_forms():
 def test_every_opening_takes_its_rays_in_order_and_what_is_reflected_says_so():
     stops = ({"diameter": 6.0, "distance": 20.0}, {"diameter": 1.0, "distance": 50.0})
     design = looking({**BLOCK, "diameter": 5.0}, stops=stops, **{"aperture.diameter": 10.0})
-    space = ObjectSpace.of(Camera.of(design))
+    space = FacesAhead.of(Camera.of(design))
     height, stop = [0.0, 6.0, 4.0, 2.8, 2.0], int(Status.APERTURE)
     fates = space.rays((np.array(height), 0.0), (0.0, 0.0)).status
     assert fates.tolist() == [0, stop, stop + 1, stop + 3, stop + 2]
     # Between the faces: in at 2.4 mm, out at 2.6 mm.
     slope = math.tan(math.asin(1.5 * math.sin(math.atan(0.06))))
     assert space.rays((2.4 - slope * 30, 0.0), (-slope, 0.0)).status == stop + 4
-    assert not ObjectSpace.of(Camera.of(design), clip=False).rays((height, 0.0), (0.0, 0.0)).status.any()
+    assert not FacesAhead.of(Camera.of(design), clip=False).rays((height, 0.0), (0.0, 0.0)).status.any()
     # 45 degrees in glass cannot get out of a wedge's far face.
     wedge = looking({**BLOCK, "kind": "prism", "material": {"index": 1.9}, "wedge": (0.0, 0.8)})
-    assert ObjectSpace.of(Camera.of(wedge)).rays((0.0, 0.0), (0.9, 0.0)).status == Status.REFLECTED
+    assert FacesAhead.of(Camera.of(wedge)).rays((0.0, 0.0), (0.9, 0.0)).status == Status.REFLECTED
 
 
 def test_many_rays_are_few_rays():
     """Compiled and interpreted: the same bits."""
     rod = {"kind": "grin", "distance": 60.0, "thickness": 8.0, "index": 1.6, "gradient": 0.1}
-    space = ObjectSpace.of(Camera.of(looking({**BLOCK, "tilt": (0.1, 0.0)}, rod, medium=1.333)))
+    space = FacesAhead.of(Camera.of(looking({**BLOCK, "tilt": (0.1, 0.0)}, rod, medium=1.333)))
     rng = np.random.default_rng(3)
     lines = rng.uniform(-0.2, 0.2, (4, 4000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
