@@ -38,7 +38,7 @@ class Layout(NamedTuple):
     rims: Floats
     """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, radius; (K, 4) [mm]."""
     front: Floats
-    """The farthest element's scene side: distance, then A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; (10,)."""
+    """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; (10,)."""
 
 
 def lay_out(camera: Camera) -> Layout:
