@@ -402,12 +402,6 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     if distance <= (bore := bore_end(Camera.of(design))):
         end = f"d_3 = {bore:g} mm" if bore == design.d_3 else f"its farthest element ends at {bore:g} mm"
         problems.append(Problem("object_distance", f"{distance:g} mm lies within the bore ({end}); move it out"))
-    if design.lens is not None and Camera.of(design).chain is not None:
-        words = (
-            "has a real main lens and glass beside it, and builds of both together are not traced; give main_lens "
-            f'focal_length = "{design.f:.6g} mm" and diameter = "{design.D:.6g} mm" in place of its prescription'
-        )
-        problems.append(Problem("design", f"{design.name}: {words}"))
     if study.sampling == "sobol" and study.trials > 2**BITS:
         problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))

@@ -230,6 +230,8 @@ def test_what_cannot_be_missed_is_told(scope):
     study = {"name": "s", "design": "", "goals": [{"metric": "fill_factor", "max": 1.1}], "grade": "high"}
     with pytest.raises(InputError, match=r"object_distance: 118.5 mm lies within the bore \(its farthest element"):
         tolerance_plan({**study, "object_distance": "118.5 mm"}, scope)
+    with pytest.raises(InputError, match="has no tolerance and the grade 'high' does not cover it"):
+        plan_from({**study, "design": "paper", "perturb": [{"place": "main_lens.focal_plane"}]})
 
 
 def test_a_build_is_a_camera_where_its_numbers_are_a_design(scope):
