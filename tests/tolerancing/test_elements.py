@@ -13,7 +13,7 @@ from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.tolerancing.analyses import exact_derivatives
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.places import display, expand, load_grades, nominal_values, perturbable, short_name
-from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import differences, one_trial
 from tests.oracles.object_space import object_side
 
