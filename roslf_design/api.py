@@ -173,7 +173,7 @@ def calibrate(
     design : str or Path
         The camera as designed.
     board : str
-        Such as "4x5 6 mm".
+        Such as "4x5 6 mm" or, partly seen, "charuco 8x6 6 mm 4.5 mm DICT_4X4_50".
     f_sigma : str
         How well the focal length is known.
     seed : int

@@ -12,14 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from .._jit import kernel
 from .decoding import LightField
 from .frames import Array, CalibrationError
-from .model import Board, Observations
+from .model import Board, Markers, Observations
 
 _LARGE = 800
 """Views with a short side of fewer pixels are searched doubled as well, where small boards are found better."""
 _WORST = 0.35
 """Misfit, against the contrast, above which a corner is not believed."""
+_UNLIKE = 4.0
+"""The same of a board partly seen, against the median over its corners."""
 _STRAY = 0.06
 """Largest RMS distance of corners from a plane in perspective, in cells: distortion stays below, wrong grids above."""
+_LEAST = 6
+"""Corners of a board with markers that must be seen in the central view."""
 _MOST_VIEWS, _LEAST_LIGHT = 100, 0.85
 """Views are left out where they, or a view one pixel beside them, have less light than this share of the brightest, in
 the middle of the array: those at the rim of the pupil."""
@@ -38,7 +42,8 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
     """Inner corners of a checkerboard to a hundredth of a pixel or two.
 
     OpenCV's sector-based detector finds the board; what it found is checked against the board's plane and colours;
-    each corner is then placed by a fitted saddle (`fit_saddles`).
+    each corner is then placed by a fitted saddle (`fit_saddles`). Of a board with markers these tell which corners are
+    which, and those in sight are enough.
 
     `picture` is grey, shape (rows, columns); pixels of `weight` 0 say nothing. Corners come in the order of
     `Board.points`, up to half a turn where the board's colours do not tell (an even sum of cells across and down), or a
@@ -48,6 +53,8 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
 
     pixels, known = _pixels(picture, weight)
     grey = _eight_bit(pixels, known)
+    if board.markers is not None:
+        return _find_by_markers(pixels, known, grey, board, board.markers)
     fast, thorough = cv.CALIB_CB_ACCURACY, cv.CALIB_CB_ACCURACY | cv.CALIB_CB_EXHAUSTIVE | cv.CALIB_CB_NORMALIZE_IMAGE
     small = min(grey.shape) < _LARGE
     tries = [(1, fast), (2, fast), (1, thorough), (2, thorough)] if small else [(1, fast), (1, thorough)]
@@ -65,6 +72,47 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
         believed = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
         return FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
     return None
+
+
+def _find_by_markers(
+    pixels: Array, known: NDArray[np.bool_], grey: NDArray[np.uint8], board: Board, markers: Markers
+) -> FoundCorners | None:
+    """Corners of a board of which part is seen; NaN elsewhere."""
+    import cv2 as cv
+
+    dictionary = cv.aruco.getPredefinedDictionary(getattr(cv.aruco, markers.dictionary))
+    detector = cv.aruco.CharucoDetector(
+        cv.aruco.CharucoBoard((board.columns, board.rows), board.cell, markers.width, dictionary)
+    )
+    rough = np.full((len(board.points), 2), np.nan)
+    for scale in (1, 2, 4) if min(grey.shape) < _LARGE else (1, 2):
+        view = grey if scale == 1 else cv.resize(grey, None, fx=scale, fy=scale, interpolation=cv.INTER_CUBIC)
+        corners, ids = detector.detectBoard(view)[:2]
+        if ids is not None and len(ids) > np.isfinite(rough[:, 0]).sum():
+            rough[:] = np.nan
+            rough[ids.ravel()] = (np.asarray(corners, float).reshape(-1, 2) + 0.5) / scale - 0.5
+    named = np.isfinite(rough[:, 0])
+    if not _spans_plane(named, board):
+        return None
+    plane = board.points[:, :2]
+    ideal = _mapped(homography(plane[named], rough[named]), plane)
+    if float(np.sqrt(np.square(rough - ideal)[named].sum(axis=1).mean())) > _STRAY * _cell(ideal, board):
+        return None
+    saddles = _placed(pixels, known, ideal, ideal, board)
+    colours = 1 - 2 * (np.indices(board.inner[::-1]).sum(axis=0).ravel() % 2)
+    contrast = colours * float(np.median((colours * saddles.contrast)[named]))
+    believed = _believed(saddles, ideal, board, contrast)
+    if not _spans_plane(believed, board):
+        return None
+    # Corners that come into sight in other views only are measured by the contrast they should have.
+    return FoundCorners(
+        np.where(believed[:, None], saddles.corners, np.nan), np.where(believed, saddles.contrast, contrast)
+    )
+
+
+def _spans_plane(seen: NDArray[np.bool_], board: Board) -> bool:
+    """Whether corners suffice for a homography: two rows of two or more, and some to check it by."""
+    return bool(seen.sum() >= _LEAST and (seen.reshape(board.inner[::-1]).sum(axis=1) >= 2).sum() >= 2)
 
 
 def observe(
@@ -211,7 +259,26 @@ def _placed(
     grid = shape.reshape(*board.inner[::-1], 2)
     steps = [np.asarray(np.gradient(grid, axis=k)).reshape(-1, 2) for k in (1, 0)]
     edges = np.column_stack([np.arctan2(step[:, 1], step[:, 0]) for step in steps])
+    if board.markers is not None:
+        known = known & ~_on_markers(start, board, board.markers, known.shape, rows)
     return fit_saddles(pixels, known, start, edges, _window(shape, board), foot, rows)
+
+
+def _on_markers(
+    corners: Array, board: Board, markers: Markers, shape: tuple[int, int], rows: RowGrid | None
+) -> NDArray[np.bool_]:
+    """Samples on markers or, blurred, beside them: up to a pixel, or half the way to the cell's edge."""
+    starts, spacing = (np.zeros(shape[0]), 1.0) if rows is None else rows
+    columns = starts[:, None] + spacing * np.arange(shape[1])
+    places = np.stack([columns, np.broadcast_to(np.arange(shape[0])[:, None], shape)], axis=-1).reshape(-1, 2)
+    cells = _mapped(homography(corners, board.points[:, :2] / board.cell), places)
+    cells += np.array([board.columns, board.rows]) / 2  # from the board's outer corner
+    whole = np.floor(cells)
+    margin = (1 - markers.width / board.cell) / 2
+    reach = 0.5 - margin + min(1 / _cell(corners, board), margin / 2)
+    inside = (whole >= 0).all(axis=1) & (whole < (board.columns, board.rows)).all(axis=1)
+    bright = whole.sum(axis=1) % 2 == 1
+    return np.asarray((inside & bright & (np.abs(cells - whole - 0.5) < reach).all(axis=1)).reshape(shape))
 
 
 def fit_window(corners: Array, board: Board) -> tuple[tuple[float, float], int]:
@@ -239,7 +306,10 @@ def _believed(saddles: Saddles, expected: Array, board: Board, contrast: Array) 
     """Corners that settled near where they were expected, with the contrast expected, and look like one."""
     near = np.hypot(*(saddles.corners - expected).T) < max(1.0, 0.25 * _cell(expected, board))
     alike = saddles.contrast * np.sign(contrast) > 0.3 * np.abs(contrast)
-    return np.asarray(saddles.settled & near & alike & (saddles.misfit < _WORST))
+    believed = saddles.settled & near & alike & (saddles.misfit < _WORST)
+    if board.markers is not None and believed.any():  # the edge of what hides the rest may cross a corner's window
+        believed &= saddles.misfit < max(0.05, _UNLIKE * float(np.median(saddles.misfit[believed])))
+    return np.asarray(believed)
 
 
 def _completed(corners: Array, board: Board) -> Array:

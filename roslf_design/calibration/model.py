@@ -33,7 +33,13 @@ QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
 _TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """Cross products with the unit vectors, shape (3, 3, 3)."""
-_BOARD = re.compile(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s+(\d+\.?\d*|\.\d+)\s*(um|mm|cm|m)\s*")
+_LENGTH = r"\s+(\d+\.?\d*|\.\d+)\s*(um|mm|cm|m)"
+_CELLS = r"(\d{1,9})\s*[x×]\s*(\d{1,9})" + _LENGTH
+_BOARD = re.compile(rf"\s*{_CELLS}\s*")
+_CHARUCO = re.compile(rf"\s*(?i:charuco)\s+{_CELLS}{_LENGTH}\s+(\w+)\s*")
+_DICTIONARY = re.compile(r"DICT_([4-7])X\1_(50|100|250|1000)")
+_RIM = 0.7
+"""Least bright rim of a marker, in its bits, for OpenCV to read it and corners to be placed beside it."""
 _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
@@ -41,13 +47,27 @@ MOST_CELLS = 50
 """Of a board, along a side."""
 
 
+class Markers(NamedTuple):
+    """ArUco markers in the middle of a ChArUco board's bright cells."""
+
+    width: float
+    """[mm]"""
+    dictionary: str
+    """As OpenCV calls it: "DICT_4X4_50" is the first 50 markers of 4 x 4 bits."""
+
+
 @dataclass(frozen=True)
 class Board:
-    """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide."""
+    """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide.
+
+    With markers, as OpenCV 4.6 and later draw them, its first cell is dark, and its corners are told apart where only
+    part of the board is seen.
+    """
 
     columns: int
     rows: int
     cell: float
+    markers: Markers | None = None
 
     def __post_init__(self) -> None:
         if self.columns < 3 or self.rows < 3:
@@ -61,18 +81,64 @@ class Board:
             )
         if not 0 < self.cell <= FARTHEST["length"]:
             raise CalibrationError(f"the board's cell must be a positive length of a board, got {self.cell:g} mm")
+        if self.markers is not None:
+            self._check(self.markers)
+
+    def _check(self, markers: Markers) -> None:
+        if self.columns == self.rows == 3:
+            raise CalibrationError("a ChArUco board of 3 x 3 cells has too few inner corners: 4 x 3 cells or more")
+        if not 0 < markers.width < self.cell:
+            raise CalibrationError(
+                f"markers of {markers.width:g} mm do not fit into cells of {self.cell:g} mm: give the cell's size"
+                " first, then the marker's, which is smaller"
+            )
+        known, needed = _DICTIONARY.fullmatch(markers.dictionary), self.columns * self.rows // 2
+        if known is None:
+            raise CalibrationError(
+                f'markers "{markers.dictionary}" are not known: write DICT_4X4_50 or such, of 4X4 to 7X7 bits and 50,'
+                " 100, 250 or 1000 markers"
+            )
+        bit, rim = markers.width / (int(known[1]) + 2), (self.cell - markers.width) / 2
+        if rim < _RIM * bit:
+            raise CalibrationError(
+                f"markers of {markers.width:g} mm in cells of {self.cell:g} mm leave a rim of {rim:.3g} mm, and less"
+                f" than {_RIM * bit:.3g} mm ({_RIM:g} of a bit) spoils markers and corners: make a board with smaller"
+                " markers"
+            )
+        if needed > int(known[2]):
+            raise CalibrationError(
+                f"a board of {self.columns} x {self.rows} cells has {needed} markers, {markers.dictionary} only"
+                f" {known[2]}: name the larger dictionary it was made with"
+            )
 
     @classmethod
     def parse(cls, text: str) -> Board:
-        """Read a board from text such as "4x5 6 mm": cells across, cells down, size of a cell."""
-        match = _BOARD.fullmatch(text)
-        if match is None:
-            raise CalibrationError(f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"')
-        return cls(int(match[1]), int(match[2]), float(match[3]) * _UNITS[match[4]])
+        """Read a board from text such as "4x5 6 mm": cells across, cells down, size of a cell.
 
-    def to_dict(self) -> dict[str, float]:
+        Of a ChArUco board the markers' size and dictionary too: "charuco 8x6 6 mm 4.5 mm DICT_4X4_50".
+        """
+        match, charuco = _BOARD.fullmatch(text), _CHARUCO.fullmatch(text)
+        found = match or charuco
+        if found is None:
+            raise CalibrationError(
+                f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"; of a ChArUco board'
+                ' also its markers, such as "charuco 8x6 6 mm 4.5 mm DICT_4X4_50"'
+            )
+        markers = charuco and Markers(float(charuco[5]) * _UNITS[charuco[6]], charuco[7].upper())
+        return cls(int(found[1]), int(found[2]), float(found[3]) * _UNITS[found[4]], markers)
+
+    @property
+    def text(self) -> str:
+        """As `parse` reads it."""
+        cells = f"{self.columns}x{self.rows} {self.cell:g} mm"
+        return cells if self.markers is None else f"charuco {cells} {self.markers.width:g} mm {self.markers.dictionary}"
+
+    def to_dict(self) -> dict[str, float | str]:
         """JSON-ready."""
-        return {"columns": self.columns, "rows": self.rows, "cell_mm": self.cell}
+        cells: dict[str, float | str] = {"columns": self.columns, "rows": self.rows, "cell_mm": self.cell}
+        if self.markers is None:
+            return cells
+        return cells | {"marker_mm": self.markers.width, "dictionary": self.markers.dictionary}
 
     @property
     def inner(self) -> tuple[int, int]:

@@ -92,7 +92,8 @@ def calibrate(
     design
         The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch.
     board
-        The checkerboard: cells across, cells down, size of one, as "4x5 6 mm".
+        The checkerboard: cells across, cells down, size of one, as "4x5 6 mm". Of a ChArUco board, which need not be
+        seen whole, its markers' size and dictionary too, as "charuco 8x6 6 mm 4.5 mm DICT_4X4_50".
     output
         Folder for calibration.json, calibrated.toml, figures and index.html.
     json

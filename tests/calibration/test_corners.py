@@ -31,10 +31,11 @@ BOARD = Board(4, 5, 6.0)
 CAMERA = {"A": 92.0, "m": 0.4, "d_2": 2.0, "x_0": 80.0, "y_0": 75.0, "q": 0.004847826, "d": 0.12}
 
 
-def drawn_field(pose, offsets, noise, rng):
+def drawn_field(pose, offsets, noise, rng, cells=(4, 5), print_=None):
     u, v = np.arange(12.0, 152.0), np.arange(8.0, 142.0)
     turn, shift = rotation_matrix(pose[:3]), pose[3:]
-    values = np.array([[board_view(CAMERA, turn, shift, (4, 5), 6.0, (s, t), u, v) for s in offsets] for t in offsets])
+    at = (turn, shift, cells, 6.0)
+    values = np.array([[board_view(CAMERA, *at, (s, t), u, v, print_=print_) for s in offsets] for t in offsets])
     values = (values + rng.normal(0, noise, values.shape)).astype(np.float32)
     return LightField(values, np.ones_like(values), offsets, offsets.copy(), u, v, 13.0)
 
@@ -194,3 +195,57 @@ def test_nothing_in_a_blank_picture():
     assert find_corners(np.full((60, 60), np.nan), BOARD) is None
     with pytest.raises(CalibrationError, match=r"no board of 4 x 5 cells was found in: picture 1"):
         observe_pictures([np.zeros((60, 60))], BOARD)
+
+
+# --- boards of which part is seen -------------------------------------------------------------------------------------
+
+CHARUCO = Board.parse("charuco 7x6 6 mm 4.5 mm DICT_4X4_50")
+ASIDE = [(14.0, 2.0), (-13.0, 3.0), (2.0, 13.0), (-3.0, -14.0), (11.0, 10.0)]
+"""Middles of the boards [mm]: each sticks out of a field of about 42 x 40 mm on one side, the last on two."""
+
+
+@pytest.fixture(scope="module")
+def partly():
+    """Light fields of ChArUco boards that stick out of the field, one half in the dark, and where their corners are."""
+    import cv2
+
+    rng = np.random.default_rng(5)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    printed = cv2.aruco.CharucoBoard((7, 6), 6.0, 4.5, dictionary).generateImage((7 * 96, 6 * 96))
+    poses = random_poses(Captures(boards=len(ASIDE), tilt=0.35), 120.0, rng).vector
+    poses[:, 3:5] = ASIDE
+    offsets = np.array([-5.0, 0.0, 5.0])
+    fields = {f"board-{k}": drawn_field(pose, offsets, 0.01, rng, (7, 6), printed) for k, pose in enumerate(poses)}
+    fields["board-1"].values[..., 90:, :] *= 0.02
+    observations = observe(fields, CHARUCO)
+    camera = Intrinsics(92.0, 0.4, 0.5, 80.0, 75.0, q=CAMERA["q"], d=CAMERA["d"])
+    truth = project_boards(camera.vector(), poses, CHARUCO.points, observations.views).values
+    return fields, observations, truth
+
+
+def test_corners_in_sight_of_a_board_that_sticks_out_of_the_field(partly):
+    _, observations, truth = partly
+    assert observations.missing == ()
+    error = np.where(observations.seen[..., None], observations.uv - truth, 0.0)  # a wrong id is 20 pitches off
+    assert np.abs(error).max() < 0.05
+    inside = (np.abs(truth - (81.5, 74.5)) < (60.0, 57.0)).all(axis=-1)  # whole windows, and some margin
+    inside[1] &= truth[1, ..., 1] < 88.0
+    assert (inside & observations.seen).sum() >= 0.98 * inside.sum()
+    assert not inside.all(axis=(1, 2)).any()
+    assert not observations.seen[1][truth[1, ..., 1] > 95.0].any()  # in the dark, from 98 on
+
+
+def test_calibration_from_boards_partly_seen_finds_the_camera(partly):
+    found = calibrate(partly[1], DataSheet(100.0, CAMERA["q"], CAMERA["d"], 1.0))
+    sigma = found.fit.covariance.sigma
+    for name, true in (("A", 92.0), ("m", 0.4), ("inverse_d_2", 0.5)):
+        assert getattr(found.fit.camera, name) == pytest.approx(true, abs=3 * sigma[name]), name
+        assert sigma[name] < 0.02 * true
+
+
+def test_markers_of_another_board_are_not_taken_for_it(partly):
+    field = partly[0]["board-0"]
+    assert find_corners(field.view(), CHARUCO) is not None
+    assert find_corners(field.view(), Board.parse("charuco 7x6 6 mm 4.5 mm DICT_5X5_50")) is None
+    assert find_corners(np.zeros((60, 60)), CHARUCO) is None
+    assert find_corners(field.view()[:40, :40], CHARUCO) is None  # too few corners

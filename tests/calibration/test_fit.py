@@ -27,7 +27,7 @@ from roslf_design.calibration import (
 )
 from roslf_design.calibration.diffraction import view_disagreement
 from roslf_design.calibration.fit import Linear, corner_statistics, covariance_of, fit_lines, refine, settle
-from roslf_design.calibration.model import GLOBALS, project_boards, rotation_matrix
+from roslf_design.calibration.model import GLOBALS, Markers, project_boards, rotation_matrix
 from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
 from roslf_design.design.parts import Stop
@@ -310,9 +310,14 @@ def test_boards_are_read_and_checked():
     assert points.shape == (12, 3)
     np.testing.assert_allclose(points.mean(axis=0), 0, atol=1e-12)
     np.testing.assert_allclose(points[1] - points[0], (6, 0, 0))
-    for text in ("4x5", "four by five", "4x5 6", "4x5 6 furlongs"):
+    for text in ("4x5", "four by five", "4x5 6", "4x5 6 furlongs", "charuco 8x6 6 MM 4 mm DICT_4X4_50"):
         with pytest.raises(CalibrationError, match="write cells and their size"):
             Board.parse(text)
+    charuco = Board.parse("charuco 8x6 6 mm 4500 um DICT_4X4_50")
+    assert charuco == Board(8, 6, 6.0, Markers(4.5, "DICT_4X4_50"))
+    assert charuco == Board.parse(charuco.text)
+    assert charuco.to_dict()["marker_mm"] == 4.5
+    np.testing.assert_array_equal(charuco.points, Board(8, 6, 6.0).points)
     with pytest.raises(CalibrationError, match="too few inner corners"):
         Board.parse("2x5 6 mm")
     with pytest.raises(CalibrationError, match="positive"):

@@ -342,6 +342,17 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         (["none", "--design", "paper", "--board", "4 by 5", "-o", "out"], '--board: board "4 by 5" is not understood'),
         (["none", "--design", "paper", "--board", "4x5 0 mm", "-o", "out"], "cell must be a positive length"),
         (["none", "--design", "paper", "--board", "2x5 6 mm", "-o", "out"], "too few inner corners"),
+        *(
+            (["none", "--design", "paper", "--board", f"charuco {board}", "-o", "out"], f"--board: {said}")
+            for board, said in (
+                ("8x6 6 mm", 'board "charuco 8x6 6 mm" is not understood'),
+                ("8x6 4 mm 6 mm DICT_4X4_50", "markers of 6 mm do not fit into cells of 4 mm: give the cell's size"),
+                ("3x3 6 mm 4 mm DICT_4X4_50", "a ChArUco board of 3 x 3 cells has too few inner corners: 4 x 3 cells"),
+                ("9x8 6 mm 5.4 mm DICT_5X5_100", "markers of 5.4 mm in cells of 6 mm leave a rim of 0.3 mm, and less"),
+                ("8x6 6 mm 4 mm DICT_9X9_50", 'markers "DICT_9X9_50" are not known: write DICT_4X4_50 or such'),
+                ("20x6 6 mm 4 mm DICT_4X4_50", "a board of 20 x 6 cells has 60 markers, DICT_4X4_50 only 50: name"),
+            )
+        ),
         (["none", "--design", "none", "--board", "4x5 6 mm", "-o", "out"], "none"),
         ([__file__, "--design", "paper", "--board", "4x5 6 mm", "-o", "out"], "is a file; name the folder of images"),
         (["none", "--design", "paper", "--board", "4x5 6 mm"], "--output: is missing"),

@@ -125,11 +125,12 @@ def traced_view(camera, scene, view):
         return found
 
 
-def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49):
+def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49, print_=None):
     """Picture of a checkerboard in one view, each sample averaged over a lattice of rays that meet the board's plane.
 
     `camera` holds A, m, d_2, x_0, y_0, q, d; the board's `cells` (across, down) of `cell` mm are centred on its origin,
-    on a white sheet one cell wider all round; u, v are the view's samples [pitches].
+    on a white sheet one cell wider all round; u, v are the view's samples [pitches]. `print_` is an image of the whole
+    board, dark below 128, to draw instead of a checkerboard.
     """
     A, m, d_2, d, q = (camera[k] for k in ("A", "m", "d_2", "d", "q"))
     step = np.array([u[1] - u[0], v[1] - v[0]])
@@ -150,6 +151,12 @@ def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49):
         a = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * depth) / cell + cells[0] / 2
         b = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * depth) / cell + cells[1] / 2
         dark = (np.floor(a) + np.floor(b)) % 2 == 0
+        if print_ is not None:
+            rows, columns = (
+                np.clip(np.floor(at * side / count).astype(int), 0, side - 1)
+                for at, side, count in ((b, print_.shape[0], cells[1]), (a, print_.shape[1], cells[0]))
+            )
+            dark = print_[rows, columns] < 128
         on = (a > 0) & (a < cells[0]) & (b > 0) & (b < cells[1])
         paper = (a > -1) & (a < cells[0] + 1) & (b > -1) & (b < cells[1] + 1)
         picture += np.where(on & dark, 0.08, np.where(paper, 0.9, 0.5))
