@@ -79,9 +79,9 @@ FIELDS = (
 BY_SYMBOL = {field.symbol: field for field in FIELDS}
 
 WINDOW = (
-    NumberField("window_thickness", "Window thickness", "Bore", "mm"),
-    NumberField("window_distance", "Window to lens", "Bore", "mm", "linear"),
-    NumberField("window_diameter", "Window aperture", "Bore", "mm"),
+    NumberField("window_thickness", "Thickness", "Bore", "mm"),
+    NumberField("window_distance", "To the lens", "Bore", "mm", "linear"),
+    NumberField("window_diameter", "Aperture", "Bore", "mm"),
 )
 """Of the outermost window, where a design has one."""
 

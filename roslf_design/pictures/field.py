@@ -153,10 +153,9 @@ def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture
 
 def shares(design: Design, fields: ArrayMap) -> str:
     """How many of the microlens images on the sensor are whole, cut and dark, in words."""
-    x, y = on_mla(design, design.sensor.decentre)
-    half_x, half_y = (0.5 * side for side in design.sensor_size)
-    within = (np.abs(fields.y[:, None] - y) <= half_y) & (np.abs(fields.x - x) <= half_x)
-    kept = fields.kept[within]
+    at = Camera.of(design).chief_point(*np.meshgrid(fields.x, fields.y))
+    x, y = (np.abs(place) <= side / 2 for place, side in zip(at, design.sensor_size, strict=True))
+    kept = fields.kept[x & y]
     if not kept.size:
         return "none there"
     parts = {"whole": kept == 1, "cut": (kept > 0) & (kept < 1), "dark": kept == 0}
@@ -199,7 +198,8 @@ def _frames(design: Design) -> list[Mark]:
     width, height = design.microlens_array.size
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
     marks: list[Mark] = [Area(*xy(corners * (width, height)), "none", 1.0, "grey", 1.0)]
-    sensor = on_mla(design, corners * design.sensor_size + design.sensor.decentre)
+    camera = Camera.of(design)
+    sensor = on_array(camera, sensor_field(camera).corners[[0, 1, 3, 2]])
     marks.append(Area(*xy(sensor), "none", 1.0, "ground", 4.0))
     marks.append(Area(*xy(sensor), "none", 1.0, "blue", 2.0, testid="mla-sensor"))
     x, y, radius = circle_of_eq_6(design)
@@ -223,7 +223,7 @@ def _cross(selected: Point, panel: Panel) -> list[Mark]:
 def _frame_keys(design: Design) -> list[Key]:
     _, _, radius = circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
-    return [line_key("sensor", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
+    return [line_key("what the sensor sees", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
 
 
 class LensCurves(NamedTuple):

@@ -263,9 +263,12 @@ def test_maps_and_images_follow_a_turned_and_shifted_array():
         {"microlens_array.rotation": math.pi / 2, "microlens_array.decentre.0": 0.5, "sensor.decentre.1": 0.25}
     )
     sensor = _mark(mla_map(moved), "mla-sensor")
-    # In the array's axes the sensor, at (-0.5, 0.25) from its centre, is turned by a quarter the other way.
-    np.testing.assert_allclose((np.mean(sensor.x), np.mean(sensor.y)), (0.25, 0.5), atol=1e-12)
-    np.testing.assert_allclose((np.ptp(sensor.x), np.ptp(sensor.y)), PAPER.sensor_size[::-1], rtol=1e-12)
+    # What the sensor, at (-0.5, 0.25) from the array's centre, sees is turned by a quarter the other way in its axes:
+    # half the sensor over 1 + d_2/L, on the left up to the array's end, 11.5 mm from its centre.
+    grow = 1 - 2 / 460
+    right, high, low = 11.15 / grow - 0.5, (0.25 + 7.466) / grow, (0.25 - 7.466) / grow
+    np.testing.assert_allclose((sensor.x.min(), sensor.x.max()), (low, high), rtol=1e-12)
+    np.testing.assert_allclose((sensor.y.min(), sensor.y.max()), (-right, 11.5), rtol=1e-12)
     view, straight = image_view(moved, (2.0, 1.0)), image_view(PAPER, (-1.0 + 0.5, 2.0))
     np.testing.assert_allclose(view.centres, straight.centres, atol=1e-12)
 

@@ -319,8 +319,7 @@ def roslf(*arguments, **options):
         stderr=subprocess.PIPE,
         text=True,
         # A shell's background job, as tests may be, ignores Ctrl-C, and so would its children.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        **options,
+        **{"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **options},
     )
 
 
