@@ -20,7 +20,7 @@ import signal
 import threading
 import zipfile
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, fields
 from functools import partial, reduce
@@ -48,6 +48,8 @@ STRETCH = 8 * BLOCK
 """Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
 ATTEMPTS = 4
 """Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
+PATIENCE = 3.0
+"""How long nothing may come from a pool before its workers are looked after [s]."""
 CONNECT = 2
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
@@ -200,7 +202,7 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
         try:
             with _ctrl_c_later():
                 running = {pool.submit(work, index): index for index in left}
-            for future in as_completed(running):
+            for future in _finished(pool, running):
                 content, index = future.result(), running.pop(future)
                 del left[index]
                 deaths = 0
@@ -214,6 +216,23 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
                 ) from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _finished(pool: ProcessPoolExecutor, running: Iterable[Future[bytes]]) -> Iterator[Future[bytes]]:
+    """As `as_completed`, also where a worker died in the midst of its answer.
+
+    The pool would wait for the rest of it for ever: the other workers and the pool itself hold the pipe open. Closed,
+    it ends, and the pool breaks as it does over any death.
+    """
+    left = set(running)
+    while left:
+        done, left = wait(left, PATIENCE, FIRST_COMPLETED)
+        workers = list((pool._processes or {}).values())
+        if not done and any(worker.exitcode is not None for worker in workers):
+            for worker in workers:
+                worker.kill()
+            pool._result_queue._writer.close()  # type: ignore[attr-defined]
+        yield from done
 
 
 @contextlib.contextmanager

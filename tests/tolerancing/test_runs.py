@@ -99,6 +99,36 @@ def test_a_pool_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, t
     assert fingerprint(tmp_path) == expected
 
 
+HALF = """
+import os, struct, sys
+from roslf_design.tolerancing import run
+
+def work(index):
+    mark = sys.argv[1]
+    if index == 1 and not os.path.exists(mark):
+        open(mark, "w").close()
+        frame = sys._getframe()
+        while "result_queue" not in frame.f_locals:
+            frame = frame.f_back
+        answers = frame.f_locals["result_queue"]
+        answers._wlock.acquire()
+        os.write(answers._writer.fileno(), struct.pack("!i", 100_000) + bytes(1000))
+        os.kill(os.getpid(), 9)
+    return b"%d" % index
+
+if __name__ == "__main__":
+    print(sorted(content for _, content in run.anywhere(work, range(6), run.Where(2))))
+"""
+
+
+def test_a_worker_that_dies_in_the_midst_of_its_answer_is_made_good(tmp_path):
+    (tmp_path / "half.py").write_text(HALF)
+    command = [sys.executable, tmp_path / "half.py", tmp_path / "mark"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (tmp_path / "mark").exists()
+    assert done.stdout.strip() == str([b"%d" % index for index in range(6)]), done.stderr
+
+
 def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, tmp_path):
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     cluster = distributed.LocalCluster(
