@@ -397,9 +397,11 @@ def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
 
 
 def texture_of(scene: Scene) -> Noise | None:
-    """The noise that all of a scene shows; None where its texture is another, and the design's stands for it."""
+    """The noise that all of a scene shows, one kind of it; None where its texture is another, and the design's stands for it."""
     textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
-    return textures[0] if len(textures) == 1 and isinstance(textures[0], Noise) else None
+    noise = [texture for texture in textures if isinstance(texture, Noise)]
+    kinds = {(texture.finest, texture.contrast) for texture in noise}
+    return noise[0] if len(kinds) == 1 and len(noise) == len(textures) else None
 
 
 def assumed(design: Design, scene: Scene, window: int) -> Design:
