@@ -321,7 +321,8 @@ def simulate(
     rays : int
         For each pixel.
     believed : Design, optional
-        The camera that depth is computed for, where that is not the one that takes the pictures.
+        The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
+        images are those of the white image all the same.
     progress : callable
         Told what is being done, and how much of it is done.
 
@@ -334,7 +335,7 @@ def simulate(
     scene = default_scene(design) if scene is None else scene
     camera = Camera.of(design.thin_twin)
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
-    lattice = lattice_of(Camera.of(believed.thin_twin), part)
+    lattice = lattice_of(camera, part)
     inside = lattice.inside((part.rows, part.columns))
     if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
