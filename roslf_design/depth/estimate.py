@@ -237,7 +237,7 @@ def estimate_disparity(
             reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
             target = np.where(reliable, fit.disparity, disparity)
             disparity = np.clip(disparity + np.clip(target - disparity, -0.5, 0.5), *bound)
-    return _judged(fit, sums, disparity, picture, views, first, window, (low, high), largest_sigma, largest_chi2)
+    return _judged(fit, sums, disparity, picture, views, noise, first, window, (low, high), largest_sigma, largest_chi2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,6 +390,13 @@ class _Fit:
     """Chi-square of the disparities that the microlenses ask for each, about a plane, per degree of freedom."""
     spare: Array
     """Degrees of freedom of `strain`."""
+    across: Array
+    """Slope along u [pitches of disparity per sample]."""
+    down: Array
+    uu: Array
+    """Covariance of the slopes."""
+    uv: Array
+    vv: Array
 
     @classmethod
     def of(cls, sums: Array, picture: Array, disparity: Array, views: _Views, window: int) -> _Fit:
@@ -427,9 +434,10 @@ class _Fit:
         down = np.where(enough & plane.sound, _box(true * rows, window) / share - rows, 0)
         value = value - np.clip(plane.across * across + plane.down * down, -0.5, 0.5)
         variance = variance + plane.variance(across, down) / views.density
-        return cls(value, np.sqrt(variance), chi2, free - 1, np.where(near.sound, near.strain, 0), near.spare)._beside(
-            window // 2
-        )
+        strain = np.where(near.sound, near.strain, 0)
+        slopes = (np.where(plane.sound, a, 0) for a in (plane.across, plane.down, plane.uu, plane.uv, plane.vv))
+        fit = cls(value, np.sqrt(variance), chi2, free - 1, strain, near.spare, *slopes)
+        return fit._beside(window // 2)
 
     def misfit(self, least: float = 0.0) -> Array:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
@@ -456,7 +464,12 @@ class _Fit:
             moved = values.copy()
             moved[to] = values[source]
             fields.append(moved)
-        return _Fit(*fields)
+        fit = _Fit(*fields)
+        over, under = to[1] - source[1], to[0] - source[0]
+        fit.disparity[to] += np.clip(fit.across[to] * over + fit.down[to] * under, -0.5, 0.5)
+        carried = fit.uu[to] * over**2 + 2 * fit.uv[to] * over * under + fit.vv[to] * under**2
+        fit.sigma[to] = np.sqrt(fit.sigma[to] ** 2 + np.maximum(carried, 0))
+        return fit
 
 
 def _chance(freedom: Array) -> Array:
@@ -466,8 +479,8 @@ def _chance(freedom: Array) -> Array:
 
 
 def _judged(
-    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, first: _Searched, window: int,
-    search: tuple[float, float], largest_sigma: float, largest_chi2: float,
+    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, noise: PixelNoise, first: _Searched,
+    window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float,
 ) -> DisparityMap:  # fmt: skip
     excess = np.maximum(
         np.where(fit.chi2 > 1 + 3 * np.sqrt(2 / np.maximum(fit.free, 1)), fit.chi2, 1),
@@ -481,7 +494,9 @@ def _judged(
     own = sums[9] + np.where(known, (2 * (slope_u * sums[7] + slope_v * sums[8]) + raw * change) * change, 0)
     own /= np.maximum(sums[10], 0.5)
     # Saturation takes what splines and slopes would need about it as well.
-    lit, full = _box(views.lit, window + 6), _box(views.saturated, window + 6)
+    charge = noise.electrons * picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
+    near = charge + 3 * np.sqrt(np.maximum(charge, 0) + noise.read_noise**2) >= noise.saturation
+    lit, full = _box(views.lit > 0, window + 6), _box(near | (views.saturated > 0), window + 6)
     spread = _box(sums[4] + sums[6], window) / np.maximum(_box(sums[1], window), 1e-30)
     margin = np.where(np.isfinite(sigma), 3 * sigma, 0)
     status = np.full(views.shape, int(DisparityStatus.MEASURED), np.int8)
