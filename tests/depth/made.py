@@ -33,6 +33,12 @@ class Texture:
     def __call__(self, u, v):
         return self.mean + sum(a * np.cos(x * u + y * v + p) for a, x, y, p in self.waves)
 
+    def grid(self, u, v):
+        """At rows v and columns u, each a line of places [pitches]."""
+        amplitude, along, down, phase = self.waves.T
+        across = amplitude * np.exp(1j * (np.multiply.outer(u, along) + phase))
+        return self.mean + np.real(np.einsum("vw,uw->vu", np.exp(1j * np.multiply.outer(v, down)), across))
+
 
 def disc(across, cut=None):
     """Pupil coordinates (2, t, s) of `across` views a side, and which lie inside a full or cut disc."""
@@ -44,17 +50,19 @@ def disc(across, cut=None):
     return pupil, inside
 
 
-def sharp(texture, disparity, pupil, lit, shape, steps=(1.0, 1.0)):
+def sharp(texture, disparity, pupil, lit, shape):
     """Views without noise, of a surface whose disparity is a number or a function of u [pitches]."""
-    v, u = (a * step for a, step in zip(np.indices(shape).astype(float), steps[::-1], strict=True))
+    v, u = np.arange(float(shape[0])), np.arange(float(shape[1]))
     views = np.zeros((*pupil.shape[1:], *shape), np.float32)
     for t, s in np.argwhere(lit):
-        place, depth = u, disparity
-        if callable(disparity):
-            for _ in range(40):
-                depth = disparity(place)
-                place = u - depth * pupil[0, t, s]
-        views[t, s] = texture(u - depth * pupil[0, t, s], v - depth * pupil[1, t, s])
+        along, down = pupil[:, t, s]
+        if not callable(disparity):
+            views[t, s] = texture.grid(u - disparity * along, v - disparity * down)
+            continue
+        place = u
+        for _ in range(40):
+            place = u - disparity(place) * along
+        views[t, s] = texture(place, v[:, None] - disparity(place) * down)
     return views
 
 
@@ -78,11 +86,12 @@ def predicted_sigma(texture, disparity, pupil, lit, shape, electrons, read, wind
     The derivative of each view by B is taken numerically at the texture's own places (what the window follows), and the
     values' nuisance is removed by Schur's complement.
     """
-    v, u = np.indices(shape).astype(float)
-    weight = electrons / (texture(u, v) + read**2 / electrons)
+    v, u = np.arange(float(shape[0])), np.arange(float(shape[1]))
+    weight = electrons / (texture.grid(u, v) + read**2 / electrons)
     step, first, second, count = 1e-4, 0.0, 0.0, 0
     for along, down in pupil[:, lit].T:
-        slope = (texture(u - step * along, v - step * down) - texture(u + step * along, v + step * down)) / (2 * step)
+        before, after = (texture.grid(u - b * along, v - b * down) for b in (-step, step))
+        slope = (after - before) / (2 * step)
         first, second, count = first + slope, second + slope**2, count + 1
     information = weight * (second - first**2 / count)
     return 1 / np.sqrt(ndimage.uniform_filter(information, window, mode="constant") * window**2)
