@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -28,6 +28,10 @@ _BEND = 0.05
 """Least distance between straight and bent lattice that a bend is worth [px]."""
 _OFF = 0.1
 """Distance from their lattice that the centres of a neighbourhood may share [px]: more is told."""
+_DARK_SCENE = 0.1
+"""Light against that of a scene's bright parts under which its texture is not divided off."""
+_OTHER_PITCH = 0.05
+"""Share by which a pitch found in a scene may differ from the expected one."""
 _MOST_CUT, _LEAST_USED = 0.05, 0.5
 """Share of the lenses cut where the design has none, and of the lit lenses used, beyond which it is told."""
 
@@ -135,6 +139,51 @@ def find_centres(
     for _ in range(1 if found.lattice.bend is None else 2):
         found = _fitted(frame, raw, level, undistorted_radius, found.lattice)
     return found
+
+
+def find_centres_in_scene(
+    raw: ArrayLike, dark: ArrayLike | None = None, *, layout: Layout, pitch: float
+) -> MicrolensCentres:
+    """Centres of the microlens images in a picture of a scene, where there is no white image.
+
+    What the scene has over more than a microlens image is divided off; what is left of it within each draws the
+    centroids, and the lattice averages over them. Good for views and pictures, not for a calibration: a scene that
+    sends its light to one side of all microlens images moves all centres alike, which nothing shows.
+
+    Parameters
+    ----------
+    raw, dark : array_like
+        Picture and, optionally, a frame without light, shape (rows, columns).
+    layout : {"square", "hexagonal"}
+        As designed: a scene has periods of its own.
+    pitch : float
+        Of the microlens images, as designed [px].
+
+    Raises
+    ------
+    CalibrationError
+        As `find_centres`; the lattice has another pitch.
+    """
+    from scipy.ndimage import uniform_filter
+
+    frame = grey_frame(raw, dark, "raw image")
+    refuse_saturated(np.asarray(raw), "raw image", _MOST_CUT)
+    size = max(round(pitch), 3)
+    around = uniform_filter(uniform_filter(frame, size), size)
+    least = _DARK_SCENE * float(np.quantile(around.ravel()[:: 1 + frame.size // 500_000], 0.9))
+    even = frame / np.maximum(around, max(least, 1e-30))
+    try:
+        found = find_centres(even, layout=layout, pitch=pitch)
+    except CalibrationError as error:
+        said = str(error).replace("white image", "raw image")
+        raise CalibrationError(f"{said}; give a white image, or the design of this camera") from None
+    if abs(found.lattice.pitch / pitch - 1) > _OTHER_PITCH:
+        raise CalibrationError(
+            f"microlens images of {pitch:.4g} px pitch, as designed, are not seen in the raw image, but something of"
+            f" {found.lattice.pitch:.4g} px; give a white image, or the design of this camera"
+        )
+    drawn = f"centres come from the scene itself, whose texture draws them by {found.rms:.2g} px rms each"
+    return replace(found, warnings=(drawn,))
 
 
 def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattice: CentreLattice) -> MicrolensCentres:

@@ -89,7 +89,7 @@ def _in_order(path: Path) -> list[str]:
 def read_image(path: Path) -> Image:
     """Pixels of a TIFF or PNG as they are stored, shape (rows, columns) or (rows, columns, channels).
 
-    Whole numbers that `roslf render` wrote come back as the intensities they stand for: its full scale is that of the
+    Whole numbers that `roslf` wrote come back as the intensities they stand for: its full scale is that of the
     picture, and no sensor's saturation.
 
     Raises
@@ -97,6 +97,11 @@ def read_image(path: Path) -> Image:
     CalibrationError
         Naming the file, where it is no image that can be read.
     """
+    return read_image_and_notes(path)[0]
+
+
+def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
+    """Pixels as `read_image` has them, and what `roslf` noted in the file; errors as there."""
     try:
         pixels, note = read_pixels(path, path.name)
     except InputError as error:
@@ -104,12 +109,15 @@ def read_image(path: Path) -> Image:
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
         raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
     try:
-        scale = json.loads(note).get("full_scale") if '"full_scale"' in note else None
-    except (ValueError, AttributeError, RecursionError):
-        scale = None
+        notes = json.loads(note) if '"full_scale"' in note else {}
+    except (ValueError, RecursionError):
+        notes = {}
+    if not isinstance(notes, dict):
+        notes = {}
+    scale = notes.get("full_scale")
     if isinstance(scale, (int, float)) and 0 < scale < np.finfo(np.float32).max and pixels.dtype.kind == "u":
-        return (pixels * np.float32(scale / 65535)).astype(np.float32)
-    return pixels
+        return (pixels * np.float32(scale / 65535)).astype(np.float32), notes
+    return pixels, notes
 
 
 def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:

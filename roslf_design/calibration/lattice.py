@@ -206,7 +206,7 @@ def estimate_lattice(
     CalibrationError
         If no lattice with a period from 4.2 to 110 px is seen, or not the one expected.
     """
-    crop, corner = _lit_part(image)
+    crop, corner = lit_part(image)
     frequency = None
     if pitch is not None:
         frequency = 1 / pitch if layout == "square" else 2 / math.sqrt(3) / pitch
@@ -221,7 +221,7 @@ def estimate_lattice(
     return lattice.at(lattice.nodes(*np.round(middle)))
 
 
-def _lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
+def lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
     """The part of an image that holds microlens images, at most 1024 px a side, and where its first pixel is (x, y).
 
     It is told by contrast, which neither a pedestal nor a glow has, and reaches as far about its mean as a rectangle of
@@ -249,15 +249,21 @@ def _lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
     return np.asarray(image[top:bottom, left:right], float), np.array([left, top], float)
 
 
-def _spectral_peaks(crop: Array, expected: float | None) -> Array:
-    """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
+def amplitude_spectrum(crop: Array) -> Array:
+    """Amplitude of each frequency of a part of an image, as `np.fft.fft2` orders them; slow changes taken off."""
     rows, columns = crop.shape
     y, x = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
     # A quadratic surface off: vignetting would leak into the lowest frequencies.
     along_x, along_y = (np.linalg.qr(np.polynomial.legendre.legvander(axis, 2))[0] for axis in (x, y))
     flat = crop - along_y @ (along_y.T @ crop @ along_x) @ along_x.T
     window = np.cos(x * (math.pi / 2)) ** 2 * np.cos(y * (math.pi / 2))[:, None] ** 2
-    amplitude = np.abs(np.fft.fft2(flat * window))
+    return np.asarray(np.abs(np.fft.fft2(flat * window)))
+
+
+def _spectral_peaks(crop: Array, expected: float | None) -> Array:
+    """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
+    rows, columns = crop.shape
+    amplitude = amplitude_spectrum(crop)
     radius = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)[None, :])
     amplitude = np.where((radius >= 1 / _PERIODS[1]) & (radius <= 1 / _PERIODS[0]), amplitude, 0.0)
     strongest = float(amplitude.max())

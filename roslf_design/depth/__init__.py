@@ -1,0 +1,1 @@
+"""Depth from decoded light fields, and the files that hold them."""
