@@ -183,7 +183,7 @@ def _parameters(path: Path) -> tuple[CameraGrid | None, int]:
 def view_files(field: LightField) -> dict[str, bytes]:
     """Views as 16-bit PNG files by name, one scale for all, 0 where nothing was measured; `read_views` reads them back.
 
-    Views without any light are left out.
+    Views without any light are left out. What interpolation at sharp edges leaves below 0 becomes nearly 0.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo

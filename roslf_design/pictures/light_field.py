@@ -29,7 +29,7 @@ _CELLS = 7.0
 
 def lattice_overlay(raw: Pixels, centres: MicrolensCentres) -> Picture:
     """Draw the fitted microlens centres on the raw image, at its centre, edge and corner, as large as can be read."""
-    side, gap = 320.0, 62.0
+    side, gap = 310.0, 68.0
     pitch = centres.lattice.pitch
     rows, columns = raw.shape
     places, reasons = centres.centres, centres.reasons
@@ -44,10 +44,10 @@ def lattice_overlay(raw: Pixels, centres: MicrolensCentres) -> Picture:
     boxes = [
         Area(*_square(at, half), "none", edge="vermillion", width=1.8) for at in frames
     ]  # fmt: skip
-    panels = [_shown(raw, (48.0, 26.0, columns * scale, rows * scale), "raw image", marks=boxes)]
+    panels = [_shown(raw, (64.0, 26.0, columns * scale, rows * scale), "raw image", marks=boxes)]
     colours = {int(reason): MANY[(5, 4, 0, 6, 2, 1, 3)[reason]] for reason in np.unique(reasons)}
     for number, (name, at) in enumerate(zip(zooms, frames, strict=True), 1):
-        box = (48.0 + (side + gap) * (number % 2), 26.0 + (side + gap) * (number // 2), side, side)
+        box = (64.0 + (side + gap) * (number % 2), 26.0 + (side + gap) * (number // 2), side, side)
         left, top = (max(int(v - half), 0) for v in at)
         crop = raw[top : int(at[1] + half) + 2, left : int(at[0] + half) + 2]
         near = (np.abs(places - at) <= half).all(axis=1)
@@ -146,7 +146,7 @@ def centre_view(field: LightField, row: int, units: Units) -> Picture:
     at = float(field.v[row])
     ends = (float(field.u[0]), float(field.u[-1]))
     marks = (Line(ends, (at, at), "vermillion", 1.6, "7 4"),)
-    panel = _picture_of(field, field.view(), field.view_weight(), (PAGE - 74.0, 620.0), units, marks)
+    panel = _picture_of(field, field.view(), field.view_weight(), (PAGE - 80.0, 620.0), units, marks)
     keys = [line_key("row of the epipolar-plane image", "vermillion", 1.6, "7 4")]
     foot = panel.bottom + 44
     size = (PAGE, foot + legend_height(keys, PAGE - 28))
@@ -157,13 +157,13 @@ def centre_view(field: LightField, row: int, units: Units) -> Picture:
 def refocus_sheet(field: LightField, stack: Sequence[FocusPlane], units: Units) -> Picture:
     """Draw a stack of refocused pictures, far ones first, each under its distance and disparity."""
     columns = 2 if len(stack) > 1 else 1
-    room = ((PAGE - 20) / columns - 66, 420.0)
+    room = ((PAGE - 12) / columns - 74, 420.0)
     panels: list[Panel] = []
     top, lowest = 28.0, 0.0
     for number, plane in enumerate(stack):
         if number and number % columns == 0:
             top = lowest + 66
-        left = 54 + (PAGE - 20) / columns * (number % columns)
+        left = 64 + (PAGE - 12) / columns * (number % columns)
         panels.append(
             _picture_of(field, plane.values, plane.weight, room, units, (), plane_name(plane, units), (left, top))
         )
@@ -213,7 +213,7 @@ def _picture_of(
     units: Units,
     marks: Sequence[Mark] = (),
     title: str = "",
-    at: tuple[float, float] = (58.0, 14.0),
+    at: tuple[float, float] = (64.0, 14.0),
 ) -> Panel:
     """A view, or a picture of a view's size, as large as there is room."""
     du, dv = (float(axis[1] - axis[0]) if len(axis) > 1 else 1.0 for axis in (field.u, field.v))

@@ -20,7 +20,8 @@ CAPTIONS = {
     ),
     "centre-view": (
         "The view through the middle of the pupil",
-        "One sample of every microlens. It lies as on the sensor, nothing turned; white where nothing was measured.",
+        "The light through the middle of the pupil, as it lies in the image, nothing turned; white where nothing was"
+        " measured.",
     ),
     "views": (
         "All views",
@@ -64,8 +65,8 @@ def statements(result: Decoded) -> Iterator[Statement]:
         left = f" (left out: {', '.join(counts)})" if counts else ""
         said = (
             f"A {lattice.layout} lattice, {number(lattice.pitch)} px apart, turned by"
-            f" {number(1e3 * lattice.rotation, 3, zero=1e-3)} mrad; {used} of {len(centres.indices)} microlenses say where it lies{left}, each to"
-            f" {centres.rms:.2g} px rms."
+            f" {number(1e3 * lattice.rotation, 3, zero=1e-3)} mrad; {used} of {len(centres.indices)} microlenses say"
+            f" where it lies{left}, each to {centres.rms:.2g} px rms."
         )
         yield Statement("good" if result.raw.white else "caution", said)
     wide, tall = len(field.s), len(field.t)
