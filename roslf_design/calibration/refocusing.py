@@ -107,7 +107,7 @@ def sharp_disparities(field: LightField, planes: int = PLANES) -> Array:
     most = min(_FARTHEST, max(min(len(field.u), len(field.v)) / 4, _STEP))
     steps = math.ceil(most / _STEP)
     tried = _STEP * np.arange(-steps, steps + 1.0)
-    every = max(1, round(max(len(field.s), len(field.t)) / _VIEWS))
+    every = math.ceil(max(len(field.s), len(field.t)) / _VIEWS)
     sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
     votes = sharpness.max(axis=0) - np.median(sharpness, axis=0)
     low, high = -2 * _STEP, 2 * _STEP
