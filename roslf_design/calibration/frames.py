@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
 Image = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".png")
+_LARGEST = 1e30
+"""Grey level that none reaches; sums of it stay within a float's range."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
 
 
@@ -131,13 +133,13 @@ def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str
     if image is None:
         raise CalibrationError(f"the {name} is missing: give one frame of the same camera setting")
     pixels = np.asarray(image)
-    if pixels.ndim == 3:
-        pixels = pixels.mean(axis=2)
-    if pixels.ndim != 2 or min(pixels.shape) < 8 or pixels.dtype.kind not in "buif":
-        raise CalibrationError(f"the {name} is no image: array of shape {pixels.shape} and type {pixels.dtype}")
-    frame = np.ascontiguousarray(pixels, np.float32)
-    if not np.isfinite(frame).all():
-        raise CalibrationError(f"the {name} has pixels that are not finite numbers")
+    shape = pixels.shape
+    if pixels.ndim not in (2, 3) or min(shape[:2]) < 8 or pixels.size == 0 or pixels.dtype.kind not in "buif":
+        raise CalibrationError(f"the {name} is no image: array of shape {shape} and type {pixels.dtype}")
+    if not (float(pixels.min()) > -_LARGEST and float(pixels.max()) < _LARGEST):
+        raise CalibrationError(f"the {name} has pixels that are not finite numbers, or larger than any sensor's")
+    grey = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
+    frame = np.ascontiguousarray(grey, np.float32)
     if dark is not None:
         same_size(name, frame.shape, "dark frame", np.shape(dark))
         frame = frame - grey_frame(dark, None, "dark frame")

@@ -43,6 +43,8 @@ from .terminal import (
 )
 
 CALIBRATED = "calibrated.toml"
+_OTHER_CAMERA = 0.02
+"""Share by which the pitch of the microlens images may be off the design's before it is told."""
 
 
 def decode(
@@ -179,6 +181,12 @@ def decoded(
             distances = CameraDistances(Camera.of(camera))
         field, raw = _from_raw(image, white, dark, camera, progress)
         warnings += raw.centres.warnings
+        designed = None if camera is None else calibration.image_pitch(camera)
+        if designed is not None and abs(field.pitch / designed - 1) > _OTHER_CAMERA:
+            warnings.append(
+                f"microlens images are {field.pitch:.4g} px apart, and {designed:.4g} px by {source}: distances are"
+                " right only if it describes this camera"
+            )
     chosen = None if focus is None else _disparities(focus, field, distances)
     if row is not None and not 0 <= row < len(field.v):
         raise refusal("--row", f"{row} is none of the views' rows; give 0 to {len(field.v) - 1}")
@@ -265,7 +273,9 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
                 raise refusal("--focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
             slope = distances.slope(away) if away > 0 else math.nan
             if not math.isclose(distances.distance(slope), away, rel_tol=1e-6):
-                raise refusal("--focus", f'"{text}" lies where the camera sees nothing') from None
+                raise refusal(
+                    "--focus", f'"{text}" lies where the camera sees nothing; give one in front of it'
+                ) from None
             value = -slope * field.pitch
         reach = max(len(field.u), len(field.v))
         if not abs(value) <= reach:

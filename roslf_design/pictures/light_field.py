@@ -177,7 +177,7 @@ def plane_name(plane: FocusPlane, units: Units) -> str:
     return disparity if plane.distance is None else f"{plane.distance:.4g} mm ({disparity})"
 
 
-def epipolar_plane(field: LightField, row: int, units: Units) -> Picture:
+def epi_image(field: LightField, row: int, units: Units) -> Picture:
     """Draw one row through all views along s: what slants to the left downwards is nearer than the focal plane."""
     t = int(np.abs(field.t).argmin())
     values = _measured(field.values[t, :, row], field.weight[t, :, row])

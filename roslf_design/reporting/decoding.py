@@ -51,7 +51,7 @@ def decoding_pictures(result: Decoded) -> dict[str, Picture]:
         "centre-view": pictures.centre_view(result.field, result.row, result.units),
         "views": pictures.views_sheet(result.field, result.units),
         "refocus": pictures.refocus_sheet(result.field, result.stack, result.units),
-        "epi": pictures.epipolar_plane(result.field, result.row, result.units),
+        "epi": pictures.epi_image(result.field, result.row, result.units),
     }
 
 

@@ -157,6 +157,11 @@ def test_without_a_white_image_a_design_helps(capsys, captured, tmp_path):
     assert "centres come from the scene itself" in data["warnings"][0]
 
 
+def test_the_design_of_another_camera_is_told(captured):
+    result = roslf.decode(captured / "raw.tif", captured / "white.tif", design="ear-speculum", focus=["0"])
+    assert any("distances are right only if it describes this camera" in warning for warning in result.warnings)
+
+
 def test_no_lattice_leaves_a_picture_of_what_was_seen(capsys, captured, tmp_path):
     noise = np.random.default_rng(0).normal(500, 5, (280, 420)).astype(np.float32)
     tifffile.imwrite(tmp_path / "noise.tif", noise)
@@ -183,6 +188,7 @@ def test_no_lattice_leaves_a_picture_of_what_was_seen(capsys, captured, tmp_path
         (["raw.tif"], "--white: is missing"),
         (["none.tif", "--design", "paper"], "none.tif: no such file"),
         (["junk.tif", "--design", "paper"], "junk.tif: cannot be read as an image"),
+        (["huge.tif", "--design", "paper"], "huge.tif: the picture has pixels that are not finite"),
         (["raw.tif", "--white", "small.tif"], "differ in size (420 x 280 px and 40 x 30 px)"),
         (["raw.tif", "--white", "white.tif", "--dark", "small.tif"], "dark frame small.tif differ in size"),
         (["raw.tif", "--white", "."], "is a folder; name the file inside it"),
@@ -205,6 +211,7 @@ def test_what_cannot_be_had_is_one_line_and_nothing_written(capsys, captured, tm
     (tmp_path / "junk.tif").write_text("junk")
     (tmp_path / "views").mkdir()
     tifffile.imwrite(tmp_path / "small.tif", np.zeros((30, 40), np.float32))
+    tifffile.imwrite(tmp_path / "huge.tif", np.full((30, 40), 1e300))
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
     code, printed, err = run(capsys, "decode", *arguments, *(["-o", "out"] if "-o" not in arguments else []))
