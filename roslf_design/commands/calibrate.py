@@ -189,7 +189,7 @@ def calibrate(
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
         used = result.used_in
-        files["calibrated.toml"] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
+        files[pages.CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}

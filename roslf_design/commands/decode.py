@@ -25,7 +25,7 @@ from ..errors import InputError, Problem
 from ..pictures.light_field import contrast
 from ..pictures.svg import file_of
 from ..reporting import decoding as pages
-from ..reporting.calibration import read_calibration
+from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html
 from ..tables import plain_text
 from ..units import parse_quantity
@@ -42,7 +42,6 @@ from .terminal import (
     write_files,
 )
 
-CALIBRATED = "calibrated.toml"
 _OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's before it is told."""
 

@@ -157,6 +157,32 @@ def test_without_a_white_image_a_design_helps(capsys, captured, tmp_path):
     assert "centres come from the scene itself" in data["warnings"][0]
 
 
+def test_the_camera_as_calibrated_names_the_planes(captured, tmp_path):
+    row = {
+        "estimate": 1.5,
+        "unit": "",
+        "sigma": 0.1,
+        "interval_68": [1, 2],
+        "interval_95": [1, 2],
+        "variance_shares": {},
+    }
+    data = {"schema": "roslf.calibration/1", "design": "x", "quantities": {"H": row, "d_3": row}}
+    (tmp_path / "calibration.json").write_text(json.dumps(data))
+    roslf.save(roslf.load("paper").replace(d_3=110.0), tmp_path / "calibrated.toml")
+    images = captured / "raw.tif", captured / "white.tif"
+    found = roslf.decode(*images, calibration=tmp_path, focus=["-3"])
+    assert found.distances_from == "the calibration"
+    by_design = roslf.decode(*images, design="paper", focus=["-3"])
+    # Eq. 12: A/Z_F = m - slope d_2 d/(q A), with A = f + m (f - d_3).
+    for result, d_3 in ((found, 110.0), (by_design, 120.0)):
+        A, m, (plane,) = 100 + 0.4 * (100 - d_3), 0.4, result.stack
+        expected = d_3 + A / (m - plane.slope * 2 * 0.063 / (0.004847826 * A))
+        assert plane.distance == pytest.approx(expected, rel=1e-6)
+    (tmp_path / "calibrated.toml").unlink()
+    with pytest.raises(roslf.InputError, match="no such file"):
+        roslf.decode(*images, calibration=tmp_path)
+
+
 def test_the_design_of_another_camera_is_told(captured):
     result = roslf.decode(captured / "raw.tif", captured / "white.tif", design="ear-speculum", focus=["0"])
     assert any("distances are right only if it describes this camera" in warning for warning in result.warnings)
