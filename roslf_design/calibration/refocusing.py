@@ -21,6 +21,9 @@ _VIEWS = 7
 """Views along an axis that this takes."""
 _TILES = 12
 """Parts of the picture along an axis, each with a depth of its own."""
+_STANDS_OUT, _FAINT = 0.5, 0.005
+"""For a part of the picture to have a say: by how much its gradients are stronger where they are strongest than they
+mostly are, and their least share of the values."""
 _SHARE = 0.03
 """Of what is sharp somewhere, left out at either end: strays."""
 
@@ -109,15 +112,22 @@ def sharp_disparities(field: LightField, planes: int = PLANES) -> Array:
     tried = _STEP * np.arange(-steps, steps + 1.0)
     every = math.ceil(max(len(field.s), len(field.t)) / _VIEWS)
     sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
-    votes = sharpness.max(axis=0) - np.median(sharpness, axis=0)
+    mostly = np.median(sharpness, axis=0)
+    votes = sharpness.max(axis=0) - mostly
+    votes[(votes < _STANDS_OUT * mostly) | (sharpness.max(axis=0) < _FAINT**2 * _power(field))] = 0
     low, high = -2 * _STEP, 2 * _STEP
-    if votes.sum() > 1e-9 * sharpness.sum() and votes.sum() > 0:
+    if votes.sum() > 0:
         best = tried[sharpness.argmax(axis=0)]
         order = np.argsort(best, kind="stable")
         share = np.cumsum(votes[order]) / votes.sum()
         low, high = (float(best[order][np.searchsorted(share, at)]) for at in (_SHARE, 1 - _SHARE))
         low, high = low - _STEP, high + _STEP
     return np.linspace(low, high, planes)
+
+
+def _power(field: LightField) -> Array:
+    """Sum of squared values in each part of the middle view, shape (parts,)."""
+    return _in_parts(np.square(field.view(), dtype=float) * (field.view_weight() > 0))
 
 
 def _sharpness(values: Samples, weight: Samples) -> Array:
@@ -127,6 +137,11 @@ def _sharpness(values: Samples, weight: Samples) -> Array:
     across, down = (np.square(np.diff(values, axis=axis)) for axis in (1, 0))
     power[:, 1:] += across * (held[:, 1:] & held[:, :-1])
     power[1:] += down * (held[1:] & held[:-1])
+    return _in_parts(power)
+
+
+def _in_parts(power: Array) -> Array:
+    """Sums over the parts of a picture."""
     for axis in (0, 1):
         tiles = min(_TILES, power.shape[axis])
         power = np.add.reduceat(power, np.arange(tiles) * power.shape[axis] // tiles, axis)

@@ -83,9 +83,9 @@ def test_the_stack_spans_what_is_sharp_somewhere_near_planes_last():
     assert all(plane.slope == pytest.approx(-plane.disparity / 7) for plane in stack)
 
 
-@pytest.mark.parametrize("level", [0.0, 5.0])
-def test_without_texture_the_stack_lies_about_the_focal_plane(level):
-    found = sharp_disparities(field_of(lambda s, t, u, v: level + 0 * u))
+@pytest.mark.parametrize(("level", "shading"), [(0.0, 0.0), (5.0, 0.0), (5.0, 1e-3)])
+def test_without_texture_the_stack_lies_about_the_focal_plane(level, shading):
+    found = sharp_disparities(field_of(lambda s, t, u, v: level * (1 + shading * s * t * np.sin(u + v)), size=(60, 80)))
     np.testing.assert_allclose(found, -found[::-1])
     assert np.isfinite(found).all()
 
