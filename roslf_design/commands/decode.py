@@ -224,7 +224,7 @@ def _from_raw(
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
-                same_size(image.name, pixels.shape, f"{name} {path.name if path else ''}", other.shape)
+                same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
         frame = grey_frame(pixels, black, image.name)
     except CalibrationError as error:
         raise InputError((Problem("", str(error)),)) from None
