@@ -131,8 +131,9 @@ class Trial:
     def compared(self) -> Flags:
         """Where every exposure gave a depth and there is a truth, away from the edge; shape (v, u)."""
         half = self.first.disparities.window // 2
-        inside = np.zeros(self.true.shape, bool)
-        inside[half : inside.shape[0] - half, half : inside.shape[1] - half] = True
+        rows, columns = self.true.shape
+        inside = np.zeros((rows, columns), bool)
+        inside[half : rows - half, half : columns - half] = True
         return np.asarray(inside & np.isfinite(self.true) & np.all([run.measured for run in self.runs], axis=0))
 
     @property
@@ -149,7 +150,7 @@ class Trial:
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
-            spread = math.sqrt(float((own**2).sum()) * len(self.runs) / (len(self.runs) - 1) / own.size)
+            spread = float(np.sqrt((own**2).mean() * len(self.runs) / (len(self.runs) - 1)))
         else:
             spread = float(errors.std())
         here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
