@@ -29,6 +29,7 @@ from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
 
+MOST_JOBS = 10_000
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 accuracy = App(
@@ -79,7 +80,8 @@ def diagrams(
         Of random methods and jobs.
     """
     check_accuracy(accuracy)
-    check_options(seed, None, *([Problem("--jobs", "must not be negative")] if jobs < 0 else []))
+    of_jobs = f"{jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
+    check_options(seed, None, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
     if quantity is not None:
         check_quantity(quantity)
     loaded = load(design)

@@ -55,6 +55,7 @@ def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
         (["paper", "--accuracy", "0"], "--accuracy"),
         (["paper", "--quantity", "brightness"], "kept fraction"),
         (["paper", "--jobs", "-1"], "--jobs"),
+        (["paper", "--jobs", "100000000"], "whole number from 0 to 10000"),
         (["paper", "--field", "far"], "--field"),
         (["paper", "--quantity", "real lens", "--field", "0"], "real lens of the design's own"),
         (["nowhere.toml"], "nowhere.toml"),
