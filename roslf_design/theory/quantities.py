@@ -49,8 +49,8 @@ class Quantity:
     worst: Callable[[Array], Array] | None = None
     """Of several values (one a rim) the one that counts."""
     monotone: bool = True
-    """Whether `of` rises or falls in each single design length throughout, the others held, f excepted where
-    `bent_in_f`: its extremes over a box then lie at corners."""
+    """Whether `of` rises or falls in each single design length throughout, also beyond d_3 = d_f, the others held, f
+    excepted where `bent_in_f`: its extremes over a box then lie at corners."""
     bent_in_f: bool = False
     signed: Callable[[Camera, Depth], Array] | None = None
     """Of the magnitude of something of either sign: that something."""
