@@ -93,6 +93,8 @@ def diagrams(
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
     if quantity in unfit:
         raise InputError((Problem("--quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
+    if wanted and len(unfit) == len(wanted):
+        raise InputError((Problem("", f"nothing can be had of it: {next(iter(unfit.values()))}"),), design)
     left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
     if not loaded.aligned:
         left_out.append("Tilts are left out: jobs are of straight cameras.")
