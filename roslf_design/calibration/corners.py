@@ -519,7 +519,7 @@ def _fit(
         if covered < 0.6 * whole or high <= low:
             continue
         p[5] = 0.5 * (low + high)
-        # The sign of the contrast: the model against the picture at the start. Of the other sign the misfit is known, too.
+        # The sign of the contrast: the model against the picture at the start; one misfit tells that of both.
         p[8] = 0.5 * (high - low)
         cost = _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g)
         if 4.0 * p[8] * (g[8] + p[8] * H[8, 8]) <= 0.0:
