@@ -39,7 +39,7 @@ def test_white_image_against_huygens_quadrature():
     pitch = 0.062726086956521737
     area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (
-        huygens.square_images(seen, PUPIL, axis, axis, pitch * np.arange(-n, n + 1), 160 + 8 * n) * area
+        huygens.square_images(seen, PUPIL, axis, axis, pitch * np.arange(-n, n + 1), 60 + 12 * n) * area
         for n in (8, 16)
     )
     truth = 2 * far - near
@@ -96,7 +96,7 @@ def test_white_image_of_a_hexagonal_array_against_huygens_quadrature(f_ml):
             (np.append(steps, n + 1) - 0.5, np.append(rows, rows[-1] + np.sqrt(3)) - np.sqrt(3) / 2),
         ]
         return sum(
-            huygens.square_images(seen, PUPIL, axis, axis, pitch * across, 180 + 12 * n, pitch * along)
+            huygens.square_images(seen, PUPIL, axis, axis, pitch * across, 60 + 12 * n, pitch * along)
             for across, along in grids
         )
 
@@ -317,7 +317,7 @@ def test_tails_where_the_array_ends_are_as_wide_as_was_asked(asked):
     x, y = (c[::6] - at for c, at in zip(pixel_centres(seen, region), last, strict=True))
     area = np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (
-        huygens.square_images(seen, pupil, x, y, 0.062726086956521737 * np.arange(-n, 1), 160 + 8 * n) * area
+        huygens.square_images(seen, pupil, x, y, 0.062726086956521737 * np.arange(-n, 1), 60 + 12 * n) * area
         for n in (8, 16)
     )
     assert np.abs(image - (2 * far - near)).max() < asked
