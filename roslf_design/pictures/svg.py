@@ -75,8 +75,7 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
     is seen, in one sentence, for those who cannot see it.
     """
     width, height = size
-    # What no identifier may have is told by its code: spaces and brackets would end the reference to one.
-    start = re.sub(r"[^\w-]", lambda match: f".{ord(match[0]):x}.", name)
+    start = _identifier(name)
     body = "".join(_panel(panel, theme, f"{start}-{number}") for number, panel in enumerate(panels))
     return tag(
         "svg",
@@ -87,6 +86,11 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
         role="img", aria_labelledby=f"{start}-title", data_testid=f"picture-{name}", font_family=FONT,
         font_size=PLAIN,
     )  # fmt: skip
+
+
+def _identifier(name: str) -> str:
+    """What no identifier may have is told by its code: spaces and brackets would end the reference to one."""
+    return re.sub(r"[^\w-]", lambda match: f"_{ord(match[0]):x}_", name)
 
 
 def file_of(content: str | bytes) -> bytes:
@@ -150,7 +154,7 @@ def _again(element: ElementTree.Element, name: str, depth: int) -> str:
         raise ValueError(f"holds <{kind}>")
     if depth == 0:
         raise ValueError(f"holds elements more than {DEEPEST} deep")
-    own = {"href": PIXELS, "style": re.compile(PIXELATED), "id": re.compile(f"{re.escape(name)}[\\w-]*")}
+    own = {"href": PIXELS, "style": re.compile(PIXELATED), "id": re.compile(f"{_identifier(name)}[\\w-]*")}
     for key, value in element.attrib.items():
         if key not in DRAWN[kind].split() or not own.get(key, HARMLESS).fullmatch(value):
             raise ValueError(f'holds {key}="{value[:60]}" on <{kind}>')
