@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.design import DesignError
 from roslf_design.effects import Budget, plan
 from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
@@ -142,13 +141,6 @@ def test_brightness_falls_off_with_the_angle_at_the_fap():
     truth = float(near[1] - near[0])
     slope = 4 * Tracer.of(design, plan(design, overrides=["+cos4"]), WHITE_FIELD).falloff
     assert abs(slope) == pytest.approx(abs(truth), rel=1e-9)
-
-
-@pytest.mark.parametrize("what", [{"elements": [WINDOW]}, {"sensor.cover": {"thickness": 0.4, "material": "N-BK7"}}])
-def test_a_real_main_lens_with_elements_is_refused(what):
-    real = roslf.load("paper-singlet").replace({"aperture.distance": 117.0})
-    with pytest.raises(DesignError, match=r"main_lens.prescription: a real main lens is not traced together with"):
-        real.replace(what)
 
 
 GLASS = {"kind": "plate", "distance": 37.5, "thickness": 22.5, "material": {"index": 1.7, "abbe": 30.0}}
