@@ -212,9 +212,6 @@ def test_exact_pictures_are_textures_met_by_snells_law():
     assert np.abs(off - seen).max() > 0.02
 
 
-def test_points_by_snells_law_are_refused_with_a_remedy():
-    scene = Scene(objects=(Points(positions=((12.0, 0.0, 330.0),)),))
-    with pytest.raises(InputError, match=r"elements by Snell's law are not rendered; add --effects -plate_aberration"):
-        render(IN_WATER, scene, region=(0, 0, 8, 8))
+def test_window_aberrations_need_a_window():
     with pytest.raises(InputError, match=r"plate_aberration needs something before the main lens"):
         plan(PAPER, overrides=["+plate_aberration"])
