@@ -113,7 +113,7 @@ def test_rays_and_waves_put_a_point_behind_thick_glass_at_the_same_place():
     on = ["none", "+overlap", "+object_defocus", "+finite_microlens_aperture", "+decentres", "+vignetting"]
     exact = [*on, "+plate_aberration"]
     rays, waves = (
-        render(design, scene, Budget(intensity=0.05), overrides=how).pixels
+        render(design, scene, budget=Budget(intensity=0.05), overrides=how).pixels
         for how in (exact, [*exact, "+fap_diffraction", "+microlens_diffraction"])
     )
     x = (np.arange(rays.shape[1]) + 0.5) * design.q
