@@ -161,12 +161,6 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
     spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
-    if design.main_lens.prescription is not None:
-        places = ("sensor.cover", design.sensor.cover), ("microlens_array.substrate", design.microlens_array.substrate)
-        beside = [*(["elements"] if spans else []), *(place for place, plate in places if plate is not None)]
-        if beside:
-            message = f"a real main lens is not traced together with {', '.join(beside)}; drop one or the other"
-            problems.append(Problem("main_lens.prescription", message))
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (

@@ -267,7 +267,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> Re
         front_principal_mm=constants.front_principal,
         rear_principal_mm=constants.rear_principal,
         first_vertex_to_fap_mm=-camera.fap.z,
-        last_vertex_to_mla_mm=camera.array.z - camera.lens.length,
+        last_vertex_to_mla_mm=constants.rear_principal + design.d_1 - camera.lens.length,
         x0_max_mm=x0,
         x_ml_max_mm=x_ml,
         thin_x_ml_max_mm=thin.x_ml_max_mm,
@@ -289,7 +289,8 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
         return ()
     traced = real_field(design, axes)
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
-    cone = design.D_F / float(Camera.of(design).A) / design.d
+    twin = Camera.of(design)
+    cone = float(twin.D_F / twin.A) / design.d
     seen = maps.status == KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),
