@@ -1,6 +1,7 @@
 """Exact rays before the main lens, against Snell's law and ray equations in mpmath."""
 
 import math
+from pathlib import Path
 
 import mpmath as mp
 import numpy as np
@@ -211,3 +212,20 @@ def test_rays_stage_by_stage_are_those_of_a_chain_cut_short():
         np.testing.assert_allclose(found.height, alone.height, rtol=0, atol=1e-13)
         np.testing.assert_allclose(found.slope, alone.slope, rtol=0, atol=1e-15)
     np.testing.assert_allclose(end.height, whole.rays(height, slope).height, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["upright", "tilted"])
+def test_plane_parallel_plates_are_optilands(name):
+    """Stored rays of Optiland 0.6.3, made by `oracles/optiland_plates.py`: three plates, two in contact, into water."""
+    stored = np.load(Path(__file__).parents[1] / "oracles/plate_rays.npz")
+    plates = ((30.0, 4.0, 1.5168), (60.0, 9.0, 1.7705), (69.0, 0.5, 1.4585))
+    first, *others = (
+        {"kind": "plate", "distance": at, "thickness": thickness, "material": {"index": index}}
+        for at, thickness, index in plates
+    )
+    tilt = (0.31, -0.22) if name == "tilted" else (0.0, 0.0)
+    camera = Camera.of(looking({**first, "tilt": tilt}, *others, medium=1.333))
+    found = FacesAhead.of(camera).rays(tuple(stored["height"]), tuple(-stored["slope"]))
+    assert not found.status.any()
+    np.testing.assert_allclose(found.slope, -stored[f"{name}_slope"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.height - 100 * found.slope, stored[f"{name}_end"], rtol=0, atol=1e-9)
