@@ -9,6 +9,7 @@ import numpy as np
 from ..camera import Camera, Number
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -92,7 +93,7 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale))
+    loss = _loss(s.x_ml * float(chief_slope(s.camera)))
     return Estimate(loss, f"{loss:.2%} darker {s.at}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +18,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
+from ..theory.light import chief_spread
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
@@ -244,7 +246,8 @@ class _Job:
                 x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                    slope = chief_spread(camera) * math.hypot(x, y) / (distance - camera.d_3)
+                    light *= float((1 + slope * slope) ** -2.0)
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
 
     @property

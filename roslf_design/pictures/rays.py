@@ -645,6 +645,10 @@ def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
         return [_block(x - THICK, x + THICK, -half, half, *GLASS, edge="sky", width=1.2)]
     if element.name in ("main lens", "MLA") or element.glass is not None:
         count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
+        if isinstance(element.glass, FieldLens) and element.glass.focal_length < 0:
+            up = np.linspace(-half, half, 25)
+            edge = 0.04 + 0.1 * (up / half) ** 2
+            return [Area([*(x - edge), *(x + edge)[::-1]], [*up, *up[::-1]], "sky", 0.6, "blue", 1.0)]
         turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
         middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
         xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)
