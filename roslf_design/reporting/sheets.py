@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..camera import Camera
+from ..design.elements import Prism
 from ..evaluation import default_fields
 from ..imaging.transfer import encircled
 from ..pictures.curves import depth_precision, matching_plane
@@ -47,6 +48,8 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
         if result.object_space is None
         else " Glass before the lens and about the array is light blue, where a ruler finds it; rays bend at its faces."
     )
+    if any(isinstance(element, Prism) and element.deviation for element in design.elements):
+        through += " Prisms are drawn unfolded; an arrow shows where one looks."
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
