@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -247,8 +246,8 @@ class _Job:
                 x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    slope = chief_spread(camera) * math.hypot(x, y) / (distance - camera.d_3)
-                    light *= float((1 + slope * slope) ** -2.0)
+                    away = (distance - camera.d_3) / chief_spread(camera)
+                    light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
 
     @property
