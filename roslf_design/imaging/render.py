@@ -17,6 +17,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
+from ..theory.light import chief_spread
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
@@ -237,7 +238,8 @@ class _Job:
                 x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                    away = (distance - camera.d_3) / chief_spread(camera)
+                    light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
                 place = (float(position[0]), float(position[1]), float(position[2])) if exact else None
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance, place)
 
