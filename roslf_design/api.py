@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 from .calibration import Outcome
 from .commands.calibrate import calibrated
+from .commands.decode import decoded
+from .depth.decoded import Decoded
 from .design import Design, load
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
@@ -211,6 +213,49 @@ def calibrate(
         d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
         distances=None if distances is None else Path(distances), use_in=use_in, sigma=sigma,
     )  # fmt: skip
+
+
+def decode(
+    image: str | Path,
+    white: str | Path | None = None,
+    *,
+    dark: str | Path | None = None,
+    design: str | Path | None = None,
+    calibration: str | Path | None = None,
+    focus: Iterable[str] | None = None,
+) -> Decoded:
+    """A light field with its refocus stack, from a raw image or from files of views.
+
+    Parameters
+    ----------
+    image : str or Path
+        A raw image; or decoded views: a folder of pictures, a .mat file of LFToolbox.
+    white, dark : str or Path, optional
+        White image and frame without light.
+    design : str or Path, optional
+        The camera; `calibration` instead is the folder that `roslf calibrate` wrote.
+    calibration : str or Path, optional
+    focus : iterable of str, optional
+        Distances ("320 mm") or disparities across the views ("1.5") to refocus to.
+
+    Returns
+    -------
+    Decoded
+        ``field`` is the light field, ``stack`` the refocused pictures.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        What cannot be read; an image without microlenses.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
+    """
+    bright, black, folder = (None if path is None else Path(path) for path in (white, dark, calibration))
+    camera = None if design is None else str(design)
+    return decoded(Path(image), bright, black, camera, folder, focus=None if focus is None else list(focus))
 
 
 def report(design: Design | str | Path) -> Report:

@@ -40,6 +40,7 @@ from ..reporting import calibration as pages
 from ..reporting.printers import render_html
 from ..tables import plain_text
 from ..toml_files import nearest, problems_of, read_toml
+from .failures import UnfinishedError, failure_files, what_there_was
 from .terminal import (
     Flag,
     OptionalOutput,
@@ -187,9 +188,7 @@ def calibrate(
     except CalibrationError as error:
         text = " ".join(str(error).split())
         if isinstance(error, UnfinishedError):
-            picture = what_was_seen(error.centres, error.views)
-            drawn = file_of(picture.svg(name="calibration-failed"))
-            write_files(output, {"failed.svg": drawn, "failed.png": picture.to_png()})
+            write_files(output, failure_files(error.picture))
             text += f" (what was seen: {output / 'failed.png'})"
         raise InputError((Problem("", text),), str(folder)) from None
     command = typed(
@@ -201,7 +200,7 @@ def calibrate(
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
         used = result.used_in
-        files["calibrated.toml"] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
+        files[pages.CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
     drawings = {}
@@ -220,14 +219,6 @@ def calibrate(
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
     print(f"\nWritten to {output}: {', '.join((*files, 'index.html'))}\n{seconds:.1f} s")
-
-
-class UnfinishedError(CalibrationError):
-    """A calibration that failed after images of the board were decoded; `views` are their central ones."""
-
-    def __init__(self, message: str, centres: MicrolensCentres, views: Mapping[str, Samples]) -> None:
-        super().__init__(message)
-        self.centres, self.views = centres, views
 
 
 def calibrated(
@@ -275,10 +266,14 @@ def calibrated(
         capture = calibration.read_capture(folder)
         status.tell("finding microlens centres")
         radius = calibration.undistorted_radius(loaded) or None
-        centres = calibration.find_centres(
-            capture.white, capture.dark, layout=loaded.microlens_array.layout,
-            pitch=calibration.image_pitch(loaded), undistorted_radius=radius,
-        )  # fmt: skip
+        pitch = calibration.image_pitch(loaded)
+        try:
+            centres = calibration.find_centres(
+                capture.white, capture.dark, layout=loaded.microlens_array.layout, pitch=pitch,
+                undistorted_radius=radius,
+            )  # fmt: skip
+        except CalibrationError as error:
+            raise UnfinishedError(str(error), what_there_was(capture.white, str(error), pitch)) from None
     views: dict[str, Samples] = {}
     try:
         with bar("boards", len(capture.boards)) as done:
@@ -314,7 +309,7 @@ def calibrated(
     except CalibrationError as error:
         if not views:
             raise
-        raise UnfinishedError(str(error), centres, views) from error
+        raise UnfinishedError(str(error), what_was_seen(centres, views)) from error
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
         seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius, data=data,

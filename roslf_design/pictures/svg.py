@@ -371,10 +371,11 @@ def _image(mark: Image, panel: Panel, theme: Theme) -> str:
 
     stream = io.BytesIO()
     colours = theme.shades(mark.ramp, mark.shares)
-    Pixels.fromarray(np.ascontiguousarray(colours[::-1])).save(stream, "PNG", compress_level=6)
+    (left, first), (right, last) = panel.at(mark.box[0], mark.box[2]), panel.at(mark.box[1], mark.box[3])
+    rows = colours if first < last else colours[::-1]
+    Pixels.fromarray(np.ascontiguousarray(rows)).save(stream, "PNG", compress_level=6)
     data = base64.b64encode(stream.getvalue()).decode()
-    (left, low), (right, high) = panel.at(mark.box[0], mark.box[2]), panel.at(mark.box[1], mark.box[3])
     return tag(
-        "image", x=left, y=high, width=right - left, height=low - high, preserveAspectRatio="none",
+        "image", x=left, y=min(first, last), width=right - left, height=abs(last - first), preserveAspectRatio="none",
         style=PIXELATED, href=f"data:image/png;base64,{data}", data_testid=mark.testid,
     )  # fmt: skip

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
     from ..design import Design
 
-FILE, SCHEMA = "calibration.json", "roslf.calibration/"
+FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
 SOURCES: dict[str, tuple[str, str, str]] = {
     "images": ("images", "the images", "show more boards, tilted further and over more distances"),

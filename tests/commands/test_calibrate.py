@@ -296,6 +296,11 @@ def saturated_white(folder):
     return "the white image is saturated"
 
 
+def melted(folder):
+    tifffile.imwrite(folder / "white.tif", np.random.default_rng(0).normal(500, 5, (540, 640)).astype(np.float32))
+    return "shows no periodic lattice"
+
+
 def none_found(folder):
     for number in range(1, 6):
         shutil.copy(folder / "white.tif", folder / f"board{number}.tif")
@@ -312,7 +317,7 @@ def parallel(folder):
     "spoil",
     [
         no_white, two_whites, no_boards, unreadable, unreadable_white, other_size, other_dark, saturated,
-        saturated_white, none_found, parallel,
+        saturated_white, melted, none_found, parallel,
     ],
 )  # fmt: skip
 def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captured, images, tmp_path, spoil):
@@ -330,6 +335,10 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         assert sorted(path.name for path in out.iterdir()) == ["failed.png", "failed.svg"]
         svg = (out / "failed.svg").read_text()
         assert all(text in svg for text in ("microlenses of the white image", "board1.tif", "board5.tif"))
+    elif spoil in (saturated_white, melted):
+        assert f"(what was seen: {out / 'failed.png'})" in err
+        svg = (out / "failed.svg").read_text()
+        assert all(text in svg for text in ("No lattice of microlenses", "frequency of the expected pitch"))
     else:
         assert not out.exists()
 
