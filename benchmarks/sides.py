@@ -116,6 +116,7 @@ def here_spots(inputs):
     from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
     from roslf_design.traced.builds import spot_radii
+    from roslf_design.traced.camera import Train
 
     r, t, near, far = (float(inputs[name]) for name in ("radius", "thickness", "object", "image"))
     green, rings = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"])
@@ -135,7 +136,8 @@ def here_spots(inputs):
         rim = np.concatenate([plane, np.full((trials, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
         plane[:, 2] = t + far + t1 + t2
         world = np.stack([0 * t0, 0 * t0, -t0], axis=-1)
-        return spot_radii(lens_builds(lens, green, made, trials), plane, rim, world, points, pupil, np.ones(len(pupil)))
+        train = Train.of(lens_builds(lens, green, made, trials).stack)
+        return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))
 
     widths = np.array([float(inputs["width_" + kind]) for kind in KINDS])[:, None]
     random, every, trials = np.random.default_rng(1), [], int(inputs["here_trials"])

@@ -5,12 +5,14 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 from .calibration import Outcome
 from .commands.calibrate import calibrated
+from .commands.decode import decoded
+from .depth.decoded import Decoded
 from .depth.measure import Trial, simulate
 from .design import Design, load
 from .imaging.render import RawImage
@@ -204,6 +206,7 @@ def calibrate(
     white_pitch: str | None = None,
     distances: str | Path | None = None,
     use_in: str | None = None,
+    sigma: Mapping[str, str] | None = None,
 ) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
@@ -233,6 +236,8 @@ def calibrate(
         A TOML file of how far the boards stood.
     use_in : str, optional
         The medium that the camera will look into where that is not the boards': `Outcome.used_in`.
+    sigma : mapping, optional
+        How well numbers of what stands before the lens are known, by place: ``{"elements.1.thickness": "0.02 mm"}``.
 
     Raises
     ------
@@ -247,8 +252,51 @@ def calibrate(
     return calibrated(
         Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
         d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
-        distances=None if distances is None else Path(distances), use_in=use_in,
+        distances=None if distances is None else Path(distances), use_in=use_in, sigma=sigma,
     )  # fmt: skip
+
+
+def decode(
+    image: str | Path,
+    white: str | Path | None = None,
+    *,
+    dark: str | Path | None = None,
+    design: str | Path | None = None,
+    calibration: str | Path | None = None,
+    focus: Iterable[str] | None = None,
+) -> Decoded:
+    """A light field with its refocus stack, from a raw image or from files of views.
+
+    Parameters
+    ----------
+    image : str or Path
+        A raw image; or decoded views: a folder of pictures, a .mat file of LFToolbox.
+    white, dark : str or Path, optional
+        White image and frame without light.
+    design : str or Path, optional
+        The camera; `calibration` instead is the folder that `roslf calibrate` wrote.
+    calibration : str or Path, optional
+    focus : iterable of str, optional
+        Distances ("320 mm") or disparities across the views ("1.5") to refocus to.
+
+    Returns
+    -------
+    Decoded
+        ``field`` is the light field, ``stack`` the refocused pictures.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        What cannot be read; an image without microlenses.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
+    """
+    bright, black, folder = (None if path is None else Path(path) for path in (white, dark, calibration))
+    camera = None if design is None else str(design)
+    return decoded(Path(image), bright, black, camera, folder, focus=None if focus is None else list(focus))
 
 
 def report(design: Design | str | Path) -> Report:

@@ -58,6 +58,10 @@ COMMANDS = {
         "H, d_3 and the rest from images of a checkerboard, with how sure they are; or plan the capture.",
         'roslf calibrate captures --design designs/paper.toml --board "4x5 6 mm" -o out/calibration',
     ),
+    "decode": Command(
+        "From a raw image, or decoded views, to pictures: views, refocus stack, epipolar-plane image.",
+        "roslf decode raw.tif --white white.tif --design designs/paper.toml -o out/decoded",
+    ),
     "catalogue": Command(
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',

@@ -9,7 +9,7 @@ import pytest
 
 import roslf_design as roslf
 
-FUNCTIONS = ("calibrate", "evaluate", "load", "optimize", "quantity", "render", "report", "tolerance")
+FUNCTIONS = ("calibrate", "decode", "evaluate", "load", "optimize", "quantity", "render", "report", "tolerance")
 
 
 def test_importing_it_imports_nothing_heavy():

@@ -17,7 +17,17 @@ from roslf_design.design.material import Material
 from roslf_design.design.real_lens import Lens
 from roslf_design.lenses.glass import Glass
 from roslf_design.tolerancing.study import FieldPlace
-from roslf_design.units import Angle, AnyLength, Distance, Gradient, Illuminance, Length, Radiance, Time, format_quantity
+from roslf_design.units import (
+    Angle,
+    AnyLength,
+    Distance,
+    Gradient,
+    Illuminance,
+    Length,
+    Radiance,
+    Time,
+    format_quantity,
+)
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 OTHERS = ((Angle, "angle"), (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"))

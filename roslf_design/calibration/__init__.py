@@ -7,7 +7,7 @@ joint refinement (`calibrate`) -> posterior (`sample_posterior`) -> depth errors
 
 from __future__ import annotations
 
-from .centres import MicrolensCentres, Reason, find_centres
+from .centres import MicrolensCentres, Reason, find_centres, find_centres_in_scene
 from .corners import find_corners, observe, observe_pictures
 from .decoding import Decoder, LightField, decode
 from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
@@ -58,6 +58,7 @@ __all__ = [
     "derived",
     "expected_errors",
     "find_centres",
+    "find_centres_in_scene",
     "find_corners",
     "image_pitch",
     "laplace_draws",

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
 from .frames import Array, CalibrationError, Frame, grey_frame, refuse_saturated
-from .lattice import CentreLattice, LatticeFit, Layout, estimate_lattice, fit_lattice
+from .lattice import CentreLattice, LatticeFit, Layout, estimate_lattice, fit_lattice, lattice_of_phases
 
 _SAMPLE = 3000
 """Lenses measured in each step of growth: enough for 0.01 px."""
@@ -28,6 +28,10 @@ _BEND = 0.05
 """Least distance between straight and bent lattice that a bend is worth [px]."""
 _OFF = 0.1
 """Distance from their lattice that the centres of a neighbourhood may share [px]: more is told."""
+_DARK_SCENE = 0.1
+"""Light against that of a scene's bright parts under which its texture is not divided off."""
+_CALM = 0.3
+"""Change of a scene's brightness over a microlens image at which that counts half."""
 _MOST_CUT, _LEAST_USED = 0.05, 0.5
 """Share of the lenses cut where the design has none, and of the lit lenses used, beyond which it is told."""
 
@@ -137,6 +141,62 @@ def find_centres(
     return found
 
 
+def find_centres_in_scene(
+    raw: ArrayLike, dark: ArrayLike | None = None, *, layout: Layout, pitch: float
+) -> MicrolensCentres:
+    """Centres of the microlens images in a picture of a scene, where there is no white image.
+
+    What the scene has over more than a microlens image is divided off; the lattice is where the rest is in step with
+    one of the expected pitch. Good for views and pictures, not for a calibration: a scene that sends its light to one
+    side of all microlens images moves all centres alike, which nothing shows, and no bend is followed.
+
+    Parameters
+    ----------
+    raw, dark : array_like
+        Picture and, optionally, a frame without light, shape (rows, columns).
+    layout : {"square", "hexagonal"}
+        As designed: a scene has periods of its own.
+    pitch : float
+        Of the microlens images, as designed [px].
+
+    Raises
+    ------
+    CalibrationError
+        A raw image that is none or saturated; no such lattice in it.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+
+    frame = grey_frame(raw, dark, "raw image")
+    refuse_saturated(np.asarray(raw), "raw image", _MOST_CUT)
+    size = max(round(pitch), 3)
+    around = uniform_filter(uniform_filter(frame, size), size)
+    bright = float(np.quantile(around.ravel()[:: 1 + frame.size // 500_000], 0.9))
+    lit = around > max(_DARK_SCENE * bright, 1e-30)
+    even = np.where(lit, frame / np.where(lit, around, 1) - 1, 0).astype(np.float32)
+    np.clip(even, -1, 1, out=even)
+    # Edges in the scene speak of themselves: the less it changes over a microlens image, the more that counts.
+    change = (maximum_filter(around, size) - minimum_filter(around, size)) / np.where(lit, around, 1)
+    even /= 1 + np.square(change / _CALM)
+    try:
+        lattice, apart = lattice_of_phases(even, layout, pitch)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}; give a white image, or the design of this camera") from None
+    indices = lattice.inside((frame.shape[0], frame.shape[1]))
+    nodes = lattice.nodes(indices[:, 0], indices[:, 1])
+    moments = cell_moments(even + 1, lattice, nodes)
+    border = ~_within(lattice, nodes, frame.shape)
+    at = np.clip(np.rint(nodes).astype(int), 0, np.array(frame.shape[::-1]) - 1)
+    reasons = np.where(border, Reason.BORDER, np.where(lit[at[:, 1], at[:, 0]], Reason.USED, Reason.DARK))
+    if (reasons == Reason.USED).sum() < _FEWEST:
+        raise CalibrationError("the raw image holds too few microlens images with light")
+    rms = float(np.sqrt(np.mean(moments.offset[reasons == Reason.USED] ** 2)))
+    said = (
+        f"centres come from the scene itself, to about {apart:.2g} px; and where its light fills one side of the pupil"
+        " more than the other, all views are off alike: a white image tells"
+    )
+    return MicrolensCentres(lattice, indices, nodes + moments.offset, reasons.astype(np.int8), rms, (said,))
+
+
 def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattice: CentreLattice) -> MicrolensCentres:
     """One round: measure every cell at the current lattice, judge, fit anew."""
     indices = lattice.inside((frame.shape[0], frame.shape[1]))
@@ -205,8 +265,7 @@ def _first_reasons(
     contrast: Array,
 ) -> NDArray[np.int8]:
     reasons = np.zeros(len(nodes), np.int8)
-    reach = float(lattice.cell()[1].max()) * (1.4143 if lattice.layout == "square" else 1.1548) + 1
-    border = ((nodes < reach) | (nodes > np.array(frame.shape[::-1]) - 1 - reach)).any(axis=1)
+    border = ~_within(lattice, nodes, frame.shape)
     middle = ~border & (np.hypot(*indices.T) <= _START)
     if not middle.any():
         raise CalibrationError(f"only 0 whole microlens images in the white image: {_FEWEST} are needed")
@@ -225,6 +284,12 @@ def _first_reasons(
     reasons[hot] = Reason.SATURATED
     reasons[border] = Reason.BORDER
     return reasons
+
+
+def _within(lattice: CentreLattice, nodes: Array, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether all of a node's cell lies in the image."""
+    reach = float(lattice.cell()[1].max()) * (1.4143 if lattice.layout == "square" else 1.1548) + 1
+    return np.asarray(((nodes >= reach) & (nodes <= np.array(shape[::-1]) - 1 - reach)).all(axis=1))
 
 
 def _contrast(lattice: CentreLattice, whole: CellMoments, core: CellMoments) -> Array:

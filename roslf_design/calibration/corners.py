@@ -519,18 +519,24 @@ def _fit(
         if covered < 0.6 * whole or high <= low:
             continue
         p[5] = 0.5 * (low + high)
-        # The sign of the contrast: the model against the picture at the start.
+        # The sign of the contrast: the model against the picture at the start; one misfit tells that of both.
         p[8] = 0.5 * (high - low)
         cost = _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g)
-        p[8] = -p[8]
-        if _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g) > cost:
+        if 4.0 * p[8] * (g[8] + p[8] * H[8, 8]) <= 0.0:
             p[8] = -p[8]
-        cost = _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g)
+            cost = _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g)
         damping, moved, rest = 1e-2, 1e300, False
         for _ in range(_ROUNDS):
             scale = np.diag(H)
             # A floor on the damping keeps the system solvable where a parameter has no effect.
-            step = np.linalg.solve(H + H.T + np.diag((damping - 1.0) * scale + 1e-12 * damping * scale.max()), g)
+            normal = H + H.T + np.diag((damping - 1.0) * scale + 1e-12 * damping * scale.max())
+            step = np.linalg.solve(normal, g)
+            sharper = min(max(p[4] + step[4], _BLUR[0]), _BLUR[1]) - p[4]
+            if sharper != step[4]:
+                # The blur goes to its limit, the others where they fit best with it.
+                right = g - normal[:, 4] * sharper
+                normal[4], normal[:, 4], normal[4, 4], right[4] = 0.0, 0.0, 1.0, sharper
+                step = np.linalg.solve(normal, right)
             trial = p + step
             for k in range(5):
                 trial[k] = p[k] + min(max(step[k], -0.7), 0.7)

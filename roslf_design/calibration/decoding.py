@@ -76,8 +76,40 @@ class LightField:
 
     def position(self, column: Any, row: Any) -> tuple[Array, Array]:
         """Microlens coordinates (u, v) [pitches] of fractional columns and rows of a view."""
-        du, dv = self.u[1] - self.u[0], self.v[1] - self.v[0]
+        du, dv = self._steps
         return self.u[0] + np.asarray(column, float) * du, self.v[0] + np.asarray(row, float) * dv
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        """From column to column and from row to row [pitches]; 1 where there is one only."""
+        du, dv = (float(axis[1] - axis[0]) if len(axis) > 1 else 1.0 for axis in (self.u, self.v))
+        return du, dv
+
+    def refocused(self, slope: float, every: int = 1) -> tuple[Samples, Samples]:
+        """Shift and sum: the picture in which points of that epipolar slope (Eq. 12) are sharp, and its weight.
+
+        Each view is read where such a point has moved to, (u + slope s, v + slope t), by cubic convolution (at the
+        edge of what was measured linearly, or not at all), and counts by its weight.
+
+        Parameters
+        ----------
+        slope : float
+            Du/Ds [pitches per px], as of `theory.light_field.epi_slope`; below 0 for near points.
+        every : int
+            For a quicker look: of so many views along s and t, one is used.
+
+        Returns
+        -------
+        ndarray, ndarray
+            Mean value, 0 where nothing was measured, and the sum of weights, both of shape (v, u).
+        """
+        values, weight = (np.zeros((len(self.v), len(self.u)), np.float32) for _ in range(2))
+        du, dv = self._steps
+        t, s = (np.arange(len(axis) // 2 % every, len(axis), every) for axis in (self.t, self.s))
+        shift_u, shift_v = slope * self.s[s] / du, slope * self.t[t] / dv
+        with THREADS:
+            _shift_and_sum.compiled(self.values, self.weight, t, s, shift_v, shift_u, values, weight)
+        return values, weight
 
 
 def decode(
@@ -239,6 +271,64 @@ def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Sa
                 values[t, s, v, u] = total
                 if inside.shape[0] > 0:
                     inside[t, s, v, u] = 1.0
+
+
+@kernel(parallel=True)
+def _shift_and_sum(
+    values: Samples,
+    weight: Samples,
+    t: NDArray[np.int64],
+    s: NDArray[np.int64],
+    down: Array,
+    right: Array,
+    mean: Samples,
+    total: Samples,
+) -> None:
+    _, _, rows, columns = values.shape
+    for v in prange(rows):
+        # Of one view: its rows about y, mixed by cubic and by linear weights, and the least weight among them.
+        cubic, linear = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
+        all_four, both = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
+        for b in range(t.shape[0]):
+            y = v + down[b]
+            top = math.floor(y)
+            part = np.float32(y - top)
+            below = top if part == 0.0 else top + 1
+            if top < 0 or below > rows - 1:
+                continue
+            first, last = (top, top) if part == 0.0 else (top - 1, top + 2)
+            inside = first >= 0 and last <= rows - 1
+            first, last = max(first, 0), min(last, rows - 1)
+            k0, k1, k2, k3 = cubic_taps(part)
+            near_y = top if part < 0.5 else below
+            for a in range(s.shape[0]):
+                view, light = values[t[b], s[a]], weight[t[b], s[a]]
+                for c in range(columns):
+                    linear[c] = view[top, c] + part * (view[below, c] - view[top, c])
+                    both[c] = min(light[top, c], light[below, c])
+                    cubic[c] = k0 * view[first, c] + k1 * view[top, c] + k2 * view[below, c] + k3 * view[last, c]
+                    all_four[c] = min(both[c], min(light[first, c], light[last, c])) if inside else 0.0
+                shift = math.floor(right[a])
+                part_x = np.float32(right[a] - shift)
+                after = 0 if part_x == 0.0 else 1
+                near_x = 0 if part_x < 0.5 else 1
+                q0, q1, q2, q3 = cubic_taps(part_x)
+                for u in range(max(0, -shift), min(columns, columns - shift - after)):
+                    left = u + shift
+                    held = light[near_y, left + near_x]
+                    if min(both[left], both[left + after]) <= 0.0:
+                        continue
+                    value = linear[left] + part_x * (linear[left + after] - linear[left])
+                    c0, c3 = left - after, left + 2 * after
+                    if c0 >= 0 and c3 < columns:
+                        least = min(min(all_four[c0], all_four[left]), min(all_four[left + after], all_four[c3]))
+                        if least > 0.0:
+                            value = q0 * cubic[c0] + q1 * cubic[left] + q2 * cubic[left + after] + q3 * cubic[c3]
+                    mean[v, u] += held * value
+                    total[v, u] += held
+        for u in range(columns):
+            if total[v, u] > 0.0:
+                mean[v, u] /= total[v, u]
 
 
 def squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
 Image = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".png")
+_LARGEST = 1e30
+"""Grey level that none reaches; sums of it stay within a float's range."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
 
 
@@ -89,7 +91,7 @@ def _in_order(path: Path) -> list[str]:
 def read_image(path: Path) -> Image:
     """Pixels of a TIFF or PNG as they are stored, shape (rows, columns) or (rows, columns, channels).
 
-    Whole numbers that `roslf render` wrote come back as the intensities they stand for: its full scale is that of the
+    Whole numbers that `roslf` wrote come back as the intensities they stand for: its full scale is that of the
     picture, and no sensor's saturation.
 
     Raises
@@ -97,6 +99,11 @@ def read_image(path: Path) -> Image:
     CalibrationError
         Naming the file, where it is no image that can be read.
     """
+    return read_image_and_notes(path)[0]
+
+
+def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
+    """Pixels as `read_image` has them, and what `roslf` noted in the file; errors as there."""
     try:
         pixels, note = read_pixels(path, path.name)
     except InputError as error:
@@ -104,12 +111,15 @@ def read_image(path: Path) -> Image:
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
         raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
     try:
-        scale = json.loads(note).get("full_scale") if '"full_scale"' in note else None
-    except (ValueError, AttributeError, RecursionError):
-        scale = None
+        notes = json.loads(note) if '"full_scale"' in note else {}
+    except (ValueError, RecursionError):
+        notes = {}
+    if not isinstance(notes, dict):
+        notes = {}
+    scale = notes.get("full_scale")
     if isinstance(scale, (int, float)) and 0 < scale < np.finfo(np.float32).max and pixels.dtype.kind == "u":
-        return (pixels * np.float32(scale / 65535)).astype(np.float32)
-    return pixels
+        return (pixels * np.float32(scale / 65535)).astype(np.float32), notes
+    return pixels, notes
 
 
 def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str = "image") -> Frame:
@@ -123,13 +133,13 @@ def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str
     if image is None:
         raise CalibrationError(f"the {name} is missing: give one frame of the same camera setting")
     pixels = np.asarray(image)
-    if pixels.ndim == 3:
-        pixels = pixels.mean(axis=2)
-    if pixels.ndim != 2 or min(pixels.shape) < 8 or pixels.dtype.kind not in "buif":
-        raise CalibrationError(f"the {name} is no image: array of shape {pixels.shape} and type {pixels.dtype}")
-    frame = np.ascontiguousarray(pixels, np.float32)
-    if not np.isfinite(frame).all():
-        raise CalibrationError(f"the {name} has pixels that are not finite numbers")
+    shape = pixels.shape
+    if pixels.ndim not in (2, 3) or min(shape[:2]) < 8 or pixels.size == 0 or pixels.dtype.kind not in "buif":
+        raise CalibrationError(f"the {name} is no image: array of shape {shape} and type {pixels.dtype}")
+    if not (float(pixels.min()) > -_LARGEST and float(pixels.max()) < _LARGEST):
+        raise CalibrationError(f"the {name} has pixels that are not finite numbers, or larger than any sensor's")
+    grey = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
+    frame = np.ascontiguousarray(grey, np.float32)
     if dark is not None:
         same_size(name, frame.shape, "dark frame", np.shape(dark))
         frame = frame - grey_frame(dark, None, "dark frame")

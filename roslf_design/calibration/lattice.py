@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +19,9 @@ _PERIODS = (4.2, 110.0)
 _NEAR, _BESIDE = (0.8, 1.25), 0.55
 """Frequencies taken for those of an expected pitch, against its own, and the least amplitude of other peaks beside
 theirs: what dirt and missing lenses make has less, and a lattice of which only a harmonic was expected has more."""
+_ABOUT, _STANDS_OUT = 0.1, 5.0
+"""Share of the pitch by which a lattice in a scene, and parts of it, may be off what is expected; and what its
+amplitude has to be against those of other frequencies there."""
 _CROP = 1024
 _BLOCK, _BLOCKS = 16, 7
 """Side of the blocks [px] whose contrast is measured, and how many are averaged along an axis: the longest period."""
@@ -206,7 +211,7 @@ def estimate_lattice(
     CalibrationError
         If no lattice with a period from 4.2 to 110 px is seen, or not the one expected.
     """
-    crop, corner = _lit_part(image)
+    crop, corner = lit_part(image)
     frequency = None
     if pitch is not None:
         frequency = 1 / pitch if layout == "square" else 2 / math.sqrt(3) / pitch
@@ -221,7 +226,111 @@ def estimate_lattice(
     return lattice.at(lattice.nodes(*np.round(middle)))
 
 
-def _lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
+def lattice_of_phases(image: NDArray[np.floating], layout: Layout, pitch: float) -> tuple[CentreLattice, float]:
+    """The lattice of an expected layout and pitch [px] on which an image is periodic, and how far parts of it disagree.
+
+    Of all frequencies near the expected ones those are taken in which the whole image has most, and the phases there
+    say where the nodes are. Brightness that varies between cells does not move them, as it is in step with nothing.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Of mean 0, slow changes divided off.
+    layout, pitch
+        As expected; 10 % off at most.
+
+    Returns
+    -------
+    CentreLattice, float
+        (0, 0) is the node nearest to the image's middle; and the distance from their nodes of what sixteen parts of the
+        image show by themselves [px rms].
+
+    Raises
+    ------
+    CalibrationError
+        Nothing there stands out.
+    """
+    rows, columns = image.shape
+    window = [np.cos(np.linspace(-math.pi / 2, math.pi / 2, n)).astype(np.float32) ** 2 for n in (rows, columns)]
+    shown = np.asarray(image * window[0][:, None] * window[1], np.float32)
+    seen = np.abs(np.fft.fft2(shown)).astype(np.float32)
+    turn = math.pi / 2 if layout == "square" else math.pi / 3
+    expected = (1.0 if layout == "square" else 2 / math.sqrt(3)) / pitch
+    fx, fy = np.fft.fftfreq(columns)[None, :], np.fft.fftfreq(rows)[:, None]
+    row, column = np.nonzero((np.abs(np.hypot(fx, fy) / expected - 1) <= _ABOUT) & (fx > 0))
+    if row.size == 0:
+        raise CalibrationError(f"the raw image is too small for a lattice of {pitch:.4g} px pitch")
+    tried = np.stack([fx[0, column], fy[row, 0]], axis=-1)
+    # All first orders of a regular lattice together.
+    turns: Array = turn * np.arange(2.0 if layout == "square" else 3.0)
+    together = np.ones(len(tried))
+    for orders in _turned(tried, turns):
+        x, y = np.rint(orders * (columns, rows)).astype(int).T
+        together *= seen[y % rows, x % columns]
+    if not together.max() > _STANDS_OUT ** len(turns) * float(np.median(together)):
+        raise CalibrationError(f"the raw image shows no {layout} lattice of about {pitch:.4g} px pitch")
+    orders = _turned(_strongest(shown, tried[together.argmax()], turns), turns)
+    frequencies = orders[:2]
+    middle = (np.array([columns, rows]) - 1) / 2
+    phases = np.angle([amplitude_at(shown, k) for k in frequencies]) / (2 * math.pi)
+    (a, c), (b, d) = _oriented(_direct_basis(frequencies), layout).tolist()
+    start = np.linalg.solve(frequencies, -phases)
+    lattice = CentreLattice((float(start[0]), float(start[1])), (a, b), (c, d), layout)
+    off: list[tuple[float, float, float]] = []
+    for part, corner in _parts(image):
+        wave = np.array([amplitude_at(part, k) * np.exp(-2j * math.pi * (k @ corner)) for k in frequencies])
+        moved = (np.angle(wave) / (2 * math.pi) - phases + 0.5) % 1.0 - 0.5
+        x, y = np.linalg.solve(frequencies, -moved).tolist()
+        off.append((float(np.abs(wave).min()), x, y))
+    strength, *away = np.array(off).T
+    apart = math.sqrt(float(np.average(np.square(away).sum(axis=0), weights=strength)))
+    if apart > _ABOUT * pitch or abs(lattice.pitch / pitch - 1) > _ABOUT:
+        raise CalibrationError(
+            f"the raw image shows no {layout} lattice of about {pitch:.4g} px pitch, but parts that are out of step"
+        )
+    return lattice.at(lattice.nodes(*np.round(lattice.indices(middle)))), apart
+
+
+def amplitude_at(image: NDArray[np.floating], frequency: Array) -> complex:
+    """Fourier amplitude of an image at one frequency (x, y) [1/px], whole periods counted from its first pixel."""
+    rows, columns = image.shape
+    across, down = (np.exp(-2j * math.pi * f * np.arange(n)) for f, n in zip(frequency, (columns, rows), strict=True))
+    summed = image @ across.real.astype(np.float32) + 1j * (image @ across.imag.astype(np.float32))
+    return complex(summed @ down)
+
+
+def _turned(frequency: Array, angles: Array) -> Array:
+    """Frequencies (..., 2) turned by angles (n,) about 0, shape (n, ..., 2)."""
+    c, s = np.cos(angles), np.sin(angles)
+    return np.asarray(np.einsum("nij,...j->n...i", np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0), frequency))
+
+
+def _strongest(image: NDArray[np.floating], frequency: Array, turns: Array) -> Array:
+    """The frequency near one of the spectrum's which, with those turned from it, an image has most of."""
+
+    def amplitude(k: Array) -> float:
+        return sum(abs(amplitude_at(image, order)) for order in _turned(k, turns))
+
+    step = 0.5 / max(image.shape)
+    for _ in range(4):
+        for move in step * np.eye(2):
+            before, at, after = (amplitude(frequency + n * move) for n in (-1, 0, 1))
+            bend = before - 2 * at + after
+            shift = 0.5 * (before - after) / bend if bend < 0 else float(np.sign(after - before))
+            frequency = frequency + min(max(shift, -2.0), 2.0) * move
+        step /= 2
+    return frequency
+
+
+def _parts(image: NDArray[np.floating]) -> Iterator[tuple[NDArray[np.floating], Array]]:
+    """Sixteen parts of an image and their first pixels (x, y)."""
+    cuts = [[n * k // 4 for k in range(5)] for n in image.shape]
+    for top, bottom in pairwise(cuts[0]):
+        for left, right in pairwise(cuts[1]):
+            yield image[top:bottom, left:right], np.array([left, top], float)
+
+
+def lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
     """The part of an image that holds microlens images, at most 1024 px a side, and where its first pixel is (x, y).
 
     It is told by contrast, which neither a pedestal nor a glow has, and reaches as far about its mean as a rectangle of
@@ -249,15 +358,21 @@ def _lit_part(image: NDArray[np.floating]) -> tuple[Array, Array]:
     return np.asarray(image[top:bottom, left:right], float), np.array([left, top], float)
 
 
-def _spectral_peaks(crop: Array, expected: float | None) -> Array:
-    """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
+def amplitude_spectrum(crop: Array) -> Array:
+    """Amplitude of each frequency of a part of an image, as `np.fft.fft2` orders them; slow changes taken off."""
     rows, columns = crop.shape
     y, x = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
     # A quadratic surface off: vignetting would leak into the lowest frequencies.
     along_x, along_y = (np.linalg.qr(np.polynomial.legendre.legvander(axis, 2))[0] for axis in (x, y))
     flat = crop - along_y @ (along_y.T @ crop @ along_x) @ along_x.T
     window = np.cos(x * (math.pi / 2)) ** 2 * np.cos(y * (math.pi / 2))[:, None] ** 2
-    amplitude = np.abs(np.fft.fft2(flat * window))
+    return np.asarray(np.abs(np.fft.fft2(flat * window)))
+
+
+def _spectral_peaks(crop: Array, expected: float | None) -> Array:
+    """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
+    rows, columns = crop.shape
+    amplitude = amplitude_spectrum(crop)
     radius = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)[None, :])
     amplitude = np.where((radius >= 1 / _PERIODS[1]) & (radius <= 1 / _PERIODS[0]), amplitude, 0.0)
     strongest = float(amplitude.max())

@@ -29,6 +29,7 @@ from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
 
+MOST_JOBS = 10_000
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 accuracy = App(
@@ -79,7 +80,8 @@ def diagrams(
         Of random methods and jobs.
     """
     check_accuracy(accuracy)
-    check_options(seed, None, *([Problem("--jobs", "must not be negative")] if jobs < 0 else []))
+    of_jobs = f"{jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
+    check_options(seed, None, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
     if quantity is not None:
         check_quantity(quantity)
     loaded = load(design)
@@ -91,6 +93,8 @@ def diagrams(
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
     if quantity in unfit:
         raise InputError((Problem("--quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
+    if wanted and len(unfit) == len(wanted):
+        raise InputError((Problem("", f"nothing can be had of it: {next(iter(unfit.values()))}"),), design)
     left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
     if not loaded.aligned:
         left_out.append("Tilts are left out: jobs are of straight cameras.")

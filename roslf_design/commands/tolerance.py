@@ -19,7 +19,7 @@ from ..reporting.tolerance import headline, tables, tolerance_pictures, toleranc
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
-from ..tolerancing.study import load_plan
+from ..tolerancing.study import MOST_TRIALS, load_plan
 from ..words import sentence
 from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, typed, write_files
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..tolerancing.result import StudyResult
+
+MOST_WORKERS = 512
 
 
 def tolerance(
@@ -67,8 +69,12 @@ def tolerance(
     resume
         Go on with a run that was stopped.
     """
-    counts = {"--trials": trials, "--workers": workers}
-    wrong = [Problem(k, "must be a positive whole number") for k, n in counts.items() if n is not None and n < 1]
+    counts = {"--trials": (trials, MOST_TRIALS), "--workers": (workers, MOST_WORKERS)}
+    wrong = [
+        Problem(option, f"{count} is out of range; give a whole number from 1 to {most}")
+        for option, (count, most) in counts.items()
+        if count is not None and not 1 <= count <= most
+    ]
     check_options(seed, output, *wrong)
     if accuracy is not None and trials is not None:
         raise refusal("--accuracy", "says how many trials there are, as does --trials; give one of them")

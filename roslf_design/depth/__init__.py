@@ -1,4 +1,4 @@
-"""Depth from a light field: the disparity of every microlens and its standard error."""
+"""Depth from a light field: the disparity of every microlens and its standard error; files of views and disparities."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ from .estimate import (
     epipolar_plane,
     estimate_disparity,
 )
+from .view_files import CameraGrid, ViewFiles, pfm_bytes, read_pfm, read_views, view_files
 
 __all__ = [
+    "CameraGrid",
     "DisparityMap",
     "DisparityStatus",
     "EpipolarPlane",
     "PixelNoise",
+    "ViewFiles",
     "epipolar_plane",
     "estimate_disparity",
+    "pfm_bytes",
+    "read_pfm",
+    "read_views",
+    "view_files",
 ]

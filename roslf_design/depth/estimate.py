@@ -21,8 +21,12 @@ _GRADIENT_NOISE = 1.894
 """Noise power of a quintic spline's slope at its nodes, per pitch^2, for samples of unit noise."""
 _ROBUST = 4.0
 """Standard errors from the mean of all views beyond which a sample's weight falls: 1 in 16,000 by chance."""
+_MANY = 60
+"""Views of which the first corrections may leave out every other one."""
+_QUORUM = 0.25
+"""Share of a window's microlenses that must say something of its disparity."""
 _ALIKE = 9.0
-"""Chi-square between two disparities below which the better is not told from the other: three standard errors."""
+"""Chi-square between two disparities below which neither is the better: three standard errors."""
 
 
 class DisparityStatus(IntEnum):
@@ -46,7 +50,7 @@ class DisparityStatus(IntEnum):
 _REASONS = {
     DisparityStatus.MEASURED: "measured",
     DisparityStatus.NO_TEXTURE: "too little texture for its light",
-    DisparityStatus.NO_LIGHT: "no light",
+    DisparityStatus.NO_LIGHT: "no light, or none about it",
     DisparityStatus.SATURATED: "saturated",
     DisparityStatus.INCONSISTENT: "views disagree: occlusion, a depth step or a reflection",
     DisparityStatus.OUT_OF_RANGE: "beyond the disparities searched",
@@ -57,7 +61,7 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class PixelNoise:
-    """Noise of one pixel, by the light on it: a value R under relative white light w has variance (N w R + r^2)/(N w)^2.
+    """Noise of one pixel: a value R under relative white light w has variance (N w R + r^2)/(N w)^2.
 
     Less than one electron of noise is not believed.
     """
@@ -83,16 +87,17 @@ class DisparityMap:
     """Disparity of every microlens, or why there is none. Arrays have the shape (v, u) of the light field's views."""
 
     disparity: Array
-    """B [microlens pitches between the pupil's rims], of what the pupil's centre sees there: the view from pupil coordinate
-    s sees it at u + B s. NaN wherever `status` is not ``MEASURED``."""
+    """B [microlens pitches between the pupil's rims], of what the pupil's centre sees there: the view from pupil
+    coordinate s sees it at u + B s. NaN wherever `status` is not ``MEASURED``."""
     sigma: Array
-    """Standard error of `disparity` from the Fisher information of the samples used, widened by sqrt(`chi2`) where that is
-    surely above 1. Infinite where `status` is not ``MEASURED``."""
+    """Standard error of `disparity` from the Fisher information of the samples used, widened by sqrt(`chi2`) where that
+    is surely above 1. Infinite where `status` is not ``MEASURED``."""
     status: NDArray[np.int8]
     """`DisparityStatus` of each microlens."""
     chi2: Array
-    """Chi-square of the window's samples per degree of freedom; 0 where nothing was compared. Interpolated samples, as decoding
-    makes them, have less noise than pixels and give less than 1."""
+    """Chi-square per degree of freedom, of the window's samples about their picture or of its microlenses' disparities
+    about a plane, the larger; 0 where nothing was compared. Interpolated samples, as decoding makes them, have less
+    noise than pixels and bring the former below 1."""
     views: NDArray[np.int16]
     """Views that see what the microlens sees, and that were used."""
     picture: Array
@@ -105,7 +110,7 @@ class DisparityMap:
     @property
     def measured(self) -> Flags:
         """Where there is a disparity, shape (v, u)."""
-        return self.status == DisparityStatus.MEASURED
+        return np.asarray(self.status == DisparityStatus.MEASURED)
 
     def shares(self) -> dict[DisparityStatus, float]:
         """Share of the microlenses by status, those that occur."""
@@ -133,7 +138,7 @@ class EpipolarPlane:
 
     def line(self, index: int) -> tuple[Array, Array]:
         """Points (u, pupil coordinate) of what microlens `index` sees, from rim to rim of its views."""
-        rims = np.array([self.pupil[:, index].min(), self.pupil[:, index].max()])
+        rims = np.array([np.nanmin(self.pupil[:, index]), np.nanmax(self.pupil[:, index])])
         return self.u[index] + self.disparity[index] * rims, rims
 
 
@@ -165,19 +170,19 @@ def estimate_disparity(
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
-    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along the
-    disparity so far; all views together give the picture and its gradient, and what remains gives the correction, by least
-    squares over the window with the weights of the noise model (physics of the estimate: Fisher information with the
-    texture's own values free). Where a window about a microlens is at odds with itself, the one beside it that agrees best
-    is taken, and a plane fitted to three windows' width carries the value to the microlens.
+    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along
+    the disparity so far; all views together give the picture and its gradient, and what remains gives the correction,
+    by least squares over the window with the weights of the noise model (Fisher information with the texture's own
+    values free). Where a window is at odds with itself, the one beside it that agrees best is taken, and a plane fitted
+    to three windows' width, or to the window, carries the value to the microlens.
 
     Parameters
     ----------
     field : LightField
         Decoded, or any grid of views: s and t are not read, `pupil` says where the views are.
     pupil : array_like
-        Where on the pupil each sample's light passed, on average, along u and along v [pupil diameters from its centre],
-        shape (2, t, s) or (2, t, s, v, u).
+        Where on the pupil each sample's light passed, on average, along u and along v [pupil diameters from its
+        centre], shape (2, t, s) or (2, t, s, v, u). Not a number where no light passes.
     noise : PixelNoise
         Of one sample.
     search : tuple of float
@@ -185,7 +190,7 @@ def estimate_disparity(
     window : int
         Side of the matching window [microlenses], odd.
     largest_sigma : float
-        Standard error [pitches] above which a disparity is not told. Beyond about 0.3 the wrong one of two likely
+        Standard error [pitches] above which there is no disparity. Beyond about 0.3 the wrong one of two likely
         disparities would be taken now and then, and no standard error says so.
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
@@ -197,6 +202,8 @@ def estimate_disparity(
     ValueError
         Window even or below 3, search range empty, or arrays of other shapes.
     """
+    from scipy import ndimage
+
     low, high = (float(limit) for limit in search)
     if window < 3 or window % 2 == 0:
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
@@ -209,12 +216,19 @@ def estimate_disparity(
     splines, cells = views.splines()
     disparity, picture = first.disparity, first.picture
     sums = np.zeros((SUMS, *views.shape))
+    every = (splines, cells, views.pupil)
+    some = every
+    if len(views.grid) >= _MANY:
+        other = views.grid.sum(axis=1) % 2 == 0
+        some = (splines[other], cells[other], views.pupil[:, other])
     bound = (low - first.step, high + first.step)
     for count in range(passes):
         robust = _ROBUST if count else math.inf
+        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
+        # Half of many views suffices to come near; the last two passes take all.
         with THREADS:
             common.compiled(
-                splines, cells, views.pupil, disparity, picture, views.steps,
+                *(some if count < passes - 2 else every), disparity, picture, peak, views.steps,
                 noise.electrons, noise.read_noise, noise.saturation, robust, sums,
             )  # fmt: skip
         picture = np.where(sums[11] > 0, sums[0], picture)
@@ -223,21 +237,19 @@ def estimate_disparity(
             reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
             target = np.where(reliable, fit.disparity, disparity)
             disparity = np.clip(disparity + np.clip(target - disparity, -0.5, 0.5), *bound)
-    return _judged(fit, sums, disparity, picture, views, first, window, (low, high), largest_sigma, largest_chi2)
+    return _judged(fit, sums, disparity, picture, views, noise, first, window, (low, high), largest_sigma, largest_chi2)
 
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """Lit views of a light field in one row, shape (view, v, u); what is saturated counts as unlit."""
+    """Lit views of a light field in one row, shape (view, v, u)."""
 
     values: Pictures
     light: Pictures
-    shown: Flags
-    """Where a value is, saturated or not, shape of `values`."""
+    full: Flags
+    """What is saturated, shape of `values`."""
     pupil: Pictures
     """Shape (2, view, v, u)."""
-    zone: NDArray[np.int64]
-    """Group of views each view belongs to in the search; by its place in the grid of views."""
     grid: NDArray[np.int64]
     """Place (t, s) of each view in the grid of views, shape (view, 2)."""
     lit: NDArray[np.int64]
@@ -261,21 +273,18 @@ class _Views:
         values, light = field.values[usable], field.weight[usable]
         where = where[:, usable]
         if where.ndim == 2:
-            known: Flags = np.ones((), np.bool_)
+            known: Flags = np.ones((1, 1, 1), np.bool_)
             where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
         else:
-            known = np.isfinite(where).all(axis=0)
+            known = np.asarray(np.isfinite(where).all(axis=0))
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
         full = good & (values * light * np.float32(noise.electrons) >= np.float32(noise.saturation))
-        light = np.where(good & ~full, light, np.float32(0))
+        light = np.where(good, light, np.float32(0))
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
-        return cls(
-            np.ascontiguousarray(values), light, good, where, np.zeros(len(places), np.int64), places, lit, full.sum(axis=0),
-            steps, density,
-        )  # fmt: skip
+        return cls(np.ascontiguousarray(values), light, full, where, places, lit, full.sum(axis=0), steps, density)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -288,9 +297,9 @@ class _Views:
         splines = np.empty((count, rows + 4, columns + 4), np.float32)
         cells = np.empty((count, rows - 1, columns - 1), np.float32)
         with THREADS:
-            fill_holes.compiled(views, self.shown)
+            fill_holes.compiled(views, self.light)
             spline_coefficients.compiled(views, splines)
-            light_of_cells.compiled(self.light, cells)
+            light_of_cells.compiled(np.where(self.full, np.float32(0), self.light), cells)
         return splines, cells
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
@@ -318,7 +327,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
     zone, count = views.zones(max(abs(low), abs(high)))
     shape = views.shape
-    overall = np.where(views.shown, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
+    overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
     zones = np.zeros((count, 4, *shape), np.float32)
     with THREADS:
         gather_zones.compiled(
@@ -342,7 +351,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
         freedoms[k] = freedom
         np.divide(total, freedom, out=costs[k], where=freedom > 0.5)
     # A candidate that few zones can judge would win by chance.
-    costs[freedoms < 0.5 * freedoms.max(axis=0)] = np.inf
+    costs[freedoms < 0.25 * freedoms.max(axis=0)] = np.inf
     rows, columns = np.indices(shape, sparse=True)
     best = costs.argmin(axis=0)
     least = costs[best, rows, columns]
@@ -351,7 +360,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     with np.errstate(invalid="ignore", divide="ignore"):
         bend = before - 2 * at + after
         part = np.where(np.isfinite(bend) & (bend > 0) & (best == inner), 0.5 * (before - after) / bend, 0.0)
-    found_at = candidates[best] + step * np.clip(part, -0.5, 0.5)
+    start = candidates[best] + step * np.clip(part, -0.5, 0.5)
     padded = np.pad(costs, ((1, 1), (0, 0), (0, 0)), constant_values=np.inf)
     before, after = padded[:-2], padded[2:]
     dips = (costs <= before) & (costs <= after) & np.isfinite(costs)
@@ -366,7 +375,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         alike = np.isfinite(second) & ((second - least) * freedom < _ALIKE + 0.02 * (level - least) * freedom)
-    return _Searched(found_at, np.where(np.isfinite(least), means[best, rows, columns], overall), alike, step)
+    return _Searched(start, np.where(np.isfinite(least), means[best, rows, columns], overall), alike, step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,9 +387,16 @@ class _Fit:
     free: Array
     """Degrees of freedom of `chi2`."""
     strain: Array
-    """Chi-square of the disparities that the window's microlenses ask for each, about a plane, per degree of freedom."""
+    """Chi-square of the disparities that the microlenses ask for each, about a plane, per degree of freedom."""
     spare: Array
     """Degrees of freedom of `strain`."""
+    across: Array
+    """Slope along u [pitches of disparity per sample]."""
+    down: Array
+    uu: Array
+    """Covariance of the slopes."""
+    uv: Array
+    vv: Array
 
     @classmethod
     def of(cls, sums: Array, picture: Array, disparity: Array, views: _Views, window: int) -> _Fit:
@@ -401,7 +417,7 @@ class _Fit:
             _box(a, window) for a in (raw, true, pulled, residual, freedom, moment)
         )
         first, second, crossed = (_box(a, window) for a in (raw * disparity, raw * disparity**2, moment * disparity))
-        enough = (sharp > np.maximum(0.05 * information, 1e-9)) & (_box(used, window) > 0.5)
+        enough = (sharp > np.maximum(0.05 * information, 1e-9)) & (_box(used, window) > _QUORUM * window**2)
         share = np.where(enough, sharp, 1)
         value = np.where(enough, pull / share, disparity)
         square = spread + 2 * (value * push - crossed) + value**2 * information - 2 * value * first + second
@@ -410,15 +426,18 @@ class _Fit:
         near = _Plane.of(true, pulled, raw, moment, disparity, window)
         wide = _Plane.of(true, pulled, raw, moment, disparity, 3 * window)
         trusted = wide.sound & (wide.strain < 2)
-        plane = _Plane(*(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True)))
-        rows, columns = (a.astype(float) for a in np.indices(value.shape, sparse=True))
+        plane = _Plane(
+            *(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True))
+        )
+        rows, columns = _places(value.shape)
         across = np.where(enough & plane.sound, _box(true * columns, window) / share - columns, 0)
         down = np.where(enough & plane.sound, _box(true * rows, window) / share - rows, 0)
         value = value - np.clip(plane.across * across + plane.down * down, -0.5, 0.5)
         variance = variance + plane.variance(across, down) / views.density
-        return cls(value, np.sqrt(variance), chi2, free - 1, np.where(near.sound, near.strain, 0), near.spare)._beside(
-            window // 2
-        )
+        strain = np.where(near.sound, near.strain, 0)
+        slopes = (np.where(plane.sound, a, 0) for a in (plane.across, plane.down, plane.uu, plane.uv, plane.vv))
+        fit = cls(value, np.sqrt(variance), chi2, free - 1, strain, near.spare, *slopes)
+        return fit._beside(window // 2)
 
     def misfit(self, least: float = 0.0) -> Array:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
@@ -435,7 +454,7 @@ class _Fit:
         places = at[:, None, :] + np.array([(b, a) for b in (-reach, 0, reach) for a in (-reach, 0, reach)])
         inside = ((places >= 0) & (places < (rows, columns))).all(axis=2)
         v, u = np.clip(places[..., 0], 0, rows - 1), np.clip(places[..., 1], 0, columns - 1)
-        inside &= self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None]
+        inside &= (self.spare[v, u] > 3) & (self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None])
         each = np.where(inside, misfit[v, u], np.inf)
         best, pick = each.argmin(axis=1), np.arange(len(at))
         better = each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]]
@@ -445,18 +464,23 @@ class _Fit:
             moved = values.copy()
             moved[to] = values[source]
             fields.append(moved)
-        return _Fit(*fields)
+        fit = _Fit(*fields)
+        over, under = to[1] - source[1], to[0] - source[0]
+        fit.disparity[to] += np.clip(fit.across[to] * over + fit.down[to] * under, -0.5, 0.5)
+        carried = fit.uu[to] * over**2 + 2 * fit.uv[to] * over * under + fit.vv[to] * under**2
+        fit.sigma[to] = np.sqrt(fit.sigma[to] ** 2 + np.maximum(carried, 0))
+        return fit
 
 
 def _chance(freedom: Array) -> Array:
-    """Chi-square per degree of freedom that chance exceeds less than once in 3000 (Laurent and Massart 2000, lemma 1)."""
+    """Chi-square per degree of freedom that chance exceeds once in 3000 at most (Laurent and Massart 2000, lemma 1)."""
     over = 8.0 / np.maximum(freedom, 0.5)
     return np.asarray(1 + 2 * np.sqrt(over) + 2 * over)
 
 
 def _judged(
-    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, first: _Searched, window: int,
-    search: tuple[float, float], largest_sigma: float, largest_chi2: float,
+    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, noise: PixelNoise, first: _Searched,
+    window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float,
 ) -> DisparityMap:  # fmt: skip
     excess = np.maximum(
         np.where(fit.chi2 > 1 + 3 * np.sqrt(2 / np.maximum(fit.free, 1)), fit.chi2, 1),
@@ -469,25 +493,37 @@ def _judged(
     change = fit.disparity - disparity
     own = sums[9] + np.where(known, (2 * (slope_u * sums[7] + slope_v * sums[8]) + raw * change) * change, 0)
     own /= np.maximum(sums[10], 0.5)
-    lit, full = _box(views.lit, window), _box(views.saturated, window)
+    # Saturation takes what splines and slopes would need about it as well.
+    charge = noise.electrons * picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
+    near = charge + 3 * np.sqrt(np.maximum(charge, 0) + noise.read_noise**2) >= noise.saturation
+    lit, full = _box(views.lit > 0, window + 6), _box(near | (views.saturated > 0), window + 6)
     spread = _box(sums[4] + sums[6], window) / np.maximum(_box(sums[1], window), 1e-30)
     margin = np.where(np.isfinite(sigma), 3 * sigma, 0)
     status = np.full(views.shape, int(DisparityStatus.MEASURED), np.int8)
-    # The last that holds is the reason told.
-    status[(fit.disparity < search[0] - margin) | (fit.disparity > search[1] + margin)] = DisparityStatus.OUT_OF_RANGE
     at_odds = (fit.misfit(largest_chi2) > 1) | (own > np.maximum(largest_chi2, _chance(sums[10])))
-    status[at_odds] = DisparityStatus.INCONSISTENT
-    status[first.alike] = DisparityStatus.AMBIGUOUS
+    at_odds |= np.abs(change) > 0.5 * fit.sigma  # not settled: far from what the search started from
     unsure = ~(fit.sigma <= largest_sigma)
+    bare = unsure & (_box(known & (sums[11] > 1), window) <= _QUORUM * window**2)
+    # The last that holds is the reason given.
+    status[at_odds] = DisparityStatus.INCONSISTENT
+    status[(fit.disparity < search[0] - margin) | (fit.disparity > search[1] + margin)] = DisparityStatus.OUT_OF_RANGE
+    status[first.alike] = DisparityStatus.AMBIGUOUS
     status[unsure] = DisparityStatus.NO_TEXTURE
+    status[bare] = DisparityStatus.NO_LIGHT
     status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
-    status[unsure & (full > 0.25 * lit)] = DisparityStatus.SATURATED
+    status[unsure & (full > 0.05 * lit)] = DisparityStatus.SATURATED
     status[views.lit == 0] = DisparityStatus.NO_LIGHT
-    told = status == DisparityStatus.MEASURED
+    measured = status == DisparityStatus.MEASURED
     return DisparityMap(
-        np.where(told, fit.disparity, np.nan), np.where(told, sigma, np.inf), status, np.maximum(fit.chi2, fit.strain),
-        sums[11].astype(np.int16), np.where(sums[11] > 0, sums[0], 0), window, search,
-    )  # fmt: skip
+        np.where(measured, fit.disparity, np.nan),
+        np.where(measured, sigma, np.inf),
+        status,
+        np.maximum(fit.chi2, fit.strain),
+        sums[11].astype(np.int16),
+        np.where(sums[11] > 0, sums[0], 0),
+        window,
+        search,
+    )
 
 
 def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:
@@ -507,13 +543,18 @@ def _box(values: NDArray[np.generic], window: int) -> Array:
     return mean * window**2
 
 
+def _places(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Rows and columns of a picture, shapes (v, 1) and (1, u)."""
+    return np.arange(float(shape[0]))[:, None], np.arange(float(shape[1]))
+
+
 def _gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
-    """Slopes of a picture's quintic spline [per pitch] along u and v, and where all four neighbours are lit."""
+    """Slopes of a picture's quintic spline [per pitch] along u and v, and where two neighbours on each side are lit."""
     from scipy import ndimage
 
     filled = picture.astype(np.float32)[None]
     with THREADS:
-        fill_holes.compiled(filled, lit[None])
+        fill_holes.compiled(filled, lit.astype(np.float32)[None])
     slopes = []
     for axis, step in ((1, steps[0]), (0, steps[1])):
         spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
@@ -521,7 +562,8 @@ def _gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[A
         padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
         a, b, c, d = (np.take(padded, np.arange(k, k + size), axis) for k in (0, 1, 3, 4))
         slopes.append((d - a + 10 * (c - b)) / (24 * step))
-    cross = ndimage.generate_binary_structure(2, 1)
+    cross = np.zeros((5, 5), bool)
+    cross[2], cross[:, 2] = True, True
     return slopes[0], slopes[1], ndimage.binary_erosion(lit, cross, border_value=1)
 
 
@@ -544,10 +586,10 @@ class _Plane:
 
     @classmethod
     def of(cls, true: Array, pulled: Array, raw: Array, moment: Array, disparity: Array, window: int) -> _Plane:
-        rows, columns = (a.astype(float) for a in np.indices(true.shape, sparse=True))
-        s, su, sv = (_box(true * a, window) for a in (1.0, columns, rows))
+        rows, columns = _places(true.shape)
+        s, su, sv = _box(true, window), _box(true * columns, window), _box(true * rows, window)
         suu, suv, svv = (_box(true * a, window) for a in (columns * columns, columns * rows, rows * rows))
-        b, bu, bv = (_box(pulled * a, window) for a in (1.0, columns, rows))
+        b, bu, bv = _box(pulled, window), _box(pulled * columns, window), _box(pulled * rows, window)
         lit = s > 1e-9
         s = np.where(lit, s, 1)
         cuu, cuv, cvv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
@@ -562,7 +604,14 @@ class _Plane:
         square = _box(raw * own * own, window) - 2 * b / s * _box(raw * own, window) + (b / s) ** 2 * _box(raw, window)
         square = np.maximum(square - across * cub - down * cvb, 0)
         return cls(
-            across, down, cvv / whole, -cuv / whole, cuu / whole, square / np.maximum(spare, 1), np.maximum(spare, 0), sound
+            across,
+            down,
+            cvv / whole,
+            -cuv / whole,
+            cuu / whole,
+            square / np.maximum(spare, 1),
+            np.maximum(spare, 0),
+            sound,
         )
 
     def variance(self, across: Array, down: Array) -> Array:

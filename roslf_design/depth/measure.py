@@ -146,8 +146,9 @@ class Trial:
     def compared(self) -> Flags:
         """Where every exposure gave a depth and there is a truth, away from the edge; shape (v, u)."""
         half = self.first.disparities.window // 2
-        inside = np.zeros(self.true.shape, bool)
-        inside[half : inside.shape[0] - half, half : inside.shape[1] - half] = True
+        rows, columns = self.true.shape
+        inside = np.zeros((rows, columns), bool)
+        inside[half : rows - half, half : columns - half] = True
         return np.asarray(inside & np.isfinite(self.true) & np.all([run.measured for run in self.runs], axis=0))
 
     @property
@@ -164,7 +165,7 @@ class Trial:
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
-            spread = math.sqrt(float((own**2).sum()) * len(self.runs) / (len(self.runs) - 1) / own.size)
+            spread = float(np.sqrt((own**2).mean() * len(self.runs) / (len(self.runs) - 1)))
         else:
             spread = float(errors.std())
         here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
@@ -398,7 +399,7 @@ def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
 
 
 def texture_of(scene: Scene) -> Noise | None:
-    """The noise that all of a scene shows, one kind of it; None where its texture is another, and the design's stands for it."""
+    """The noise that all of a scene shows, of one kind; None for other textures, which the design's stands for."""
     textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
     noise = [texture for texture in textures if isinstance(texture, Noise)]
     kinds = {(texture.finest, texture.contrast) for texture in noise}

@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.decoding import LightField, Samples, squared
+from .._jit import THREADS, kernel, prange
+from ..calibration.decoding import LightField, squared
 from ..camera import Camera
 from ..theory.disparity_error import ImageParts, image_parts
 from ..theory.stop_images import MicrolensImages
 
 NODES = 9
 """Fields along each axis at which cut microlens images are worked out; between them they are interpolated."""
-ROUNDS = 6
+ROUNDS = 8
 """Of taking neighbours' light away: what is left falls to less than a third each time."""
-FAINT = 0.0005
-"""Share of a neighbour's light in a sample that is let be."""
-LEAST = 0.6
+FAINT, STRONG, SLOW = 0.0005, 0.02, (1, 3, 6)
+"""Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
+LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
 
@@ -52,7 +54,7 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     """
     places = places_on_array(camera, field)
     height, width = places.shape[:2]
-    rows, columns = (np.unique(np.linspace(0, n - 1, min(n, NODES)).round().astype(int)) for n in (height, width))
+    rows, columns = (np.linspace(0, n - 1, max(2, min(n, NODES))).round().astype(int) for n in (height, width))
     images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
     if (images.shapes.kept_fraction >= 1 - 1e-9).all():
         rows, columns = rows[:1], columns[:1]
@@ -61,39 +63,31 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     own = parts.steps.index((0, 0))
     total = parts.light.sum(0)
     shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
-    grid = (rows.size, columns.size)
-
-    def spread(values: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float32]:
-        """From the nodes to all microlenses; shape (..., v, u), or (..., 1, 1) where all are alike."""
-        table = values.reshape(*values.shape[:-1], *grid).astype(np.float32)
-        if grid == (1, 1):
-            return table
-        low = _between(table, rows * (size[0] - 1) / max(height - 1, 1), size[0], values.ndim - 1)
-        return _between(low, columns * (size[1] - 1) / max(width - 1, 1), size[1], values.ndim)
-
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     values = np.array(lenses.values)
     size = (values.shape[2], values.shape[3])
     start = np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - _halves(field)).astype(int)
-    nearest = _own_samples(parts, own)
-    mine = np.moveaxis(shares[own], 0, -1)
-    share = spread(mine, size)
-    kept = share > LEAST
-    for _ in range(ROUNDS):
-        foreign = np.zeros_like(values)
-        for step, k in ((step, k) for k, step in enumerate(parts.steps) if k != own):
-            theirs = np.moveaxis(shares[k], 0, -1)
-            for t, s in zip(*np.nonzero(theirs.max(-1) > FAINT), strict=True):
-                there = nearest[k, t, s]
-                seen, known = _beside(values[there[0], there[1]], lenses.weight[there[0], there[1]], step, start)
-                part = spread(theirs[t, s], size)
-                foreign[t, s] += part * np.where(known, seen, values[t, s])
+    maps = _Map.of(rows, columns, (height, width), size)
+    mine = maps(np.moveaxis(shares[own], 0, -1))
+    kept = mine > LEAST
+    known = np.ascontiguousarray(lenses.weight).reshape(-1, *size) > 0
+    raw = np.where(kept, lenses.values, 0.0).astype(np.float32).reshape(-1, *size)
+    ways = [_Mixing.of(parts, shares, own, faint) for faint in (False, True)]
+    values, foreign = raw.copy(), [np.zeros_like(raw), np.zeros_like(raw)]
+    whole = np.broadcast_to(mine.reshape(-1, *mine.shape[2:]), raw.shape)
+    for count in range(ROUNDS):
+        for n, way in enumerate(ways):
+            if n == 0 or count in SLOW:  # faint light changes little
+                with THREADS:
+                    _gathered.compiled(values, known, *way, *maps, start, foreign[n])
         with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.where(kept, (lenses.values - foreign) / share, 0.0).astype(np.float32)
+            values = np.where(whole > LEAST, (raw - foreign[0] - foreign[1]) / whole, 0.0).astype(np.float32)
+    values, share = values.reshape(lenses.values.shape), mine
     weight = np.asarray(np.where(kept, lenses.weight * share**2, 0.0), np.float32)
-    pupil = np.stack([spread(np.moveaxis(axis[own], 0, -1), (height, width)) for axis in (parts.x, parts.y)])
-    if grid == (1, 1):
+    seen = _Map.of(rows, columns, (height, width), (height, width))
+    pupil = np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
+    if rows.size == 1:
         pupil = pupil[..., 0, 0]
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
     pupil *= np.float32(side)
@@ -108,42 +102,101 @@ def _halves(field: LightField) -> NDArray[np.float64]:
     return field.v / math.sqrt(3)
 
 
-def _own_samples(parts: ImageParts, own: int) -> NDArray[np.intp]:
-    """Which sample (t, s) of a neighbour shows what it sends here: that of the nearest place on the FAP.
+class _Mixing(NamedTuple):
+    """Neighbours' light in every sample: a list for each, one after the other."""
 
-    Shape (9, T, S, 2); of the mean over fields.
-    """
-    light = parts.light.mean(1)
-    x, y = ((axis * parts.light).mean(1) / np.maximum(light, 1e-12) for axis in (parts.x, parts.y))
-    usable = parts.light[own].mean(0) > LEAST * max(float(parts.light[own].max()), 1e-12)
-    t, s = np.nonzero(usable)
-    if not t.size:
-        t, s = np.nonzero(np.ones_like(usable))
-    apart = (x[..., None] - x[own][t, s]) ** 2 + (y[..., None] - y[own][t, s]) ** 2
-    best = apart.argmin(-1)
-    return np.stack([t[best], s[best]], -1)
+    first: NDArray[np.int64]
+    """Where the list of each sample begins, and the last one ends."""
+    source: NDArray[np.int64]
+    """The neighbour's sample that shows what it sends."""
+    step: NDArray[np.int64]
+    """To the neighbour, shape (M, 2)."""
+    share: NDArray[np.float32]
+    """Of the sample's light, at the nodes, shape (M, nodes)."""
+
+    @classmethod
+    def of(cls, parts: ImageParts, shares: NDArray[np.float64], own: int, faint: bool) -> _Mixing:
+        light = parts.light.mean(1)
+        x, y = ((axis * parts.light).mean(1) / np.maximum(light, 1e-12) for axis in (parts.x, parts.y))
+        usable = shares[own].mean(0) > LEAST
+        if not usable.any():
+            usable = np.ones_like(usable)
+        t, s = np.nonzero(usable)
+        most, count = shares.max(1), shares.shape[3]
+        first, source, step, share = [0], [], [], []
+        for here in np.ndindex(most.shape[1:]):
+            for k in np.flatnonzero(most[(slice(None), *here)] > FAINT):
+                if k == own or (most[(k, *here)] <= STRONG) != faint:
+                    continue
+                apart = (x[(k, *here)] - x[own][t, s]) ** 2 + (y[(k, *here)] - y[own][t, s]) ** 2
+                best = int(apart.argmin())
+                source.append(int(t[best]) * count + int(s[best]))
+                step.append(parts.steps[k])
+                share.append(shares[(k, slice(None), *here)])
+            first.append(len(source))
+        steps = np.array(step, np.int64).reshape(-1, 2)
+        table = np.array(share, np.float32).reshape(len(source), shares.shape[1])
+        return cls(np.array(first), np.array(source, np.int64), steps, table)
 
 
-def _beside(
-    values: Samples, weight: Samples, step: tuple[int, int], start: NDArray[np.intp]
-) -> tuple[Samples, NDArray[np.bool_]]:
-    """What the microlens some steps of the lattice away has, at each microlens, and whether it is there."""
-    rows, columns = values.shape
-    row = np.arange(rows) + step[1]
-    there = (row >= 0) & (row < rows)
-    row = np.clip(row, 0, rows - 1)
-    column = np.arange(columns) + (start - start[row] + step[0])[:, None]
-    inside = there[:, None] & (column >= 0) & (column < columns)
-    column = np.clip(column, 0, columns - 1)
-    return values[row[:, None], column], inside & (weight[row[:, None], column] > 0)
+class _Map(NamedTuple):
+    """For each row and column of lenses the node before it, and how far it is on the way to the next."""
+
+    row: NDArray[np.int64]
+    down: NDArray[np.float32]
+    column: NDArray[np.int64]
+    along: NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
+    ) -> _Map:
+        """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
+        found: list[Any] = []
+        for places, of, count in zip((rows, columns), nodes, size, strict=True):
+            at = np.interp(np.arange(count) * ((of - 1) / max(count - 1, 1)), places, np.arange(places.size))
+            before = np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64)
+            found += [before, (at - before).astype(np.float32)]
+        return cls(*found)
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
+        """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""
+        if values.shape[-1] == 1:
+            return values[..., None].astype(np.float32)
+        across = int(self.column[-1]) + 2
+        table = values.reshape(*values.shape[:-1], -1, across).astype(np.float32)
+        low, high = table[..., self.row, :], table[..., self.row + 1, :]
+        lines = low + self.down[:, None] * (high - low)
+        left, right = lines[..., self.column], lines[..., self.column + 1]
+        return np.asarray(left + self.along * (right - left))
 
 
-def _between(values: NDArray[np.float32], nodes: NDArray[np.float64], size: int, axis: int) -> NDArray[np.float32]:
-    """Linearly between nodes along an axis, which then has `size` places."""
-    if len(nodes) == 1:
-        return np.repeat(values, size, axis)
-    at = np.arange(size)
-    after = np.clip(np.searchsorted(nodes, at, side="right"), 1, len(nodes) - 1)
-    share = ((at - nodes[after - 1]) / (nodes[after] - nodes[after - 1])).astype(np.float32)
-    share = share.reshape([-1 if n == axis else 1 for n in range(values.ndim)])
-    return np.asarray(np.take(values, after - 1, axis) * (1 - share) + np.take(values, after, axis) * share)
+@kernel(parallel=True)
+def _gathered(
+    values: Any, known: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
+    along: Any, start: Any, out: Any,
+) -> None:  # fmt: skip
+    """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `known` and `out`."""
+    count, rows, columns = values.shape
+    nodes = shares.shape[1]
+    across = column[columns - 1] + 2 if nodes > 1 else 1
+    for n in prange(count):
+        out[n] = 0.0
+        for m in range(first[n], first[n + 1]):
+            k, a, b = source[m], steps[m, 0], steps[m, 1]
+            share = shares[m, 0]
+            for v in range(rows):
+                w = v + b
+                inside = w >= 0 and w < rows
+                off = a + (start[v] - start[w] if inside else 0)
+                for u in range(columns):
+                    if nodes > 1:
+                        i = row[v] * across + column[u]
+                        low = shares[m, i] * (1 - along[u]) + shares[m, i + 1] * along[u]
+                        high = shares[m, i + across] * (1 - along[u]) + shares[m, i + across + 1] * along[u]
+                        share = low * (1 - down[v]) + high * down[v]
+                    c = u + off
+                    if inside and c >= 0 and c < columns and known[k, w, c]:
+                        out[n, v, u] += share * values[k, w, c]
+                    else:
+                        out[n, v, u] += share * values[n, v, u]

@@ -1,4 +1,4 @@
-"""Views warped back along their disparity: cubic splines of the views, and what they have in common at each microlens."""
+"""Views warped back along their disparity: their splines, and what they have in common at each microlens."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ _POLES = (-0.43057534709997825, -0.043096288203264443)
 """Of the quintic spline: roots of x^4 + 26 x^3 + 66 x^2 + 26 x + 1 inside the unit circle."""
 _REACH = 24
 """Samples after which the slower pole has died down to 5e-8."""
+_BEYOND = 8
+"""Samples that a view is continued beyond its sides before it is made a spline: 0.43^8 of an end's error comes back."""
 _SPLINE_LOSS = 0.1635
 """Noise power that a quintic spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
 
 
 @kernel(parallel=True)
-def fill_holes(views: Samples, shown: NDArray[np.bool_]) -> None:
-    """Carry values into samples that show none, along rows, then down columns, so that splines do not ring there."""
+def fill_holes(views: Samples, light: Samples) -> None:
+    """Carry values into samples without light, along rows, then down columns, so that splines do not ring there."""
     count, rows, columns = views.shape
     for k in prange(count):
         first = -1
         for v in range(rows):
             lit = -1
             for u in range(columns):
-                if shown[k, v, u]:
+                if light[k, v, u] > 0:
                     if lit < 0:
                         for a in range(u):
                             views[k, v, a] = views[k, v, u]
@@ -55,7 +57,7 @@ def fill_holes(views: Samples, shown: NDArray[np.bool_]) -> None:
 
 @kernel()
 def _filter(lines: Floats, pole: float) -> None:
-    """Divide by one pole of a spline, forth and back along the first axis, mirrored at its ends (up to a constant factor)."""
+    """Divide by one pole of a spline, forth and back along the first axis, mirrored at its ends, but for a factor."""
     count, width = lines.shape
     for u in range(width):
         power = pole
@@ -72,27 +74,39 @@ def _filter(lines: Floats, pole: float) -> None:
             lines[v, u] = pole * (lines[v + 1, u] - lines[v, u])
 
 
+@kernel()
+def _extend(lines: Floats) -> None:
+    """Go on beyond both ends, which are `_BEYOND` lines from the sides, as the lines before them turned about them."""
+    count, width = lines.shape
+    for k in range(1, _BEYOND + 1):
+        inner = min(k, count - 2 * _BEYOND - 1)
+        first, last = _BEYOND, count - 1 - _BEYOND
+        for u in range(width):
+            lines[first - k, u] = 2 * lines[first, u] - lines[first + inner, u]
+            lines[last + k, u] = 2 * lines[last, u] - lines[last - inner, u]
+
+
 @kernel(parallel=True)
 def spline_coefficients(views: Samples, out: Samples) -> None:
-    """Coefficients of each view's quintic B-spline, mirrored at its sides; `out` is two samples wider on each side."""
+    """Coefficients of each view's quintic B-spline; `out` is two samples wider on each side."""
     count, rows, columns = views.shape
     for k in prange(count):
-        lying, standing = np.empty((columns, rows)), np.empty((rows, columns))
+        lying, standing = np.empty((columns + 2 * _BEYOND, rows)), np.empty((rows + 2 * _BEYOND, columns + 4))
         for v in range(rows):
             for u in range(columns):
-                lying[u, v] = views[k, v, u]
+                lying[u + _BEYOND, v] = views[k, v, u]
+        _extend(lying)
         for pole in _POLES:
             _filter(lying, pole)
         for v in range(rows):
-            for u in range(columns):
-                standing[v, u] = lying[u, v]
+            for u in range(columns + 4):
+                standing[v + _BEYOND, u] = 14400.0 * lying[u + _BEYOND - 2, v]
+        _extend(standing)
         for pole in _POLES:
             _filter(standing, pole)
-        for v in range(-2, rows + 2):
-            for u in range(-2, columns + 2):
-                b = -v if v < 0 else (v if v < rows else 2 * rows - 2 - v)
-                a = -u if u < 0 else (u if u < columns else 2 * columns - 2 - u)
-                out[k, v + 2, u + 2] = 14400.0 * standing[b, a]
+        for v in range(rows + 4):
+            for u in range(columns + 4):
+                out[k, v, u] = standing[v + _BEYOND - 2, u]
 
 
 @kernel()
@@ -114,7 +128,7 @@ def light_of_cells(light: Samples, out: Samples) -> None:
     count, rows, columns = light.shape
     for k in prange(count):
         ends = np.full(columns, -1)  # last row without light, in any of the six columns about each cell
-        for v in range(-1, rows - 1):
+        for v in range(-3, rows - 1):
             below = v + 3
             last = -1
             if below < rows:
@@ -146,7 +160,7 @@ def gather_zones(
     read: float,
     out: Samples,
 ) -> None:
-    """Mean value, information and mean pupil coordinate (2) of the views of each zone; `out` has shape (zone, 4, v, u)."""
+    """Mean value, information and mean pupil coordinate (2) of each zone's views; `out` has shape (zone, 4, v, u)."""
     count, rows, columns = values.shape
     for v in prange(rows):
         for k in range(count):
@@ -172,7 +186,7 @@ def gather_zones(
 def spread_of_zones(
     zones: Samples, across: float, down: float, squares: Samples, freedom: Samples, mean: Samples
 ) -> None:
-    """Chi-square of the zones about their mean at every microlens, each moved by `across`, `down` samples a unit of s."""
+    """Chi-square of the zones about their mean at each microlens, moved by `across`, `down` samples a unit of s."""
     count, _, rows, columns = zones.shape
     for v in prange(rows):
         sums = np.zeros((4, columns))
@@ -212,6 +226,7 @@ def common(
     pupil: Floats,
     disparity: Floats,
     picture: Floats,
+    peak: Floats,
     steps: tuple[float, float],
     electrons: float,
     read: float,
@@ -221,8 +236,9 @@ def common(
 ) -> None:
     """Moments of all views about each microlens of `picture`, warped back by `disparity`; see `SUMS`.
 
-    Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors from
-    it they fall as Huber's.
+    Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
+    from it they fall as Huber's. Where `peak`, the brightest about a microlens, may saturate, nothing is used: what by
+    chance did not would be dark by selection.
     """
     count, rows, columns = cells.shape[0], disparity.shape[0], disparity.shape[1]
     for v in prange(rows):
@@ -254,7 +270,8 @@ def common(
                     f, g = x - a, y - b
                 lit = electrons * light
                 variance = max(lit * level + read * read, 1.0)
-                if lit * level + 3.0 * math.sqrt(variance) >= saturation:
+                full = lit * peak[v, u]
+                if full + 3.0 * math.sqrt(max(full + read * read, 1.0)) >= saturation:
                     continue
                 a0, a1, a2, a3, a4, a5 = _taps(f)
                 b0, b1, b2, b3, b4, b5 = _taps(g)

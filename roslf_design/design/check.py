@@ -13,7 +13,7 @@ from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
 from ..toml_files import problems_of, told_place
 from ..units import format_quantity, parse_quantity
-from .conjugates import CONJUGATES, conjugate_residual, followed
+from .conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from .parts import PATHS, Light
 from .real_lens import focal_length_at, own_diameter, read_prescription
 
@@ -96,7 +96,7 @@ def design_problems(
 
 def _refracts(data: Mapping[str, Any]) -> bool:
     """Whether light meets more than air and the main lens; conjugates are then told once every element can be read."""
-    return any(at(data, place) for place in ("elements", "sensor.cover", "microlens_array.substrate"))
+    return any(at(data, place) for place in REFRACTING)
 
 
 def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool) -> tuple[Problem, ...]:
@@ -126,11 +126,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
         d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
     for key, distance in values.items():
         if d_f is not None and distance is not None and key.startswith(("aperture", "stops")) and distance >= d_f:
-            message = (
-                f"{_shown(distance)} is not less than the focal-plane distance d_f = {_shown(d_f)}: the object plane "
-                "would lie inside the bore; move this stop closer to the lens or focus farther out"
-            )
-            problems.append(Problem(told_place(key.split(".")), message))
+            problems.append(stop_beyond_focus(told_place(key.split(".")), distance, d_f))
     return tuple(problems)
 
 
@@ -143,10 +139,18 @@ def _about_conjugates(values: Mapping[str, float | None]) -> Iterator[Problem]:
         yield Problem(FOCAL, f"two of {', '.join(CONJUGATES)} are needed; give one of {' or '.join(missing)}")
     near = [key for key in given if FOCAL in given and key != FOCAL and given[key] <= given[FOCAL]]
     for key in near:
-        focal = f"the focal length {_shown(given[FOCAL])}"
-        yield Problem(key, f"{_shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
+        focal = f"the focal length {shown(given[FOCAL])}"
+        if key == DISTANCE and given[key] == given[FOCAL]:
+            yield Problem(
+                key,
+                f"{shown(given[key])} is the focal length: what is in focus would be seen at infinity, as behind an "
+                "ocular in collimated light, and all that counts from there (H, m, d_f as seen) has no finite value; "
+                "make it a little longer",
+            )
+            continue
+        yield Problem(key, f"{shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
     if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
-        ways = " or ".join(f"{key} (it would become {_shown(followed(given, key))})" for key in (DISTANCE, PLANE))
+        ways = " or ".join(f"{key} (it would become {shown(float(followed(given, key)))})" for key in (DISTANCE, PLANE))
         message = f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop {ways}"
         yield Problem(DISTANCE, message)
 
@@ -168,14 +172,14 @@ def _about_lens(lens: Prescription, values: Mapping[str, float | None]) -> Itera
     elif given is not None and abs(given / focal - 1) > AGREEMENT:
         yield Problem(
             FOCAL,
-            f"{_shown(given)} contradicts the prescription: {lens.name} has f = {focal:.7g} mm at {_shown(wavelength)} "
+            f"{shown(given)} contradicts the prescription: {lens.name} has f = {focal:.7g} mm at {shown(wavelength)} "
             f"(residual {given - focal:+.4g} mm); drop {FOCAL}",
         )
     widest = own_diameter(lens)
     if diameter is not None and diameter > widest * (1 + AGREEMENT):
         yield Problem(
             PATHS["D"],
-            f"{_shown(diameter)} is wider than {lens.name}, whose clear diameter is {widest:.6g} mm; drop it, or give "
+            f"{shown(diameter)} is wider than {lens.name}, whose clear diameter is {widest:.6g} mm; drop it, or give "
             "a smaller one for a stop at the lens",
         )
 
@@ -184,5 +188,15 @@ def _wavelength(values: Mapping[str, float | None]) -> float:
     return values[PATHS["wavelength"]] or Light().wavelength
 
 
-def _shown(value: Any) -> str:
-    return format_quantity(float(f"{value:.8g}"), "length")
+def shown(value: float) -> str:
+    """A length [mm] in a message: eight digits, in the unit it was typed in."""
+    return format_quantity(value, "length", 8)
+
+
+def stop_beyond_focus(place: str, distance: float, d_f: float) -> Problem:
+    """The fault of a stop at a `place` [mm] that does not stand before the focal plane."""
+    message = (
+        f"{shown(distance)} is not less than the focal-plane distance d_f = {shown(d_f)}: the object plane would lie "
+        "inside the bore; move this stop closer to the lens or focus farther out"
+    )
+    return Problem(place, message)

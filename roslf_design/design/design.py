@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..errors import Problem
+from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
 from .chain import MEDIUM, chain_numbers, chain_of, materials_of
@@ -78,11 +78,12 @@ class Design(Part, Symbols[float]):
     def _parts_fit(self) -> Design:
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
         chain = chain_of(self)
-        problems = cross_check(
-            values if chain is None else chain.seen({**chain_numbers(self), **values}),
-            self.main_lens.prescription,
-            turned=self.main_lens.reversed,
-        )
+        try:
+            seen = values if chain is None else chain.seen({**chain_numbers(self), **values})
+        except InputError as error:  # a glass that is not known at the design's wavelength
+            faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
+            raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
+        problems = cross_check(seen, self.main_lens.prescription, turned=self.main_lens.reversed)
         if chain is not None or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         if problems:

@@ -17,8 +17,9 @@ from pydantic_core import PydanticCustomError
 from ..errors import Problem
 from ..lenses.glass import AIR
 from ..lenses.prescription import Prescription
-from ..units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
+from ..units import Angle, AnyLength, Distance, Gradient, Length
 from ..words import length
+from .check import shown, stop_beyond_focus
 from .material import Material
 from .parts import Offset, Part, Tilt
 from .real_lens import Lens, mounted_lens
@@ -160,12 +161,6 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
     spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
-    if design.main_lens.prescription is not None:
-        places = ("sensor.cover", design.sensor.cover), ("microlens_array.substrate", design.microlens_array.substrate)
-        beside = [*(["elements"] if spans else []), *(place for place, plate in places if plate is not None)]
-        if beside:
-            message = f"a real main lens is not traced together with {', '.join(beside)}; drop one or the other"
-            problems.append(Problem("main_lens.prescription", message))
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
         message = (
@@ -176,17 +171,15 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     for (_, near, far), (place, start, _) in pairwise(ordered):
         if start < far:
             message = (
-                f"{_shown(start)} lies inside the element that reaches from {_shown(near)} to {_shown(far)}; move one"
+                f"{shown(start)} lies inside the element that reaches from {shown(near)} to {shown(far)}; move one"
             )
             problems.append(Problem(f"{place}.distance", message))
     stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops, 1)}}
     for place, stop in stops.items():
         for element, near, far in spans:
             if near < stop.distance < far:
-                span = f"{element}, from {_shown(near)} to {_shown(far)}"
-                problems.append(
-                    Problem(f"{place}.distance", f"{_shown(stop.distance)} lies inside {span}; move it out")
-                )
+                span = f"{element}, from {shown(near)} to {shown(far)}"
+                problems.append(Problem(f"{place}.distance", f"{shown(stop.distance)} lies inside {span}; move it out"))
     if problems or known:
         return tuple(problems)
     substrate, behind = design.microlens_array.substrate, design.sensor.cover
@@ -198,24 +191,14 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     ):
         if glass > room * (1 + 1e-9):
             message = (
-                f"{_shown(room)} does not hold the {_shown(glass)} of glass in it; lengthen it or take thinner glass"
+                f"{shown(room)} does not hold the {shown(glass)} of glass in it; lengthen it or take thinner glass"
             )
             problems.append(Problem(place, message))
     d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
     if not tip <= d_f < math.inf:
-        message = (
-            f"{_shown(d_f)} is not in front of the farthest element, which ends at {_shown(tip)}; focus farther out"
-        )
+        message = f"{shown(d_f)} is not in front of the farthest element, which ends at {shown(tip)}; focus farther out"
         problems.append(Problem("main_lens.focal_plane", message))
     for place, stop in stops.items():
         if stop.distance >= d_f:
-            message = (
-                f"{_shown(stop.distance)} is not less than the focal-plane distance d_f = {_shown(d_f)}: the object "
-                "plane would lie inside the bore; move this stop closer to the lens or focus farther out"
-            )
-            problems.append(Problem(f"{place}.distance", message))
+            problems.append(stop_beyond_focus(f"{place}.distance", stop.distance, d_f))
     return tuple(problems)
-
-
-def _shown(value: float) -> str:
-    return format_quantity(float(f"{value:.8g}"), "length")

@@ -9,6 +9,7 @@ import numpy as np
 from ..camera import Camera, Number
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -26,7 +27,7 @@ def cut_depth(s: Subject) -> float:
     0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    (middle, radii), (aside, _) = (stop_discs(s.camera, x, 0.0) for x in (0.0, s.lens_field))
+    (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
     moved = aside - middle
     apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
     return float(np.clip(np.max(apart + radii[0] - radii[1:]), 0.0, 2 * radii[0]))
@@ -92,7 +93,7 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale))
+    loss = _loss(s.x_ml * float(chief_slope(s.camera)))
     return Estimate(loss, f"{loss:.2%} darker {s.at}")
 
 

@@ -1,5 +1,7 @@
 """Faults of a real main lens: aberrations, distortion, field curvature, colour. An ideal thin lens has none.
 
+What stands before it is traced with it, and counts.
+
 All four come from the traced lens, at the field's rim and inside it, the worst counting. A rendering cannot have them
 one by one: where any of the first three is on, its rays go through the lens as it is; colour says whether each
 wavelength takes its own way.
@@ -65,13 +67,14 @@ def faults(design: Design, x_ml: float) -> Faults:
         curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
         refocused=float(np.max(np.where(lit, apart / 2, 0.0))) * _cone(design),
         whole_to=max((axes[i][0] for i in range(len(axes)) if whole[i]), default=0.0),
-        steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / design.d_2,
+        steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / camera_of(design).d_2,
     )
 
 
 def _cone(design: Design) -> float:
     """Diameter of the light's cone per unit of distance from its focus on the array."""
-    return design.D_F / abs(float(Camera.of(design).A))
+    camera = Camera.of(design)
+    return float(np.abs(camera.D_F / camera.A))
 
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
@@ -79,7 +82,13 @@ def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -
     camera = camera_of(design)
     waves = (design.wavelength, *wavelengths)
     lateral = field_map(camera, [x_ml, 0.0], waves).lateral_colour[:, 0]
-    places = [first_order(camera.lens, wave).image_of(camera.focal_plane)[0] for wave in waves]
+    seen = Camera.of(design)
+    places = []
+    for wave in waves:
+        # The focal plane as the lens sees it in that colour through what stands before it.
+        plane = seen.replace({"wavelength": wave}).plane(design.d_f)
+        z = camera.first_order.front_principal - float(plane.distance)
+        places.append(first_order(camera.lens, wave).image_of(z)[0])
     return float(np.ptp(lateral)) + (max(places) - min(places)) * _cone(design)
 
 

@@ -166,10 +166,15 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
     names = [rim.name for rim in (camera.fap, *camera.rims)]
     in_light = [names.index(rim.name) for rim in camera.in_light_order]
 
+    cut = images.shapes.status[:, 0] != ClipStatus.FULL
+
     def past(order: list[int]) -> Array:
         """Shares past the first few rims; shape (microlenses, rims)."""
-        firsts = (order[: k + 1] for k in range(len(order)))
-        return np.stack([intersect(centres[:, few], radii[:, few]).kept_fraction for few in firsts], -1)
+        shares = np.ones((len(centres), len(order)))
+        for k in range(1, len(order) if cut.any() else 0):
+            few = order[: k + 1]
+            shares[cut, k] = intersect(centres[cut][:, few], radii[cut][:, few]).kept_fraction
+        return shares
 
     # The FAP stands among the others; what stops before it take is taken of the rays that fill it.
     at_fap = in_light.index(0)
@@ -267,7 +272,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> Re
         front_principal_mm=constants.front_principal,
         rear_principal_mm=constants.rear_principal,
         first_vertex_to_fap_mm=-camera.fap.z,
-        last_vertex_to_mla_mm=camera.array.z - camera.lens.length,
+        last_vertex_to_mla_mm=constants.rear_principal + design.d_1 - camera.lens.length,
         x0_max_mm=x0,
         x_ml_max_mm=x_ml,
         thin_x_ml_max_mm=thin.x_ml_max_mm,
@@ -289,7 +294,8 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
         return ()
     traced = real_field(design, axes)
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
-    cone = design.D_F / float(Camera.of(design).A) / design.d
+    twin = Camera.of(design)
+    cone = float(twin.D_F / twin.A) / design.d
     seen = maps.status == KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),

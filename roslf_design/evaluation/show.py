@@ -154,7 +154,7 @@ def field_table(result: Evaluation) -> Table:
             f"{100 * field.kept_fraction:.4g} %",
             "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, 2, "+") for v in field.centroid_mm),
             "-" if field.axis_ratio is None else f"{field.axis_ratio:.4f}",
-            f"{100 * field.ray_budget.own_cell:.2f} %",
+            f"{fixed(100 * field.ray_budget.own_cell, 2)} %",
         )
         for field in result.fields
     )
@@ -166,7 +166,7 @@ def budget_table(result: Evaluation) -> Table:
     """What each element takes of the rays that fill the pupil, a row a field."""
     budgets = [[part for part in field.ray_budget.taken() if part[0] != "FAP"] for field in result.fields]
     rows = (
-        (place(field.x_ml_mm), *(f"{100 * share:.2f} %" for _, share in budget))
+        (place(field.x_ml_mm), *(f"{fixed(100 * share, 2)} %" for _, share in budget))
         for field, budget in zip(result.fields, budgets, strict=True)
     )
     names = [name for name, _ in budgets[0]] if budgets else []
@@ -175,7 +175,7 @@ def budget_table(result: Evaluation) -> Table:
     if result.object_space is not None:  # of as many elements as there may be, one row each
         headings = ("microlens x, y [mm]", *(place(field.x_ml_mm) for field in result.fields))
         columns = tuple(
-            zip(taking, *([f"{100 * share:.2f} %" for _, share in budget] for budget in budgets), strict=True)
+            zip(taking, *([f"{fixed(100 * share, 2)} %" for _, share in budget] for budget in budgets), strict=True)
         )
         return Table(columns, "l" + "r" * len(budgets), headings, title)
     return Table(tuple(rows), "l" + "r" * len(taking), ("microlens x, y [mm]", *taking), title)

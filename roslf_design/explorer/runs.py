@@ -23,7 +23,7 @@ from ..reporting.optimization import statements
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
-from ..tolerancing.places import perturbable
+from ..tolerancing.places import perturbable, short_name
 from ..tolerancing.run import merged, tally_chunk
 from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
@@ -402,14 +402,6 @@ def _label(column: str) -> str:
     return f"{in_words(name)}, {PLACES[int(number)]}" if number else in_words(name)
 
 
-def _place(dotted: str) -> str:
-    """A place of the design in words: ``main_lens.tilt.1``."""
-    words = dotted.replace("_", " ").split(".")
-    if words[-1] in ("0", "1") and words[-2] in ("decentre", "tilt"):
-        words[-1] = "xy"[int(words[-1])]
-    return " ".join(words)
-
-
 def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
     """Every tolerance by what it alone uses of the limits."""
     moves, kinds = sensitivity(plan), perturbable(plan.question.design)
@@ -428,7 +420,7 @@ def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
                     used, worst = part, label
         size, kind = f"{perturbation.tolerance:.3g}", kinds[perturbation.place]
         told = format_quantity(float(size), kind) if kind in ("length", "angle") else size
-        yield Offender(_place(perturbation.place), told, used, _label(worst))
+        yield Offender(short_name(perturbation.place, plan.question.design), told, used, _label(worst))
 
 
 def _spreads(variant: Variant) -> Iterator[LimitSpread]:

@@ -24,6 +24,7 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
 from ..errors import InputError, Problem
+from ..rays.backward import behind_elements, lay_out
 from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
 from ..theory.light import microlens_defocus_blur
@@ -44,15 +45,15 @@ PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
 
 
 class ObjectRays(NamedTuple):
-    """Rays in object space, all arrays of one shape."""
+    """Rays in front of all elements, all arrays of one shape."""
 
     x: Floats
     y: Floats
-    """Where they cross the plane of the FAP [mm]."""
+    """Where they, prolonged, cross the plane of the FAP [mm]."""
     slope_x: Floats
     slope_y: Floats
     room: Floats
-    """Least of 1 - r^2/R^2 over the lens's rims, negative where clipped."""
+    """Least of 1 - r^2/R^2 over all that clips, negative where clipped."""
 
 
 LensRays = Callable[[Floats, Floats, Floats, Floats], ObjectRays]
@@ -108,8 +109,9 @@ class RealLensTracer:
     """Where the light behind each may fall, from its axis: low x, low y, high x, high y (M, 4) [mm]."""
     ways: tuple[LensRays, ...]
     """One a wavelength."""
-    stops: Floats
-    """Rims in the order of the design: place in front of the FAP, x, y, radius (K, 4) [mm]; the FAP first."""
+    sight: Floats
+    """What takes the focal plane's points to where the main lens sees them, and rays from there to the scene: A and E
+    (x, y) of its `ImagedPlane`, the FAP and that plane as seen [mm], then `Layout.front`, (15,)."""
     surfaces: Surfaces | None
     """None for a uniform scene."""
     level: float
@@ -121,8 +123,6 @@ class RealLensTracer:
     falloff: bool
     own_only: bool
     """Whether no pixel of a uniform scene gets more than a whole image gives."""
-    only_fap: bool
-    """Whether nothing but the FAP clips."""
     mouth: float
     """Z of the bore's mouth [mm]."""
 
@@ -137,20 +137,20 @@ class RealLensTracer:
         finite = level is None and plan.on("finite_microlens_aperture")
         blur = float(microlens_defocus_blur(camera)) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1
         forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
-        rims = [(mounted.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in mounted.rims]
+        focus = camera.focus
+        sight = [focus.a, *focus.aside, camera.d_3, focus.distance, *lay_out(camera).front]
         return cls(
             camera,
             places,
             _boxes(mounted, places, waves, blur if finite else 0.0),
-            tuple(_way(mounted, wave) for wave in waves),
-            np.array(rims[:1] if forced else rims),
+            tuple(_way(mounted, wave, forced) for wave in waves),
+            np.array(sight, float),
             encode(scene, design.d_f) if level is None else None,
             0.0 if level is None else level,
             finite,
             not plan.on("object_defocus"),
             plan.on("cos4"),
             level is not None and not plan.on("overlap"),
-            forced,
             float(camera.tip),
         )
 
@@ -207,11 +207,7 @@ class RealLensTracer:
         at_x, at_y = c[:, 0, None] + w[0], c[:, 1, None] + w[1]
         leg_x, leg_y = (x - at_x) / self.camera.d_2, (y - at_y) / self.camera.d_2
         rays = way(at_x, at_y, leg_x + w[0] / self.camera.f_ml, leg_y + w[1] / self.camera.f_ml)
-        room = np.full((n, width * width), np.inf) if self.only_fap else rays.room
-        for ahead, stop_x, stop_y, radius in self.stops:
-            off_x, off_y = rays.x - rays.slope_x * ahead - stop_x, rays.y - rays.slope_y * ahead - stop_y
-            room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
-        room = np.maximum(room, -1.0).reshape(shape)
+        room = np.maximum(rays.room, -1.0).reshape(shape)
         if self.finite:
             weight = (room >= 0).astype(float)
         else:
@@ -227,9 +223,10 @@ class RealLensTracer:
         camera = self.camera
         out = np.zeros(weight.size)
         shade_rays.compiled(
-            *surfaces, self.mouth, float(camera.d_3), float(camera.d_f), self.in_focus,
-            float(camera["main_lens.decentre.0"]), float(camera["main_lens.decentre.1"]), rays.x.reshape(-1),
-            rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1), weight.reshape(-1), out,
+            *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
+            self.in_focus, camera.chain is not None, self.sight, float(camera["main_lens.decentre.0"]),
+            float(camera["main_lens.decentre.1"]), rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1),
+            rays.slope_y.reshape(-1), weight.reshape(-1), out,
         )  # fmt: skip
         return out.reshape(weight.shape)
 
@@ -254,11 +251,21 @@ class RealLensTracer:
         return c * x - s * y, s * x + c * y
 
 
-def _way(camera: LensCamera, wavelength: float) -> LensRays:
+def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
+    """Rays of a wavelength; with `only_fap` nothing but the FAP clips."""
+    train = camera.train(wavelength)
+    rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in camera.rims]
+
     def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
-        there = camera.lens.through((x, y), (slope_x, slope_y), wavelength, start=camera.array.z, end=camera.fap.z)
+        there = train.lens.through((x, y), (slope_x, slope_y), start=camera.array.z, end=camera.fap.z)
+        out = camera.beyond(there, train, clip=False)
         (at_x, at_y), (way_x, way_y) = there.height, there.slope
-        return ObjectRays(at_x, at_y, way_x, way_y, there.room)
+        room = np.where(out.state == there.state, np.inf, -1.0) if only_fap else out.room
+        for ahead, stop_x, stop_y, radius in rims[: 1 if only_fap else None]:
+            off_x, off_y = at_x - way_x * ahead - stop_x, at_y - way_y * ahead - stop_y
+            room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
+        (x, y), (slope_x, slope_y) = out.height, out.slope
+        return ObjectRays(x, y, slope_x, slope_y, room)
 
     return rays
 
@@ -309,8 +316,8 @@ def deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
 
 @kernel()
 def shade_rays(
-    rows: Any, pictures: Any, beyond: float, mouth: float, d_3: float, d_f: float, in_focus: bool, lens_x: float,
-    lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any, out: Any,
+    rows: Any, pictures: Any, beyond: float, mouth: float, d_3: float, d_f: float, in_focus: bool, through: bool,
+    sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
     for n in range(out.shape[0]):
@@ -318,6 +325,11 @@ def shade_rays(
             continue
         ox, oy = slope_x[n], slope_y[n]
         hx, hy = x[n] + lens_x + ox * d_3, y[n] + lens_y + oy * d_3
-        if in_focus:
+        if in_focus and through:
+            fx = lens_x + (hx - ox * d_f - lens_x - sight[1]) / sight[0]
+            fy = lens_y + (hy - oy * d_f - lens_y - sight[2]) / sight[0]
+            hx, hy, ox, oy = refocused(sight[3], sight[4], fx, fy, 0.0, 0.0)
+            hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
+        elif in_focus:
             hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
         out[n] = radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)

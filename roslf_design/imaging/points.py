@@ -2,7 +2,8 @@
 
 Each point's field on the array follows from one diffraction integral over the opening that the rims leave of the FAP
 (Collins' form of Fresnel's, with the ray matrix of main lens and air); each microlens cuts out its square or disc,
-bends it and lets it spread over d_2; the fields of neighbours add before the sensor takes intensities.
+bends it and lets it spread over d_2; the fields of neighbours add before the sensor takes intensities. Through exact
+elements the wave is what their rays make it (`wavefront`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres
 from .trace import sobol_points
+from .wavefront import Wavefront
 
 Field = NDArray[np.complex128]
 RoundField = Callable[[Floats, Floats], Field]
@@ -72,6 +74,21 @@ class PointSource:
     y: float
     distance: float
     """Z, as the main lens sees it [mm]."""
+    place: tuple[float, float, float] | None = None
+    """Where it stands with a ruler, from the system's axis [mm]; None without exact rays through the elements."""
+
+    @property
+    def lens(self) -> Floats:
+        """The main lens's decentre [mm]."""
+        return np.array([float(self.camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)])
+
+    def slope(self, pupil: Floats) -> Floats:
+        """Of the ideal wave at places (..., 2) of the FAP."""
+        return np.asarray((pupil - (self.x, self.y)) / self.reach)
+
+    def wavefront(self, wavelength: float) -> Wavefront | None:
+        """Of exact rays in one colour; None where no light comes."""
+        return Wavefront.of(self, wavelength)
 
     @property
     def reach(self) -> float:
@@ -130,7 +147,7 @@ def point_image(source: PointSource, region: Region, wavelengths: tuple[float, .
 
 
 def _lit_lenses(source: PointSource, lattice: ImageLattice, beyond: float) -> Floats:
-    """Indices of the microlenses within the geometric spot and `beyond` around it, shape (N, 2)."""
+    """Indices of the microlenses within the ideal geometric spot and `beyond` around it, shape (N, 2)."""
     d, spread, opening = float(source.camera.d), source.throw * source.defocus, source.opening
     reach = abs(spread) * opening.radii[0] + beyond + d
     centre = source.spot - spread * opening.centres[0]
@@ -150,6 +167,11 @@ def _by_waves(
     image = np.zeros((region.rows, region.columns))
     # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B).
     beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * D_F)
+    front = None if source.place is None else source.wavefront(wavelength)
+    if front is None and source.place is not None:
+        return image
+    if front is not None:
+        beyond += abs(source.throw) * front.steepest
     index = _lit_lenses(source, lattice, beyond)
     if not len(index):
         return image
@@ -168,7 +190,8 @@ def _by_waves(
         # Columns of the disc, each with its own chord, keep the quadrature smooth: here as fractional rows.
         window = np.clip((d / 2 - np.hypot(v[:, None], v)) / (d / samples) + 0.5, 0, 1)
     bend = np.exp(-1j * math.pi / (wavelength * f_ml) * v**2) * dv
-    arriving = _arriving(source, wavelength, beyond + 3 * d)
+    reach = beyond + 3 * d
+    arriving = _arriving(source, wavelength, reach) if front is None else _traced_field(front, wavelength, reach)
     full = math.pi * D_F**2 / 4
     for axis, centre in zip(lattice.microlens(index), lattice.image(index), strict=True):
         lens = _on_array(source, axis, v, wavelength, arriving) * window
@@ -234,6 +257,34 @@ def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: fl
     return np.asarray((np.exp(-2j * k / throw * u_y[:, None] * height) * along) @ across)
 
 
+def _traced_field(front: Wavefront, wavelength: float, beyond: float) -> RoundField:
+    """The same for a wave through exact elements, over what they leave open, chord by chord."""
+    source, k = front.source, math.pi / wavelength
+    throw, defocus, radius = source.throw, source.defocus, front.radius
+    farthest = abs(throw * defocus) * radius + beyond
+    cycles = 2 * radius * (farthest / abs(throw) + abs(defocus) * radius + front.steepest) / wavelength
+    count = 24 + 2 * math.ceil(cycles)
+    height, weight, left, right = front.chords(count)
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    a = (left + right)[:, None] / 2 + (right - left)[:, None] / 2 * nodes
+    path = front.path(np.stack(np.broadcast_arrays(a, height[:, None]), axis=-1))
+    square = a**2 + height[:, None] ** 2
+    row = np.exp(1j * k * (defocus * square + 2 * path)) * (right - left)[:, None] / 2 * weights * weight[:, None]
+    summed: dict[bytes, Field] = {}
+
+    def rows(u_x: Floats) -> Field:
+        """Sums along the chords: the same for all microlenses of a column."""
+        if (key := u_x.tobytes()) not in summed:
+            turned = (np.exp(-2j * k / throw * chord[:, None] * u_x) for chord in a)
+            summed[key] = np.array([(wave[:, None] * turn).sum(0) for wave, turn in zip(row, turned, strict=True)])
+        return summed[key]
+
+    def field(u_x: Floats, u_y: Floats) -> Field:
+        return np.asarray(np.exp(-2j * k / throw * u_y[:, None] * height) @ rows(u_x).reshape(len(height), len(u_x)))
+
+    return field
+
+
 def _on_array(source: PointSource, axis: Floats, v: Floats, wavelength: float, arriving: RoundField) -> Field:
     """Field on one microlens's square, shape (v.size, v.size); its squared size integrates to the light there."""
     field = arriving(*(at + v - spot for at, spot in zip(axis, source.spot, strict=True)))
@@ -247,9 +298,15 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
     unit = (sobol_points(RAYS)[:, :2] + 0.5) / 2.0**32
     rho, phi = opening.radii[0] * np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]
     a = np.stack([rho * np.cos(phi), rho * np.sin(phi)], -1) + opening.centres[0]
-    kept = (np.hypot(*(a[:, None] - opening.centres).transpose(2, 0, 1)) <= opening.radii * (1 + 1e-12)).all(1)
     # The ray (a, slope (a - X)/R) through d_3 of air, lens, d_1 of air.
     slope = (a - (source.x, source.y)) / source.reach
+    if source.place is None:
+        kept = (np.hypot(*(a[:, None] - opening.centres).transpose(2, 0, 1)) <= opening.radii * (1 + 1e-12)).all(1)
+    else:
+        front = source.wavefront(float(camera["light.wavelength"]))
+        if front is None:
+            return np.zeros((region.rows, region.columns), np.float32)
+        kept, slope = front.lit(a), slope + front.slopes(a)
     height = a + slope * camera.d_3
     after = slope - height / camera.f
     hit = height + after * camera.d_1

@@ -17,6 +17,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
+from ..theory.light import chief_spread
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
@@ -226,18 +227,10 @@ class _Job:
 
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""
-        ways = (
-            (self.camera.tilted, "tilted parts", "-tilts"),
-            (
-                self.plan.on("plate_aberration"),
-                "elements by Snell's law",
-                "-plate_aberration",
-            ),
-        )
-        for on, what, remedy in ways:
-            if self.scene.points and on:
-                message = f"point sources through {what} are not rendered; add --effects {remedy} to take them as ideal"
-                raise InputError((Problem("effects", message),))
+        if self.scene.points and self.camera.tilted:
+            message = "point sources through tilted parts are not rendered; add --effects -tilts to take them as ideal"
+            raise InputError((Problem("effects", message),))
+        exact = self.plan.on("plate_aberration")
         camera = self.camera
         lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:
@@ -245,8 +238,10 @@ class _Job:
                 x, y, distance = (float(seen) for seen in camera.see(*position))
                 light = thing.flux
                 if self.plan.on("cos4"):
-                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
-                yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
+                    away = (distance - camera.d_3) / chief_spread(camera)
+                    light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
+                place = (float(position[0]), float(position[1]), float(position[2])) if exact else None
+                yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance, place)
 
     @property
     def colours(self) -> tuple[float, ...]:

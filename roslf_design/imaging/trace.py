@@ -41,6 +41,8 @@ from ..rays.backward import (
 )
 from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.light import chief_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -56,6 +58,8 @@ FAR = 1e300
 """Distance of what is not met."""
 BATCH = 16
 """Rays between two looks at a pixel's error."""
+WELL_OUTSIDE = 2.0
+"""How many times farther than exact rays were seen to come from the closed forms' they are let off the FAP's rim."""
 MOST = 64
 """Candidate microlenses that one pixel may have."""
 DIMENSIONS = 6
@@ -303,9 +307,11 @@ class Tracer:
         """For a design, a plan and a scene."""
         camera = planned_camera(design, plan)
         lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
-        if exact:  # rims are met in order, on the way
+        if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
             slack = misses(design, Subject(design).lens_field, ()).image
-            lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=layout.rims[:0])
+            near = layout.rims[:1].copy()
+            near[0, 3] *= 1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)
+            lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=near)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
         kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
@@ -327,7 +333,7 @@ class Tracer:
             np.array(flags),
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
-            float(camera.inverse_m / (camera.gap * camera.fap.scale)) if plan.on("cos4") else 0.0,
+            float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
@@ -436,6 +442,7 @@ def _trace(
         lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
         near_x, near_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+        faces, indices, takes = table.copy(), media.copy(), takers.copy()  # shared ones are counted by all threads
         used = 0
         for i in range(x.size):
             n = 0
@@ -527,22 +534,8 @@ def _trace(
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
                         hx, hy, ox, oy, kept = to_scene(
-                            flags,
-                            k,
-                            front,
-                            table,
-                            media,
-                            takers,
-                            buffer,
-                            work,
-                            d_3,
-                            d_f,
-                            kick_x,
-                            kick_y,
-                            hx,
-                            hy,
-                            ox,
-                            oy,
+                            flags, k, front, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
+                            ox, oy,
                         )  # fmt: skip
                         if not kept:
                             continue

@@ -130,12 +130,12 @@ def encircled(camera: Camera) -> Encircled:
     height = np.hypot(frequency[:, None], frequency)
     spectrum = radius * j1(2 * math.pi * radius * height) / height
     passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
-    cell = cell_spectrum(camera.layout, pitch, frequency, PANEL * panels)
+    cell = cell_spectrum(camera.layout, pitch, frequency)
     area = math.pi * radius**2
     return Encircled(float((passed * spectrum).sum() / area), float((passed * cell).sum() / area))
 
 
-def cell_spectrum(layout: Layout, pitch: float, frequency: Floats, count: int) -> Floats:
+def cell_spectrum(layout: Layout, pitch: float, frequency: Floats) -> Floats:
     """Fourier transform of a lattice's cell about the origin, at all pairs of frequencies along y and x.
 
     Parameters
@@ -144,26 +144,22 @@ def cell_spectrum(layout: Layout, pitch: float, frequency: Floats, count: int) -
     pitch : float
         Of the images [mm]; neighbours lie along x.
     frequency : ndarray, shape (N,)
-        [1/mm].
-    count : int
-        Gauss-Legendre nodes on each straight part of a hexagon's side.
+        Above 0 [1/mm].
 
     Returns
     -------
     ndarray, shape (N, N)
         [mm^2]; rows are frequencies along y.
     """
+    box = pitch * np.sinc(frequency * pitch)
     if layout == "square":
-        box = pitch * np.sinc(frequency * pitch)
         return np.asarray(box[:, None] * box)
     # A hexagon, row by row: as wide as the pitch up to half its height, from there on narrowing to a corner.
-    nodes, weights = np.polynomial.legendre.leggauss(count)
     half = pitch / (2 * math.sqrt(3))
-    at = (nodes + 1) / 2
-    y, step = np.concatenate([half * at, half * (1 + at)]), np.tile(half * weights / 2, 2)
-    wide = pitch * np.concatenate([np.ones(count), 1 - at])
-    rows = 2 * step[:, None] * wide[:, None] * np.sinc(np.outer(wide, frequency))
-    return np.asarray(np.cos(2 * math.pi * np.outer(frequency, y)) @ rows)
+    across, up = math.pi * pitch * frequency, 2 * math.pi * half * frequency[:, None]
+    one = np.sin((across + 3 * up) / 2) * np.sinc((up - across) / (2 * math.pi))
+    other = np.sin((across - 3 * up) / 2) * np.sinc((up + across) / (2 * math.pi))
+    return np.asarray(2 * half * np.sinc(2 * half * frequency)[:, None] * box + half * pitch * (one + other) / across)
 
 
 def fineness(transfer: MicrolensTransfer, pixel: float) -> int:

@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 Pair = tuple[ArrayLike, ArrayLike] | Array
 
 BLOCK = 256
-"""Rays in a block; seven rows of them are 14 kB."""
-ROWS = 7
-"""Of a block: position, direction, state."""
+"""Rays in a block; eight rows of them are 16 kB."""
+ROWS = 8
+"""Of a block: position, direction, state, and room to work."""
 
 KEPT = 0
 CLIPPED, MISSED, REFLECTED, NO_PLANE, INVALID, STOPPED = 1, 2, 3, 4, 5, 6
@@ -41,8 +41,18 @@ REASONS = {
 }
 
 SPHERE, CONIC, ASPHERE = 1, 2, 3
+THIN, ROD = 11, 12
+"""Rows beside surfaces: an ideal lens, 1/f in place of the curvature; a rod from its sensor's side, with n_0 and g in
+the places of curvature and conic, and its length in that of the first aspheric term."""
 COLUMNS = 26
 """Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound."""
+LENGTH = 17
+"""Where a rod's length stands."""
+TERMS = 16
+"""Of a rod's series."""
+STEP, LONGEST = 0.1, 0.7
+"""Steps in a rod's phase: a tenth of how far the series converges, and no longer than that; what is left out is some
+1e-14 of a ray's height."""
 UNIT_ERROR = 1e-9
 SAMPLES = 64
 
@@ -143,7 +153,7 @@ class SurfaceStack(NamedTuple):
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
-        compiled = _pays(kernel, total * count)
+        compiled = pays(kernel, total * count)
         if not compiled:
             arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
         (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
@@ -181,7 +191,8 @@ class SurfaceStack(NamedTuple):
         return Passed(out[:2], out[2:], state, room)
 
 
-def _pays(kernel: Any, meetings: int) -> bool:
+def pays(kernel: Any, meetings: int) -> bool:
+    """Whether the compiled kernel is to do so many meetings of rays and surfaces; counts those that it does not."""
     if kernel.ready:
         return meetings >= CALL_ABOVE
     _spent[0] += meetings
@@ -411,6 +422,128 @@ def meet_asphere(
 
 
 @kernel()
+def meet_thin(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
+    code: float,
+) -> None:  # fmt: skip
+    """Bend a block at an ideal lens, whose tilt matters where liquid begins at it."""
+    lean_x, lean_y = table[first + 10] / table[first + 16], table[first + 13] / table[first + 16]
+    for i in range(m):
+        if buffer[6 * BLOCK + i] != 0.0:
+            squares[i] = -1.0
+            continue
+        t = (table[first + 2] - buffer[2 * BLOCK + i]) / buffer[5 * BLOCK + i]
+        x, y = buffer[i] + t * buffer[3 * BLOCK + i], buffer[BLOCK + i] + t * buffer[4 * BLOCK + i]
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, table[first + 2]
+        x, y = x - table[first], y - table[first + 1]
+        squares[i] = x * x + y * y
+        if squares[i] > limit:
+            buffer[6 * BLOCK + i] = code + CLIPPED
+            continue
+        sx, sy = buffer[3 * BLOCK + i] / buffer[5 * BLOCK + i], buffer[4 * BLOCK + i] / buffer[5 * BLOCK + i]
+        sx = (before * sx - s * (x * table[first + 3]) + (after - before) * lean_x) / after
+        sy = (before * sy - s * (y * table[first + 3]) + (after - before) * lean_y) / after
+        shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = sx * shrink, sy * shrink, shrink
+
+
+@kernel()
+def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2: float) -> Any:
+    """Solve x'' = -pull (1 - g^2 r^2/2) x, and so for y, over a unit of length, by Taylor series.
+
+    That of s = r^2 has a law of its own, s'' = 2 e - 4 pull s + 3/2 pull g^2 s^2 with e = v^2 + pull s (1 - g^2 s/4),
+    which stays. Terms of x, y and once more of s lie backwards, so that a product of series is one of rows.
+    """
+    last = TERMS - 1
+    forth, back = work[:TERMS], work[TERMS : 2 * TERMS]
+    xs, ys = work[2 * TERMS : 3 * TERMS], work[3 * TERMS : 4 * TERMS]
+    xs[last], xs[last - 1], ys[last], ys[last - 1] = x, u, y, v
+    forth[0], forth[1] = x * x + y * y, 2.0 * (x * u + y * v)
+    back[last], back[last - 1] = forth[0], forth[1]
+    energy = u * u + v * v + pull * forth[0] * (1.0 - 0.25 * g2 * forth[0])
+    for k in range(TERMS - 2):
+        ss, sx, sy = 0.0, 0.0, 0.0
+        old, old_x, old_y = back[last - k :], xs[last - k :], ys[last - k :]
+        for j in range(k + 1):
+            ss += forth[j] * old[j]
+            sx += forth[j] * old_x[j]
+            sy += forth[j] * old_y[j]
+        part = pull / ((k + 1.0) * (k + 2.0))
+        term = part * (1.5 * g2 * ss - 4.0 * forth[k]) + (energy if k == 0 else 0.0)
+        forth[k + 2], back[last - 2 - k] = term, term
+        xs[last - 2 - k] = part * (0.5 * g2 * sx - old_x[0])
+        ys[last - 2 - k] = part * (0.5 * g2 * sy - old_y[0])
+    x, y, u, v = 0.0, 0.0, 0.0, 0.0
+    for k in range(TERMS):
+        power = last - k
+        x, y, u, v = x + xs[k], y + ys[k], u + power * xs[k], v + power * ys[k]
+    return x, y, u, v
+
+
+@kernel()
+def meet_rod(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
+    code: float,
+) -> None:  # fmt: skip
+    """Carry a block through a rod of n = n_0 (1 - g^2 r^2/2), in its own axes.
+
+    Along the axis the optical direction p_z stays as it is, and x'' = -(n_0 g/p_z)^2 (1 - g^2 r^2/2) x.
+    """
+    work = buffer[7 * BLOCK : 8 * BLOCK]
+    n_0, g2, length = table[first + 3], table[first + 4] * table[first + 4], table[first + LENGTH]
+    start = table[first + 2] - (length if s > 0.0 else 0.0)
+    for i in range(m):
+        squares[i] = -1.0
+        if buffer[6 * BLOCK + i] != 0.0:
+            continue
+        dx, dy, dz = before * buffer[3 * BLOCK + i], before * buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+        if not dz * s > 0.0:
+            buffer[6 * BLOCK + i] = code + REFLECTED
+            continue
+        t = (start - buffer[2 * BLOCK + i]) / dz
+        x = buffer[i] + t * buffer[3 * BLOCK + i] - table[first]
+        y = buffer[BLOCK + i] + t * buffer[4 * BLOCK + i] - table[first + 1]
+        r2 = x * x + y * y
+        squares[i] = r2
+        index = n_0 * (1.0 - 0.5 * g2 * r2)
+        forward = index * index - dx * dx - dy * dy
+        if r2 > limit:
+            buffer[6 * BLOCK + i] = code + CLIPPED
+            continue
+        if not (index > 0.0 and forward > 0.0):
+            buffer[6 * BLOCK + i] = code + REFLECTED
+            continue
+        forward = sqrt(forward)
+        phase2 = n_0 * n_0 * g2 / (forward * forward)
+        u, v = dx / forward, dy / forward  # per length along the axis
+        # A ray swings like an elliptic sine of amplitude A, whose poles lie ln(8/(g A)) off the real axis.
+        swing = sqrt(g2 * r2 + (dx * dx + dy * dy) / (n_0 * n_0))
+        longest = max(STEP, min(LONGEST, STEP * math.log(8.0 / max(swing, 1e-9))))
+        count = max(1, math.ceil(sqrt(phase2) * length / longest))
+        h = length / count
+        u, v = u * h, v * h
+        for _ in range(count):
+            x, y, u, v = rod_step(work, x, y, u, v, phase2 * h * h, g2)
+            squares[i] = max(squares[i], x * x + y * y)
+            if squares[i] > limit:
+                break
+        u, v = u / h, v / h
+        px, py = u * forward / after, v * forward / after
+        rest = 1.0 - px * px - py * py
+        if squares[i] > limit:
+            buffer[6 * BLOCK + i] = code + CLIPPED
+        elif not rest > 0.0:
+            buffer[6 * BLOCK + i] = code + REFLECTED
+        else:
+            buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = (
+                x + table[first],
+                y + table[first + 1],
+                start + s * length,
+            )
+            buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = px, py, s * sqrt(rest)
+
+
+@kernel()
 def turn(buffer: Any, m: int, table: Any, first: int, into: bool) -> None:
     """Turn a block about a surface's vertex, into the surface's own axes or back."""
     vx, vy, vz = table[first], table[first + 1], table[first + 2]
@@ -450,6 +583,10 @@ def pass_surfaces(
             meet_sphere(buffer, mine, m, table, first, limit, mu, s, code)
         elif kind == CONIC:
             meet_conic(buffer, mine, m, table, first, limit, mu, s, code)
+        elif kind == THIN:
+            meet_thin(buffer, mine, m, table, first, limit, before, after, s, code)
+        elif kind == ROD:
+            meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
         else:
             meet_asphere(buffer, mine, m, table, first, limit, mu, s, code)
         if turned:

@@ -75,8 +75,7 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
     is seen, in one sentence, for those who cannot see it.
     """
     width, height = size
-    # What no identifier may have is told by its code: spaces and brackets would end the reference to one.
-    start = re.sub(r"[^\w-]", lambda match: f".{ord(match[0]):x}.", name)
+    start = _identifier(name)
     body = "".join(_panel(panel, theme, f"{start}-{number}") for number, panel in enumerate(panels))
     return tag(
         "svg",
@@ -87,6 +86,11 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
         role="img", aria_labelledby=f"{start}-title", data_testid=f"picture-{name}", font_family=FONT,
         font_size=PLAIN,
     )  # fmt: skip
+
+
+def _identifier(name: str) -> str:
+    """What no identifier may have is told by its code: spaces and brackets would end the reference to one."""
+    return re.sub(r"[^\w-]", lambda match: f"_{ord(match[0]):x}_", name)
 
 
 def file_of(content: str | bytes) -> bytes:
@@ -150,7 +154,7 @@ def _again(element: ElementTree.Element, name: str, depth: int) -> str:
         raise ValueError(f"holds <{kind}>")
     if depth == 0:
         raise ValueError(f"holds elements more than {DEEPEST} deep")
-    own = {"href": PIXELS, "style": re.compile(PIXELATED), "id": re.compile(f"{re.escape(name)}[\\w-]*")}
+    own = {"href": PIXELS, "style": re.compile(PIXELATED), "id": re.compile(f"{_identifier(name)}[\\w-]*")}
     for key, value in element.attrib.items():
         if key not in DRAWN[kind].split() or not own.get(key, HARMLESS).fullmatch(value):
             raise ValueError(f'holds {key}="{value[:60]}" on <{kind}>')
@@ -371,10 +375,11 @@ def _image(mark: Image, panel: Panel, theme: Theme) -> str:
 
     stream = io.BytesIO()
     colours = theme.shades(mark.ramp, mark.shares)
-    Pixels.fromarray(np.ascontiguousarray(colours[::-1])).save(stream, "PNG", compress_level=6)
+    (left, first), (right, last) = panel.at(mark.box[0], mark.box[2]), panel.at(mark.box[1], mark.box[3])
+    rows = colours if first < last else colours[::-1]
+    Pixels.fromarray(np.ascontiguousarray(rows)).save(stream, "PNG", compress_level=6)
     data = base64.b64encode(stream.getvalue()).decode()
-    (left, low), (right, high) = panel.at(mark.box[0], mark.box[2]), panel.at(mark.box[1], mark.box[3])
     return tag(
-        "image", x=left, y=high, width=right - left, height=low - high, preserveAspectRatio="none",
+        "image", x=left, y=min(first, last), width=right - left, height=abs(last - first), preserveAspectRatio="none",
         style=PIXELATED, href=f"data:image/png;base64,{data}", data_testid=mark.testid,
     )  # fmt: skip

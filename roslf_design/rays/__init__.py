@@ -1,5 +1,5 @@
 """Rays through stops, main lens and microlenses, every one with a fate."""
 
-from .pupil import PASSED, Fan, PupilRays, Status, describe, fans, glass_shares, paths, trace_pupil
+from .pupil import PASSED, Fan, PupilRays, Status, fans, glass_shares, paths, trace_pupil
 
-__all__ = ["PASSED", "Fan", "PupilRays", "Status", "describe", "fans", "glass_shares", "paths", "trace_pupil"]
+__all__ = ["PASSED", "Fan", "PupilRays", "Status", "fans", "glass_shares", "paths", "trace_pupil"]

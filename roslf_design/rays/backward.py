@@ -62,10 +62,14 @@ def lay_out(camera: Camera) -> Layout:
     if not camera.tilted:
         maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
     rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
-    end, plane = camera.front
-    front = [end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean]
     constants = [*ones, camera.D / 2, camera.d / 2]
-    return Layout(*(np.array(part, float) for part in (constants, maps, rims, front)))
+    return Layout(np.array(constants, float), np.array(maps, float), np.array(rims, float), scene_side(camera))
+
+
+def scene_side(camera: Camera) -> Floats:
+    """`Layout.front` of one camera."""
+    end, plane = camera.front
+    return np.array([end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean], float)
 
 
 def _map(pose: Frame) -> Floats:

@@ -21,7 +21,7 @@ Point = tuple[ArrayLike, ArrayLike]
 
 
 class Status(IntEnum):
-    """Fate of one ray; stored as one byte. Codes from `APERTURE` on number the stops: stop k is ``APERTURE + k``."""
+    """Fate of one ray; stored as one byte. ``APERTURE + k`` is rim k of `Camera.rims`, an element's face or a stop."""
 
     KEPT = 0
     """Passed everything; it landed in its own microlens's cell."""
@@ -40,41 +40,11 @@ class Status(IntEnum):
     ELEMENT = 7
     """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
     APERTURE = 16
-    """Clipped by the flexible angular plane (FAP), which is stop 0; further stops follow."""
+    """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
 
 
 PASSED = (int(Status.KEPT), int(Status.NEIGHBOUR), int(Status.OFF_SENSOR))
 """Past every rim, wherever on the sensor's plane it landed."""
-
-_NAMES = {
-    Status.KEPT: "kept",
-    Status.MAIN_LENS: "clipped by main lens",
-    Status.MICROLENS: "outside its microlens",
-    Status.OFF_SENSOR: "off the sensor",
-    Status.NEIGHBOUR: "in a neighbour's cell",
-    Status.UNTRACEABLE: "untraceable",
-    Status.REFLECTED: "totally reflected",
-    Status.ELEMENT: "clipped by an element",
-    Status.APERTURE: "clipped by flexible angular plane",
-}
-
-
-def describe(code: int) -> str:
-    """Readable name of a status code: "clipped by main lens", "clipped by stop 2".
-
-    Raises
-    ------
-    ValueError
-        A number that is no status.
-    """
-    if Status.APERTURE < code <= 255:
-        return f"clipped by stop {code - Status.APERTURE}"
-    try:
-        return _NAMES[Status(code)]
-    except ValueError:
-        raise ValueError(
-            f"{code} is not a ray status: expected 0 to 7, or {Status.APERTURE} + a stop's index"
-        ) from None
 
 
 class PupilRays(NamedTuple):

@@ -116,8 +116,9 @@ class _Images(NamedTuple):
 def texture(c: Camera, seen: Seen, quarter: bool = True) -> Spectrum:
     """Spectrum that single views show of the texture which a design assumes.
 
-    Blurred by the microlenses' width and by diffraction at the FAP. Detail finer than two microlenses (in hexagonal
-    arrays root three) is not counted: single views show it as something else.
+    Blurred by the microlenses' width; diffraction at the FAP, the same uncertainty of place and direction as that at
+    the microlenses, would count twice. Detail finer than two microlenses (in hexagonal arrays root three) is not
+    counted: single views show it as something else.
 
     Parameters
     ----------
@@ -148,9 +149,7 @@ def texture(c: Camera, seen: Seen, quarter: bool = True) -> Spectrum:
         (at[..., None] * np.broadcast_to(part, angle.shape)).reshape(*shape, -1)
         for part, at in ((np.cos(angle), at), (np.sin(angle), at), (turn, radial))
     )
-    blur = np.broadcast_to(c.wavelength * ratio(np.abs(c.A), np.abs(c.D_F)) / c.d, shape)[..., None]
-    power = power * np.broadcast_to(np.square(contrast), shape)[..., None]
-    power = power * (_footprint(c, x, y) * _chat(np.hypot(x, y) * blur)) ** 2
+    power = power * np.broadcast_to(np.square(contrast), shape)[..., None] * _footprint(c, x, y) ** 2
     x, y = (np.broadcast_to(values, power.shape) for values in (x, y))
     if quarter:
         return Spectrum(x, y, power)
@@ -174,13 +173,7 @@ def _footprint(c: Camera, x: Array, y: Array) -> Array:
     return np.asarray(np.where(k > 0, 2 * j1(safe) / safe, 1.0))
 
 
-def _chat(k: Array) -> Array:
-    """Incoherent transfer of a round pupil; k is 1 where it ends."""
-    k = np.clip(k, 0.0, 1.0)
-    return np.asarray(2 / math.pi * (np.arccos(k) - k * np.sqrt((1 - k) * (1 + k))))
-
-
-def disparity_information(images: MicrolensImages, seen: Seen) -> Array:
+def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum | None = None) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
@@ -189,13 +182,16 @@ def disparity_information(images: MicrolensImages, seen: Seen) -> Array:
         At the fields asked for; their tilts are left out.
     seen : Seen
         The plane looked at; it broadcasts with the builds.
+    waves : Spectrum, optional
+        Of the texture there, in half of all directions: in its second half waves mirrored in x. None is `texture`.
 
     Returns
     -------
     ndarray, shape (fields, builds)
         With the texture unknown. 0 without light, beyond the full well, and where images overlap many times.
     """
-    c, rows = images.camera, _rows_of(images, seen)
+    c = images.camera
+    rows = _rows_of(images, seen, texture(c, seen, quarter=False) if waves is None else waves)
     builds = _builds(images, seen)
     shape = (len(images.fields), *builds)
     fill, whole = 2 * rows.radii[:, 0], rows.whole
@@ -204,6 +200,7 @@ def disparity_information(images: MicrolensImages, seen: Seen) -> Array:
     usable &= np.isfinite(rows.power).all(-1)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
+    level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for detail, uncut in sorted({(int(a), bool(b)) for a, b in zip(level, whole, strict=True) if a}):
         mine = np.flatnonzero((level == detail) & (whole == uncut))
         # Whole images of one build are all alike.
@@ -218,14 +215,13 @@ def _builds(images: MicrolensImages, seen: Seen) -> tuple[int, ...]:
     return np.broadcast_shapes(images.camera.shape or (1,), np.shape(seen.disparity), np.shape(seen.scale))
 
 
-def _rows_of(images: MicrolensImages, seen: Seen) -> _Images:
+def _rows_of(images: MicrolensImages, seen: Seen, waves: Spectrum) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     centres, radii = images.discs
     builds = _builds(images, seen)
     shape, stops = (radii.shape[0], *builds), radii.shape[-1]
     pitch = magnitude(microlens_image_pitch(c))
-    waves = texture(c, seen, quarter=False)
     bend = ratio(seen.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.d_2
     optics = (c.d, c.d_2, c.wavelength, defocus, c.q, electrons(c), dark_variance(c), pitch, bend)
@@ -247,11 +243,11 @@ def _sharpened(images: _Images, c: Camera, level: int, whole: bool) -> Array:
     if whole:
         half = images.x.shape[1] // 2  # the other half is the mirror image
         images = images._replace(x=images.x[:, :half], y=images.y[:, :half], power=2 * images.power[:, :half])
-    if (finest <= SHARPEST).all():
+    if level <= SHARPEST:
         return _information(images, c, level, whole)
     at = np.array([1.0, 1.5, 2.25]) / SHARPEST
     blurred = [images._replace(wavelength=images.wavelength * finest * x) for x in at]
-    values = np.stack([_information(some, c, level, whole) for some in blurred])
+    values = np.stack([_information(some, c, SHARPEST, whole) for some in blurred])
     x = np.minimum(1 / finest, at[0])
     weights = [np.prod([(x - b) / (a - b) for b in at if b != a], axis=0) for a in at]
     return np.asarray(sum(weight * value for weight, value in zip(weights, values, strict=True)))
@@ -378,7 +374,8 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     some = (np.arange(APART) - APART // 2) / APART
     first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
     kx, ky = first, (2 * second - first) / math.sqrt(3) if hexagonal else second
-    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())))
+    none = np.zeros(1)
+    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Spectrum(none, none, none))
     sharp = rows.finest > FINEST_PLACES
     rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
     side = 2 * math.ceil((1.4 if hexagonal else 1.0) * float(rows.finest.max(initial=1.0))) + 2

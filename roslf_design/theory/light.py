@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
-from ..camera import Camera
+from ..camera import Camera, Number
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -77,6 +77,21 @@ def object_scale(c: Camera) -> Array:
     return product(c.inverse_m, np.abs(c.focus.magnification))
 
 
+def chief_spread(c: Camera) -> Number:
+    """Slope of a chief ray before all that bends light, over its slope where the main lens sees it; 1 in air.
+
+    Flat glass leaves it; an objective before the FAP does not. cos^4 is of the angle there: what the FAP takes of a
+    Lambertian surface through its image, the entrance pupil, wherever that lies.
+    """
+    _, front = c.front
+    return np.abs(front.d - front.c * c.d_3)
+
+
+def chief_slope(c: Camera) -> Array:
+    """That slope for a microlens a millimetre off the axis [1/mm]."""
+    return ratio(c.inverse_m * chief_spread(c), c.gap)
+
+
 def field_angle(c: Camera, place: ArrayLike) -> Array:
     """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
 
@@ -88,9 +103,8 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
     place : array_like
         Of the microlens, from the main lens's axis [mm].
     """
-    _, front = c.front
-    slope = product(c.inverse_m, ratio(front.d - front.c * c.d_3, c.gap)) * np.asarray(place)
-    return np.asarray(np.arcsin(np.sin(np.arctan(np.sqrt(slope * slope))) / front.medium))
+    slope = chief_slope(c) * np.asarray(place)
+    return np.asarray(np.arcsin(np.sin(np.arctan(np.sqrt(slope * slope))) / c.front[1].medium))
 
 
 class SensorField(NamedTuple):

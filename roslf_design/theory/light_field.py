@@ -99,6 +99,15 @@ def epi_slope(c: Camera, depth: ArrayLike) -> Array:
     return product(pupil_shear(c, depth), ratio(c.q / c.d * c.A, c.d_2))
 
 
+def depth_of_slope(c: Camera, slope: ArrayLike) -> Array:
+    """Depth Z_F [mm] of what moves by `slope` [microlenses per px] from view to view: the inverse of `epi_slope`.
+
+    Inf for what is infinitely far; below 0, where no point is, for larger slopes still.
+    """
+    (k,) = floats(slope)
+    return ratio(c.A, c.m - product(k, ratio(c.d_2 * c.d, c.q * c.A)))
+
+
 def rim_disparity(c: Camera, depth: ArrayLike) -> Array:
     """Disparity of a point at Z_F = `depth` [mm] between the FAP's opposite rims [pitches]; inf at 0."""
     return product(-c.D_F / c.d, pupil_shear(c, depth))

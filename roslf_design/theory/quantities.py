@@ -49,8 +49,8 @@ class Quantity:
     worst: Callable[[Array], Array] | None = None
     """Of several values (one a rim) the one that counts."""
     monotone: bool = True
-    """Whether `of` rises or falls in each single design length throughout, the others held, f excepted where
-    `bent_in_f`: its extremes over a box then lie at corners."""
+    """Whether `of` rises or falls in each single design length throughout, also beyond d_3 = d_f, the others held, f
+    excepted where `bent_in_f`: its extremes over a box then lie at corners."""
     monotone_with: str = ""
     """A place of a design: where something stands there the quantity is monotone all the same."""
     numeric: bool = False

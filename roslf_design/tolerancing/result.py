@@ -38,14 +38,14 @@ from .analyses import (
 from .metrics import METRICS, builds_of
 from .places import Grades
 from .run import Tally
-from .study import Study, TolerancePlan, make_plan
+from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
 
 Array = NDArray[np.float64]
 
 SCHEMA = "roslf.tolerance/1"
-FINEST = 1e-6
+FINEST = 1e-5
 """A finer yield takes more trials than a study may have."""
 SIGMAS = 2.0
 """Of a standard error: what a share is off by in at most 5 % of runs."""
@@ -335,9 +335,9 @@ def trials_for(accuracy: float, sampling: str = "random") -> int:
     InputError
         Out of range.
     """
-    check_accuracy(accuracy, FINEST, "a finer yield takes more than 1e12 trials")
+    check_accuracy(accuracy, FINEST, f"a finer yield takes more than {MOST_TRIALS:.0e} trials")
     count = math.ceil((SIGMAS / 2 / accuracy + 1) ** 2)
-    return min(1 << (count - 1).bit_length() if sampling == "sobol" else count, 10**12)
+    return min(1 << (count - 1).bit_length() if sampling == "sobol" else count, MOST_TRIALS)
 
 
 def precision(

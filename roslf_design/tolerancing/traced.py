@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from ..camera import Camera, Number
 from ..camera.frames import frame
 from ..design import Design
-from ..design.conjugates import CONJUGATES
+from ..design.conjugates import CONJUGATES, followed
 from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
-from ..lenses.tracer import BLOCK
+from ..lenses.tracer import BLOCK, COLUMNS
+from ..rays.object_space import FacesAhead
 from ..traced.builds import (
     Aimed,
     Aims,
@@ -37,7 +38,7 @@ from ..traced.builds import (
     pupil_points,
     spot_radii,
 )
-from ..traced.camera import camera_of, microlenses, sensor_of_pupil
+from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, stops_of
@@ -68,6 +69,8 @@ class Mounted(NamedTuple):
     """T builds of a camera behind a real lens."""
 
     lens: LensBuilds
+    train: Train
+    """That lens, and what stands before it."""
     planes: Planes
     twins: dict[str, Array]
     """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
@@ -80,8 +83,8 @@ class Mounted(NamedTuple):
 def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
     """Where everything stands in builds of a design behind a real lens.
 
-    The lens is missed in itself; the stops, the array and the sensor keep the places that the nominal lens gave them,
-    but for their own misses.
+    The lens is missed in itself; the stops, the elements, the array and the sensor keep the places that the nominal
+    lens gave them, but for their own misses.
     """
     nominal, camera, drawn = nominal_values(design), camera_of(design), design.lens
     assert drawn is not None
@@ -101,8 +104,12 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         diameter=values.get("main_lens.diameter"),
         tilt=pair("main_lens.tilt"),
     )
-    mla = camera.first_order.rear_principal + _mla_distance(design, values, number(DISTANCE))
-    fronts = {stop: camera.first_order.front_principal - number(f"{stop}.distance") for stop in stops_of(design)}
+    around, front = _around(design, values), camera.first_order.front_principal
+    mla = camera.first_order.rear_principal + _mla_distance(around, values, number(DISTANCE))
+    chain, known = around.chain, around.numbers
+    before, behind = (0.0, 0.0) if chain is None else (chain.before_array(known), chain.behind_array(known))
+    fronts = {stop: front - number(f"{stop}.distance") for stop in stops_of(design)}
+    elements = {f"elements.{k}": front - number(f"elements.{k}.distance") for k in range(len(design.elements))}
     lens_x, lens_y = pair("main_lens.decentre")
 
     def placed(part: str, z: Array, roll: Number = 0.0) -> Array:
@@ -112,22 +119,33 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
 
     rims = [np.column_stack([placed(stop, z), number(f"{stop}.diameter") / 2]) for stop, z in fronts.items()]
     planes = Planes(
-        placed("microlens_array", mla, number("microlens_array.rotation")),
-        placed("sensor", mla + number("sensor.distance")),
-        np.stack(rims, axis=1),
+        placed("microlens_array", mla - before, number("microlens_array.rotation")),
+        placed("sensor", mla - before + (number("sensor.distance") - behind)),
+        np.stack(rims[: 1 if elements else None], axis=1),
     )
+    origin = np.stack([-lens_x, -lens_y, np.full(trials, front)], axis=-1)
+    train = Train.of(lens.stack, FacesAhead.of(around) if elements else None, origin)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
-    twins |= {f"{stop}.distance": lens.front_principal - z for stop, z in fronts.items()}
-    sound = lens.sound & (mla > lens.rear)
-    for z in fronts.values():
+    twins |= {f"{part}.distance": lens.front_principal - z for part, z in (fronts | elements).items()}
+    sound = lens.sound & (mla - before > lens.rear)
+    for z in (fronts | elements).values():
         sound = sound & (z <= np.minimum(lens.front, camera.front))
-    return Mounted(lens, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+    return Mounted(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
 
 
-def _mla_distance(design: Design, values: Mapping[str, Any], given: Any) -> Any:
+def _around(design: Design, values: Mapping[str, Any]) -> Camera:
+    """What stands around the nominal lens, its object-side principal plane at 0; the lens and the focus as drawn."""
+    changed = {place: value for place, value in values.items() if not in_lens(place) and place not in CONJUGATES}
+    return Camera.of(design.thin_twin).replace(changed)
+
+
+def _mla_distance(around: Camera, values: Mapping[str, Any], given: Any) -> Any:
     """d_1 as given, or refocused to a focal plane by the nominal lens's constants [mm]."""
-    return design.f * values[PLANE] / (values[PLANE] - design.f) if PLANE in values else given
+    if PLANE not in values:
+        return given
+    numbers = {**around.numbers, PLANE: values[PLANE]}
+    return followed(numbers, DISTANCE) if around.chain is None else around.chain.followed(numbers, DISTANCE)
 
 
 def as_built(design: Design, values: Mapping[str, float]) -> Design:
@@ -151,9 +169,10 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
         made = replace(made, surfaces=tuple(cut))
     changes: dict[str, object] = {p: v for p, v in values.items() if not in_lens(p) and p not in (DISTANCE, PLANE)}
     own = first_order(made, values.get("light.wavelength", design.wavelength))
-    d_1 = _mla_distance(design, values, values.get(DISTANCE, nominal[DISTANCE]))
+    d_1 = _mla_distance(_around(design, values), values, values.get(DISTANCE, nominal[DISTANCE]))
     changes[DISTANCE] = constants.rear_principal + d_1 - own.rear_principal
-    for place in (f"{stop}.distance" for stop in stops_of(design)):
+    elements = (f"elements.{k}" for k in range(len(design.elements)))
+    for place in (f"{part}.distance" for part in (*stops_of(design), *elements)):
         changes[place] = own.front_principal - (constants.front_principal - values.get(place, nominal[place]))
     changes |= {"main_lens.prescription": made, "main_lens.reversed": False, "main_lens.diameter": None}
     return design.replace({**changes, "main_lens.focal_length": None})
@@ -263,7 +282,7 @@ def traced(mount: Mounted, half: Array, wanted: Aims, rays: int) -> Aimed:
     groups = fields // together
     trial = np.repeat(np.arange(trials), groups)
     begin = np.tile(np.arange(groups) * together * rays, trials)
-    rows = aimed(mount.lens, mount.planes, half, wanted, trial, begin, together * rays)
+    rows = aimed(mount.train, mount.planes, half, wanted, trial, begin, together * rays)
     return Aimed(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
 
 
@@ -281,7 +300,9 @@ def epi_slopes(
     """
     cos, sin = azimuth
     way = np.concatenate([cos, sin], axis=1)
-    met = landings(mount.lens, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way]))
+    met = landings(
+        mount.train, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way])
+    )
     (u0, v0, x0, y0), (u1, v1, x1, y1) = (np.moveaxis(end, (0, 1), (2, 1)) for end in np.split(met, 2, axis=1))
     (s0, t0), (s1, t1) = (np.moveaxis(centre(u, v), -1, 0) for u, v in ((u0, v0), (u1, v1)))
     across = ((x0 / camera.q - s0) - (x1 / camera.q - s1)) * cos + ((y0 / camera.q - t0) - (y1 / camera.q - t1)) * sin
@@ -356,9 +377,8 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def room(self) -> Number:
         """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
-        lens, rims = self.mount.lens, self.mount.planes.rims
-        semi = np.sqrt(lens.table.reshape(self.trials, lens.media.shape[1] - 1, -1)[:, :, 5])
-        radii = np.concatenate([semi, rims[:, 1:, 12]], axis=1)
+        own, beyond = (np.sqrt(part.table.reshape(self.trials, -1, COLUMNS)[:, :, 5]) for part in self.mount.train)
+        radii = np.concatenate([own, self.mount.planes.rims[:, 1:, 12], beyond], axis=1)
         room: Array = np.min(radii * (1 - np.sqrt(self._grid(self.uncut.peaks))), axis=-1)
         return room + 0 * self.diameter
 
@@ -381,7 +401,7 @@ class TracedBuilds(IdealBuilds):
             fields = len(self.fields)
             rays = len(self.known.inner.base) // fields
             trial, field = cut // fields, cut % fields
-            inner = aimed(self.mount.lens, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
+            inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
             parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
             shape[cut], share[cut] = cut_shapes(*parts)
         folded = np.tile(self.known.folded, self.trials)
@@ -441,8 +461,8 @@ class TracedBuilds(IdealBuilds):
         radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
         pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
-        lens, planes, world = self.mount.lens, self.mount.planes, self.mount.world
-        return spot_radii(lens, planes.array, planes.rims, world, self.known.points, pupil, weight).T / self.camera.d
+        train, planes, world = self.mount.train, self.mount.planes, self.mount.world
+        return spot_radii(train, planes.array, planes.rims, world, self.known.points, pupil, weight).T / self.camera.d
 
 
 @dataclass(frozen=True)

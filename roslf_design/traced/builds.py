@@ -19,16 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from ..lenses.manufacture import LensBuilds
-from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, pass_surfaces
-from .camera import LensCamera, sensor_of_pupil, views
+from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, SurfaceStack, pass_surfaces
+from .camera import FOUND, LOST, LensCamera, Train, aim_beyond, sensor_of_pupil, views
 from .images import circle, polygon_moments
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LOST = 1e300
-"""Size of the miss of a ray that did not come through the lens."""
 TOLERANCE, CORRECTIONS = 1e-11, 12
 """How near the FAP's point rays must come, in its radius, and after how many corrections at most they are given up."""
 RIM = 16
@@ -63,9 +60,9 @@ def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> 
 
 @kernel()
 def aim(
-    trial: Any, begin: Any, table: Any, count: int, media: Any, array: Any, sensor: Any, rims: Any, half: Any,
-    base: Any, offset: Any, target: Any, start: Any, inverse: Any, tolerance: float, most: int, landed: Any,
-    heights: Any, miss: Any,
+    trial: Any, begin: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any,
+    array: Any, sensor: Any, rims: Any, half: Any, base: Any, offset: Any, target: Any, start: Any, inverse: Any,
+    tolerance: float, most: int, landed: Any, heights: Any, miss: Any,
 ) -> None:  # fmt: skip
     """Aim rays of N jobs, n <= BLOCK rays each, and tell where they meet the sensor and every rim.
 
@@ -73,8 +70,9 @@ def aim(
     ----------
     trial, begin : (N,)
         The build of each job, and its first ray in the lists of rays.
-    table, media, array, sensor, rims, half : (T, ...)
-        The builds: lens, planes of 12 numbers, rims (R of 13, the FAP first), half the microlens pitch.
+    table, media, outer, outer_media, array, sensor, rims, half : (T, ...)
+        The builds: lens, what stands before the FAP, planes of 12 numbers, rims (R of 13, the FAP first), half the
+        microlens pitch.
     base, offset, target, start, inverse : (rays, ...)
         As `Aims` has them; `tolerance` is in the target's units, `most` the corrections at most.
     landed, heights, miss : (N, n, ...)
@@ -82,7 +80,7 @@ def aim(
     """
     n = landed.shape[1]
     stops = rims.shape[1]
-    buffer, radii = np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
+    buffer, radii = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK)
     px, py, pz = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     sx, sy, ex, ey = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     dx, dy, left = np.zeros(BLOCK), np.zeros(BLOCK), np.empty(BLOCK)
@@ -146,7 +144,11 @@ def aim(
                 rim = rims[t, k]
                 hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rim)
                 heights[job, i, count + k - 1] = (hx * hx + hy * hy) / (rim[12] * rim[12])
-            miss[job, i] = left[i]
+        pass_surfaces(buffer, n if outer_count else 0, outer[t], outer_media[t], outer_count, True, False, radii)
+        for i in range(n):
+            for k in range(outer_count):
+                heights[job, i, count + stops - 1 + k] = radii[k * BLOCK + i] / outer[t, k * COLUMNS + 5]
+            miss[job, i] = left[i] if buffer[6 * BLOCK + i] == 0.0 else LOST
             # What is left of the miss is undone to first order: no ray is spent on the last digits.
             tx, ty = sx[i] - (a[i] * ex[i] + b[i] * ey[i]), sy[i] - (c[i] * ex[i] + d[i] * ey[i])
             landed[job, i, 0], landed[job, i, 1] = crossing(px[i], py[i], pz[i], tx, ty, sensor[t])
@@ -154,11 +156,12 @@ def aim(
 
 @kernel()
 def spots(
-    table: Any, count: int, media: Any, plane: Any, rims: Any, world: Any, point: Any, pupil: Any, weight: Any,
-    size: Any,
+    table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any, plane: Any, rims: Any,
+    world: Any, point: Any, pupil: Any, weight: Any, size: Any,
 ) -> None:  # fmt: skip
     """Root-mean-square radii (T, F) of the light from object points; arguments as of `spot_radii`, a ray a row."""
     buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
+    single, squares = np.empty(ROWS * BLOCK), np.empty(outer_count * BLOCK)
     lx, ly = np.empty(len(point)), np.empty(len(point))
     each, total = len(weight), len(point)
     for t in range(len(size)):
@@ -172,11 +175,17 @@ def spots(
                 z = fap[2] + u * fap[5] + v * fap[8]
                 ax, ay = x - (point[first + i, 0] + world[t, 0]), y - (point[first + i, 1] + world[t, 1])
                 az = z - (point[first + i, 2] + world[t, 2])
+                cut[i] = 0.0
+                if outer_count:
+                    ax, ay, far = aim_beyond(outer[t], outer_media[t], single, squares, x, y, z, x - ax, y - ay, z - az)
+                    az = 1.0
+                    for k in range(outer_count):
+                        if not squares[k * BLOCK] <= outer[t, k * COLUMNS + 5] or not far <= FOUND:
+                            cut[i] = 1.0
                 shrink = 1.0 / sqrt(ax * ax + ay * ay + az * az)
                 buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
                 buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = ax * shrink, ay * shrink
                 buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = az * shrink, 0.0
-                cut[i] = 0.0
             for k in range(1, rims.shape[1]):
                 rim = rims[t, k]
                 for i in range(m):
@@ -240,7 +249,7 @@ class Aimed(NamedTuple):
     landed: Array
     """Sensor points, in its own coordinates [mm], (N, n, 2)."""
     heights: Array
-    """Squared heights over those of every surface and further stop, (N, n, S + R - 1)."""
+    """Squared heights over those of every surface, every further stop, all before the FAP, (N, n, S + R - 1)."""
 
 
 def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)) -> Aims:
@@ -277,12 +286,12 @@ def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, o
     return Aims(at, aside, goal, start, inverse.reshape(-1, 4))
 
 
-def aimed(lens: LensBuilds, planes: Planes, half: Array, wanted: Aims, trial: Ints, begin: Ints, rays: int) -> Aimed:
+def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, begin: Ints, rays: int) -> Aimed:
     """Trace rays of N jobs.
 
     Parameters
     ----------
-    lens, planes, half
+    train, planes, half
         T builds; `half` of the microlens pitch [mm], (T,).
     wanted : Aims
         The rays.
@@ -291,13 +300,13 @@ def aimed(lens: LensBuilds, planes: Planes, half: Array, wanted: Aims, trial: In
     rays : int
         Rays of a job, at most `BLOCK`.
     """
-    surfaces, stops = lens.media.shape[1] - 1, planes.rims.shape[1]
-    n = len(trial)
+    n, (lens, beyond) = len(trial), train
     assert rays <= BLOCK
-    landed, heights = np.empty((n, rays, 2)), np.empty((n, rays, surfaces + stops - 1))
+    limits = sum(part.media.shape[1] - 1 for part in train) + planes.rims.shape[1] - 1
+    landed, heights = np.empty((n, rays, 2)), np.empty((n, rays, limits))
     miss = np.empty((n, rays))
     aim.compiled(
-        trial, begin, lens.table, surfaces, lens.media, planes.array, planes.sensor, planes.rims, half, *wanted,
+        trial, begin, *_counted(lens), *_counted(beyond), planes.array, planes.sensor, planes.rims, half, *wanted,
         TOLERANCE, CORRECTIONS, landed, heights, miss,
     )  # fmt: skip
     lost = ~(miss <= 1e3 * TOLERANCE)
@@ -305,12 +314,16 @@ def aimed(lens: LensBuilds, planes: Planes, half: Array, wanted: Aims, trial: In
     return Aimed(landed, heights)
 
 
-def landings(lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
+def _counted(part: SurfaceStack) -> tuple[Array, int, Array]:
+    return part.table, part.media.shape[1] - 1, part.media
+
+
+def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
     """Where rays from object points through FAP points meet the array, then the sensor, in their own coordinates.
 
     Parameters
     ----------
-    lens, planes
+    train, planes
         T builds.
     world : ndarray, (T, 3)
         What the object points' frame is shifted by against the lens's [mm].
@@ -328,12 +341,26 @@ def landings(lens: LensBuilds, planes: Planes, world: Array, point: ArrayLike, p
     through = fap[:, None, :3] + aside[..., :1] * fap[:, None, 3:6] + aside[..., 1:] * fap[:, None, 6:9]
     start = np.asarray(point, float) + world[:, None]
     run = through - start
+    if train.beyond.table.size:
+        ends = np.ascontiguousarray(np.concatenate([through, start], axis=-1))
+        aim_all.compiled(*_counted(train.beyond), ends, run)
     way = run / np.sqrt(np.sum(np.square(run), axis=-1, keepdims=True))
-    traced = lens.stack.trace(Rays(np.moveaxis(through, -1, 0), np.moveaxis(way, -1, 0)), clip=False)
+    traced = train.lens.trace(Rays(np.moveaxis(through, -1, 0), np.moveaxis(way, -1, 0)), clip=False)
     place, way = (np.moveaxis(part, 0, -1) for part in traced.rays)
     landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
-    landed[~traced.kept] = np.nan
+    landed[~(traced.kept & np.isfinite(run[..., 0]))] = np.nan
     return landed
+
+
+@kernel()
+def aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, run: Any) -> None:
+    """Ways (T, n, 3) through points of the FAP from points of the scene, both in `ends` (T, n, 6); nan where none."""
+    single, squares = np.empty(ROWS * BLOCK), np.empty(outer_count * BLOCK)
+    for t in range(ends.shape[0]):
+        for i in range(ends.shape[1]):
+            x, y, z, tx, ty, tz = ends[t, i]
+            ax, ay, far = aim_beyond(outer[t], outer_media[t], single, squares, x, y, z, tx, ty, tz)
+            run[t, i, 0], run[t, i, 1], run[t, i, 2] = ax if far <= FOUND else math.nan, ay, 1.0
 
 
 def crossings(point: Array, way: Array, plane: Array) -> Array:
@@ -344,7 +371,7 @@ def crossings(point: Array, way: Array, plane: Array) -> Array:
 
 
 def spot_radii(
-    lens: LensBuilds,
+    train: Train,
     plane: Array,
     rims: Array,
     world: Array,
@@ -356,7 +383,7 @@ def spot_radii(
 
     Parameters
     ----------
-    lens : LensBuilds
+    train : Train
         T builds.
     plane, rims : ndarray, (T, 12), (T, R, 13)
         Where the spots are seen, and what rays pass, as `Planes` has them.
@@ -375,7 +402,7 @@ def spot_radii(
     x, a, w = np.atleast_2d(np.asarray(point, float)), np.asarray(pupil, float), np.ascontiguousarray(weight, float)
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
-    spots.compiled(lens.table, lens.media.shape[1] - 1, lens.media, plane, rims, world, *rays, w, size)
+    spots.compiled(*_counted(train.lens), *_counted(train.beyond), plane, rims, world, *rays, w, size)
     return size
 
 

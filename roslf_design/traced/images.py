@@ -23,7 +23,7 @@ from .._arrays import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError
-from ..lenses.tracer import KEPT, MISSED, describe
+from ..lenses.tracer import KEPT, MISSED
 from ..theory.vignetting import FieldBound, nondistortion_bound
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 
@@ -253,7 +253,7 @@ class FieldMap(NamedTuple):
     """Where the chief ray from X meets the array in each colour, from where it does in the camera's own [mm], (..., W,
     2); 0 where it does not come through."""
     status: NDArray[np.int16]
-    """State of the chief ray (`trace.describe`), (...); where it is not 0, the numbers above are 0."""
+    """State of the chief ray (`LensCamera.describe`), (...); where it is not 0, the numbers above are 0."""
 
 
 def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ()) -> FieldMap:
@@ -276,8 +276,9 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     state = np.where(chief.ok, chief.views.state, unfound).astype(np.int16)
     good = state == KEPT
     point = chief.views.at(fap.z - camera.focal_plane)
-    ideal, real = np.hypot(*np.moveaxis(-point * camera.d_1 / camera.d_f, -1, 0)), np.hypot(*np.moveaxis(c, -1, 0))
-    away = good & (ideal > 1e-9 * fap.diameter)
+    depth, aside = camera.focus
+    ideal, real = np.hypot(*np.moveaxis((point - aside) * camera.d_1 / depth, -1, 0)), np.hypot(*np.moveaxis(c, -1, 0))
+    away = good & (ideal > 1e-9 * fap.diameter) & (real > 0)
     distortion = np.divide(real - ideal, ideal, where=away, out=np.zeros_like(ideal))
     along = np.where(real[..., None] > 0, c / np.where(real > 0, real, 1.0)[..., None], np.array([1.0, 0.0]))
     across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
@@ -301,13 +302,12 @@ def _forward(
     """
     x, a = np.broadcast_arrays(point, pupil)
     end = camera.fap.lifted(a)
-    run = end - TracedPlane(camera.focal_plane).lifted(x)
-    there = camera.lens.through(
-        end[:2], run[:2] / run[2], wavelength, start=end[2], end=camera.array.z, backward=False, clip=clip
-    )
+    slopes, comes = camera.aimed(end, TracedPlane(camera.focal_plane).lifted(x), wavelength, clip=clip)
+    lens = camera.train(wavelength).lens
+    there = lens.through(end[:2], slopes, start=end[2], end=camera.array.z, backward=False, clip=clip)
     way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
     height = camera.array.crossed(there.height, there.slope, camera.array.z)
-    return height, way[:2] / way[2], there.state == KEPT
+    return height, way[:2] / way[2], comes & (there.state == KEPT)
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
@@ -343,7 +343,7 @@ def thin_twin(camera: LensCamera) -> Camera:
             "main_lens.focal_plane": camera.d_f,
             "main_lens.diameter": camera.lens.clear_diameter,
             "aperture.distance": camera.d_3,
-            "aperture.diameter": camera.fap.diameter,
+            "aperture.diameter": camera.fap.diameter / abs(camera.sight[1]),
         }
     )
 
@@ -376,6 +376,7 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
     thin = nondistortion_bound(thin_twin(camera))
     widest = camera.lens.clear_diameter
     low, high = 0.0, min(float(thin.mla_radius), widest)
+    high = high if high > 0 else widest / 8
     inside, outside = room(low), room(high)
     if inside < 0:
         return FieldBound(np.asarray(0.0), np.asarray(0.0))
@@ -437,7 +438,8 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     rim = fap.centre + fap.diameter / 2 * circle(images.outline.shape[-2])
     thin_centre = camera.d_2 * chief_slope(camera, c, fap.centre)
     thin_rim = camera.d_2 * chief_slope(camera, c[:, None], rim)
-    thin_diameter = fap.diameter * abs(float(camera.d_2 * chief_slope(camera, [0.0, 0.0], [1.0, 0.0])[0]))
+    apart = chief_slope(camera, [0.0, 0.0], [1.0, 0.0]) - chief_slope(camera, [0.0, 0.0], [0.0, 0.0])
+    thin_diameter = fap.diameter * abs(float(camera.d_2 * apart[0]))
     try:
         maps = field_map(camera, c, VISIBLE)
         colour = np.hypot(*np.moveaxis(maps.lateral_colour[:, 1] - maps.lateral_colour[:, 0], -1, 0))
@@ -456,7 +458,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
         np.where(guessed, math.nan, np.max(np.hypot(*np.moveaxis(images.outline - thin_rim, -1, 0)), axis=-1)),
         maps,
         np.where(lost, math.nan, colour),
-        tuple(describe(int(state)) for state in maps.status),
+        tuple(camera.describe(int(state)) for state in maps.status),
     )
 
 
@@ -468,6 +470,7 @@ def measured_bound(design: Design) -> tuple[float, float]:
     camera = camera_of(design)
     upright = all(part.tilt == (0.0, 0.0) for part in (*camera.rims, camera.array, camera.detector))
     centred = camera.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
+    centred &= camera.ahead is None or camera.faces_centred
     turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
     least = min((undistorted_field(camera, turn) for turn in turns), key=lambda bound: float(bound.mla_radius))
     return float(least.object_radius), float(least.mla_radius)

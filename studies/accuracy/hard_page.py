@@ -19,7 +19,7 @@ from roslf_design.reporting.blocks import (
 )
 
 from .hard_cases import CaseResult, HardCases, run_trial
-from .hard_rows import ISSUE_RADII, SHAPES, tangent_trial
+from .hard_shapes import ISSUE_RADII, SHAPES, tangent_trial
 
 FLOOR = 1e-17
 """Errors of exactly 0 are drawn here."""

@@ -155,6 +155,7 @@ def panel_jobs(design: Design, quantity: str) -> dict[str, Job]:
     if quantity == LENS:
         cameras = {name: (camera, camera.microlens_array.size[0]) for name, camera in lens_designs(design).items()}
         return {name: Job(LENS, camera, (0.25 * side, 0.1 * side)) for name, (camera, side) in cameras.items()}
+    design = design.thin_twin  # other wavelengths are asked for than a real lens has glass for
     if quantity == CUT:
         return _cut_jobs(design)
     waves = quantity == WAVES
@@ -185,6 +186,8 @@ def unfit(design: Design, quantity: str, axis: tuple[float, float] | None = None
     axis : (x, y), optional
         Microlens on the array [mm]; None is the panels.
     """
+    if Camera.of(design).chain is not None:
+        return "it is computed of cameras in air only, and this design has glass or a liquid beside its lens"
     array = design.microlens_array
     if quantity in (WAVES, CUT):
         if array.lens_shape != "square" or array.rotation:
@@ -321,6 +324,7 @@ def random_job(design: Design, quantity: str, rng: np.random.Generator) -> Job:
         camera = _random_lens_design(design, rng)
         x, y = (float(rng.uniform(-0.22, 0.22)) * side for side in camera.microlens_array.size)
         return Job(LENS, camera, (x, y))
+    design = design.thin_twin
     while True:
         d_3 = float(rng.uniform(0, 0.75)) * design.d_f
         x, y = (float(rng.uniform(-0.5, 0.5)) * side for side in design.sensor_size)

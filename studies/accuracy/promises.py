@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from roslf_design.accuracy.table import QUANTITIES, AccuracyTable, Choice, Row, current_table, ranked
 from roslf_design.design import Design
+from roslf_design.errors import InputError, Problem
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.lenses.tracer import trace_rays
@@ -111,6 +112,8 @@ def calibrate(
     for number, quantity in enumerate(quantities):
         rng = np.random.default_rng([seed, number])
         camera = square_twin(design) if unfit(design, quantity) else design
+        if why := unfit(camera, quantity):
+            raise InputError((Problem("", f"{quantity} cannot be measured: {why}"),), design.name)
         jobs = [*panel_jobs(camera, quantity).values()]
         jobs += [random_job(camera, quantity, rng) for _ in range(extra)]
         for method in methods(quantity):

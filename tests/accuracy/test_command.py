@@ -39,6 +39,7 @@ def test_diagram_of_one_quantity_at_a_field(tmp_path, capsys):
 def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(promises, "SCENE_RAYS", (64, 256, 1024))
     monkeypatch.setattr(promises, "REFERENCE_RAYS", 4096)
+    monkeypatch.setattr(promises, "PATCH", 12)
     scene = tmp_path / "scene.toml"
     scene.write_text(
         'name = "grating"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'
@@ -55,8 +56,12 @@ def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
         (["paper", "--accuracy", "0"], "--accuracy"),
         (["paper", "--quantity", "brightness"], "kept fraction"),
         (["paper", "--jobs", "-1"], "--jobs"),
+        (["paper", "--jobs", "100000000"], "whole number from 0 to 10000"),
         (["paper", "--field", "far"], "--field"),
         (["paper", "--quantity", "real lens", "--field", "0"], "real lens of the design's own"),
+        (["arthroscope"], "cameras in air only"),
+        (["arthroscope", "--quantity", "area"], "cameras in air only"),
+        (["calibrate", "arthroscope", "-o", "table.json"], "cameras in air only"),
         (["nowhere.toml"], "nowhere.toml"),
         (["hard-cases", "paper", "--seed", "-1"], "--seed"),
     ],
@@ -93,6 +98,7 @@ def test_diffraction_of_round_microlenses_is_refused_by_name_and_file(root, tmp_
 
 def test_a_field_of_an_ideal_camera_leaves_the_real_lens_out_and_says_so(capsys, monkeypatch):
     monkeypatch.setattr(promises, "REPEATS", 1)
+    monkeypatch.setattr(promises, "SLOWEST", 0.01)
     assert main(["accuracy", "paper", "--field", "0", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert [line.split()[0:2] for line in data["left_out"]] == [["Real", "lens"]]

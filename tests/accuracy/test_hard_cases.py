@@ -12,7 +12,8 @@ from roslf_design.evaluation.verdicts import near_cases
 from roslf_design.reporting.printers import render_html
 from studies.accuracy.hard_cases import Budget, HardCase, Trial, run_hard_cases
 from studies.accuracy.hard_page import hard_cases_report, tangency_table
-from studies.accuracy.hard_rows import all_cases, approach, gaps
+from studies.accuracy.hard_rows import all_cases
+from studies.accuracy.hard_walks import approach, gaps
 from studies.accuracy.oracles.closed_forms import ORACLES, keywords
 from studies.accuracy.oracles.discs import area, lens_area
 from studies.accuracy.oracles.judging import DIGITS, Judged, exactly, flat

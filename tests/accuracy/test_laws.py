@@ -19,7 +19,7 @@ from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from studies.accuracy.forms import CLOSED
-from studies.accuracy.hard_rows import FORMS
+from studies.accuracy.hard_forms import FORMS
 from studies.accuracy.jobs import CUT, Job, panel_jobs, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods

@@ -308,3 +308,8 @@ def test_materials_by_name_come_back_from_a_file_by_name(name):
     assert f'material = "{again.elements[0].material.name}"' in dumps(design)
     with pytest.raises(DesignError, match=r"object_space.medium: 'sallne' is not .* nearest known is 'saline'"):
         PAPER.replace({"elements": [PLATE], "object_space.medium": "sallne"})
+
+
+def test_a_wavelength_that_no_glass_is_known_at_is_told_with_its_place():
+    with pytest.raises(DesignError, match=r"light.wavelength: 100 nm is outside the range of N-LASF9 .365 nm"):
+        roslf.load("arthroscope").replace({"light.wavelength": 1e-4})

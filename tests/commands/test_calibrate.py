@@ -296,6 +296,11 @@ def saturated_white(folder):
     return "the white image is saturated"
 
 
+def melted(folder):
+    tifffile.imwrite(folder / "white.tif", np.random.default_rng(0).normal(500, 5, (540, 640)).astype(np.float32))
+    return "shows no periodic lattice"
+
+
 def none_found(folder):
     for number in range(1, 6):
         shutil.copy(folder / "white.tif", folder / f"board{number}.tif")
@@ -312,7 +317,7 @@ def parallel(folder):
     "spoil",
     [
         no_white, two_whites, no_boards, unreadable, unreadable_white, other_size, other_dark, saturated,
-        saturated_white, none_found, parallel,
+        saturated_white, melted, none_found, parallel,
     ],
 )  # fmt: skip
 def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captured, images, tmp_path, spoil):
@@ -330,6 +335,10 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         assert sorted(path.name for path in out.iterdir()) == ["failed.png", "failed.svg"]
         svg = (out / "failed.svg").read_text()
         assert all(text in svg for text in ("microlenses of the white image", "board1.tif", "board5.tif"))
+    elif spoil in (saturated_white, melted):
+        assert f"(what was seen: {out / 'failed.png'})" in err
+        svg = (out / "failed.svg").read_text()
+        assert all(text in svg for text in ("No lattice of microlenses", "frequency of the expected pitch"))
     else:
         assert not out.exists()
 
@@ -387,6 +396,12 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         (["--plan", "paper", "--noise=-1"], "noise must be positive"),
         (["--plan", "paper", "--range=-1 mm"], '--range: "-1 mm" must not be negative'),
         (["--plan", "none.toml"], "none.toml: no such file"),
+        (["--plan", "paper", "--sigma", "elements.0.thickness=1 um"], "elements.0.thickness: is no number of what"),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thicknes=1 um"], "did you mean 'elements.1.thickness'?"),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thickness"], '--sigma: cannot read "elements.1.thickness"'),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thickness=blue"], 'cannot read "blue" as a length'),
+        (["--plan", "arthroscope", "--sigma", "elements.1.index=1"], "is hardly known: 20 % at most"),
+        (["--plan", "arthroscope", *(["--sigma", "object_space.index=0.1 %"] * 2)], "is given twice; drop one"),
     ],
 )
 def test_bad_options_are_one_line_and_exit_2(capsys, tmp_path, monkeypatch, arguments, said):

@@ -15,6 +15,7 @@ import pytest
 
 from roslf_design.cli import build_app, main
 from roslf_design.reporting import story
+from roslf_design.tolerancing import result
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -144,6 +145,15 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 
 def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports look at few builds: what pages show is none of their yields."""
+    """Reports look at few builds, at few other scales of them: what pages show is none of their yields."""
     look = story.quick_tolerances
-    monkeypatch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+
+    def quick(design, seed, progress):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(
+                result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
+            )
+            patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+            return look(design, seed, progress, 500)
+
+    monkeypatch.setattr(story, "quick_tolerances", quick)

@@ -37,5 +37,5 @@ def test_output_that_differs_is_noticed():
 
 
 def test_guides_show_commands():
-    guides = "design evaluate render real-lens tolerance optimise calibrate accuracy report endoscope"
+    guides = "design evaluate render decode real-lens tolerance optimise calibrate accuracy report endoscope"
     assert {page.stem for page in PAGES if page.parent.name == "guides"} >= set(guides.split())

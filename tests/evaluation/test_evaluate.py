@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 import pickle
@@ -14,6 +15,7 @@ from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
+from roslf_design.evaluation.result import RayBudget, Share
 from roslf_design.evaluation.show import budget_table, seen_table
 from roslf_design.reporting.design import accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
@@ -88,7 +90,8 @@ def paper():
 
 
 def test_the_contracts_example(paper):
-    ours = roslf.evaluate(paper, [11.15]).to_dict()
+    # Its depth is told for a given disparity error.
+    ours = roslf.evaluate(paper.replace({"depth.disparity_error": 0.1}), [11.15]).to_dict()
     assert_matches(ours, CONTRACT)
     effects = {effect["name"]: effect for effect in ours["effects"]}
     diffraction = effects["microlens_diffraction"]
@@ -529,3 +532,13 @@ def test_what_stands_before_the_lens_is_told_with_a_ruler_and_as_it_is_seen():
     ]
     assert "in n = 1.333" in str(result)
     assert "object_space" not in roslf.evaluate("paper").to_dict()
+
+
+def test_what_an_element_takes_is_never_less_than_nothing_in_words():
+    """Shares past two elements are counted each for itself and may differ in their last digit, either way."""
+    result = roslf.evaluate("paper")
+    kept = (("FAP", 1.0), ("main lens", 0.9), ("stop 1", 0.9 + 2e-16), ("sensor", 0.9), ("own cell", 0.9))
+    budget = RayBudget(1.0, 0.9, (0.9,), 0.9, tuple(Share(*one) for one in (*kept, ("neighbours", 0.0))))
+    edge = dataclasses.replace(result.fields[0], ray_budget=budget)
+    told = budget_table(dataclasses.replace(result, fields=(edge,)))
+    assert told.rows[0][1:] == ("10.00 %", "0.00 %", "0.00 %", "90.00 %", "0.00 %")

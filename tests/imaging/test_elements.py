@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.design import DesignError
 from roslf_design.effects import Budget, plan
 from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
@@ -144,13 +143,6 @@ def test_brightness_falls_off_with_the_angle_at_the_fap():
     assert abs(slope) == pytest.approx(abs(truth), rel=1e-9)
 
 
-@pytest.mark.parametrize("what", [{"elements": [WINDOW]}, {"sensor.cover": {"thickness": 0.4, "material": "N-BK7"}}])
-def test_a_real_main_lens_with_elements_is_refused(what):
-    real = roslf.load("paper-singlet").replace({"aperture.distance": 117.0})
-    with pytest.raises(DesignError, match=r"main_lens.prescription: a real main lens is not traced together with"):
-        real.replace(what)
-
-
 GLASS = {"kind": "plate", "distance": 37.5, "thickness": 22.5, "material": {"index": 1.7, "abbe": 30.0}}
 BORE = {"main_lens.focal_plane": 150.0, "main_lens.diameter": 80.0, "elements": [GLASS], "microlens_array.pitch": ALONE}
 GLAZED = roslf.load("mismatched-borescope").replace(BORE)
@@ -220,9 +212,6 @@ def test_exact_pictures_are_textures_met_by_snells_law():
     assert np.abs(off - seen).max() > 0.02
 
 
-def test_points_by_snells_law_are_refused_with_a_remedy():
-    scene = Scene(objects=(Points(positions=((12.0, 0.0, 330.0),)),))
-    with pytest.raises(InputError, match=r"elements by Snell's law are not rendered; add --effects -plate_aberration"):
-        render(IN_WATER, scene, region=(0, 0, 8, 8))
+def test_window_aberrations_need_a_window():
     with pytest.raises(InputError, match=r"plate_aberration needs something before the main lens"):
         plan(PAPER, overrides=["+plate_aberration"])

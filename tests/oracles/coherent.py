@@ -19,7 +19,7 @@ def disc_share(x, y, radius, step):
     return np.clip((radius - np.hypot(x, y)) / step + 0.5, 0, 1)
 
 
-def sensor_intensity(design, point, *, lenses=5, coarse=(1024, 6e-3), fine=(2048, 5e-4)):
+def sensor_intensity(design, point, *, path=None, lenses=5, coarse=(1024, 6e-3), fine=(2048, 5e-4)):
     """Intensity on the sensor behind `lenses` x `lenses` microlenses about the axis.
 
     Parameters
@@ -27,6 +27,8 @@ def sensor_intensity(design, point, *, lenses=5, coarse=(1024, 6e-3), fine=(2048
     design : Design
         Straight and centred, square microlenses.
     point : (x, y, Z)
+    path : callable, optional
+        Optical path from the point to places (x, y) of the FAP [mm], where it is not that of air.
     coarse, fine : (samples, step [mm])
         Grids of the bore and of the patch.
 
@@ -41,6 +43,8 @@ def sensor_intensity(design, point, *, lenses=5, coarse=(1024, 6e-3), fine=(2048
     x = (np.arange(n) - n // 2) * step
     reach = distance - design.d_3
     field = np.exp(1j * np.pi / (wave * reach) * ((x - x0) ** 2 + (x[:, None] - y0) ** 2))
+    if path is not None:
+        field = np.exp(2j * np.pi / wave * path(x, x[:, None]))
     opening = disc_share(x, x[:, None], design.D_F / 2, step)
     field = field * opening / np.sqrt((opening**2).sum() * step**2)
     field = propagate(field, step, design.d_3, wave)

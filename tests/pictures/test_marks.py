@@ -1,13 +1,17 @@
 """Numbers, text and scales that all pictures are made of."""
 
+import base64
+import io
 import itertools
 import math
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image as Pixels
 
 from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
 from roslf_design.pictures.picture import Panel, Picture, Scale, beside, log_ticks, one_panel, round_ticks
@@ -203,3 +207,22 @@ def test_shades_run_over_their_ramp_and_leave_out_what_is_not_there():
     assert shades[:, 3].tolist() == [255, 255, 255, 255, 0]
     kept = {tuple(v) for v in THEMES["light"].shades("kept", np.array([0.0, 1e-6, 1 - 1e-6, 1.0])).tolist()}
     assert len(kept) == 4
+
+
+@pytest.mark.parametrize("downwards", [False, True])
+def test_an_image_stands_as_its_scale_runs(downwards):
+    """Row 0 is at the lower end of the image's box, wherever the scale has that."""
+    values = np.array([[0.0, 0.0], [1.0, 1.0]])
+    scale = Scale(2.0, 0.0) if downwards else Scale(0.0, 2.0)
+    panel = Panel((10, 10, 100, 100), Scale(0.0, 2.0), scale, (Image(values, (0.0, 2.0, 0.0, 2.0)),), bare=True)
+    picture = Picture("image", "An image", (120, 120), (panel,))
+    tag = re.search(r"<image [^>]*>", picture.svg())[0]
+    box = {name: float(re.search(rf'\b{name}="([-\d.]+)"', tag)[1]) for name in ("x", "y", "width", "height")}
+    assert box == {"x": 10, "y": 10, "width": 100, "height": 100}
+    content = base64.b64decode(re.search(r'base64,([^"]+)"', tag)[1])
+    with Pixels.open(io.BytesIO(content)) as stored:
+        top = np.asarray(stored.convert("L"))[0]
+    with Pixels.open(io.BytesIO(picture.to_png(96))) as drawn:
+        shown = np.asarray(drawn.convert("L"))
+    assert (top == (0 if downwards else 255)).all()
+    assert abs(int(shown[30, 60]) - int(top[0])) < 3  # matplotlib agrees

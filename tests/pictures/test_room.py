@@ -14,6 +14,7 @@ from roslf_design.pictures.marks import Area, Disc, Dots, Line, Text
 from roslf_design.pictures.microlens import ON_PICTURE, microlens_image
 from roslf_design.pictures.rays import cells, dimensions, meridional, ray_diagrams
 from roslf_design.pictures.studies import Yields, YieldShare, yield_bars
+from roslf_design.pictures.svg import redrawn
 from roslf_design.pictures.theme import SMALL, text_width, theme_named
 from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
@@ -95,12 +96,14 @@ def test_legends_have_the_colours_of_what_they_name():
 
 
 def test_names_with_spaces_and_brackets_clip():
-    svg = microlens_image(PAPER, (0.0, 0.0), name="f/4 (edge)").svg()
+    picture = microlens_image(PAPER, (0.0, 0.0), name="f/4 (edge)")
+    svg = picture.svg()
+    assert redrawn(text := picture.svg(name="at the edge"), "at the edge") == text
     known = {element.get("id") for element in ET.fromstring(svg).iter() if element.get("id")}
     asked = set(re.findall(r"url\(#(.*?)\)[\"']", svg))
     assert asked
     assert asked <= known
-    assert all(re.fullmatch(r"[\w.-]+", name) for name in known)
+    assert all(re.fullmatch(r"[\w-]+", name) for name in known)
 
 
 def test_a_million_pixels_behind_five_microlenses_are_a_small_file():

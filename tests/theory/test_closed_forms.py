@@ -252,7 +252,7 @@ PRINTED = {
     "object sample": (light.object_sample(paper()), "0.1575"),
     "view baseline": (light.view_baseline(paper()), "0.223000"),
     "disparity rate": (light_field.disparity_rate(paper(), 230.0), "0.080055"),
-    "depth sigma": (light_field.depth_sigma(paper(), 230.0), "1.2491"),
+    "depth sigma": (light_field.depth_sigma(paper(), 230.0, 0.1), "1.2491"),
     "Fresnel number": (light.fresnel_number(paper()), "0.902"),
     "Airy radius in pixels": (light.airy_radius(paper()) / PAPER.q, "4.394"),
     "blur width in pixels": (light.diffraction_width(paper()) / PAPER.q, "3.6"),

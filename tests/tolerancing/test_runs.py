@@ -33,7 +33,7 @@ from roslf_design.tolerancing.run import (
     tally_chunk,
     unpack,
 )
-from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.study import load_plan, plan_from
 
 STUDY = """
 name = "small"
@@ -318,6 +318,33 @@ def test_a_folder_that_cannot_hold_a_run_is_told_in_one_line(spoil, resume, tmp_
     err = capsys.readouterr().err
     assert said in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            ["--trials", str(10**12)],
+            "--trials: 1000000000000 is out of range; give a whole number from 1 to 10000000000",
+        ),
+        (["--trials", "0"], "--trials: 0 is out of range"),
+        (["--workers", "100000"], "--workers: 100000 is out of range; give a whole number from 1 to 512"),
+        (["--accuracy", "1e-6"], "--accuracy: 1e-06 is out of range"),
+    ],
+)
+def test_more_than_can_ever_end_is_refused_in_one_line(options, says, tmp_path, root, capsys):
+    study = str(root / "studies" / "tolerance-scope" / "study.toml")
+    assert main(["tolerance", study, "-o", str(tmp_path / "out"), *options]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_study_may_ask_for_a_thousand_million_trials_and_not_for_ever(tmp_path):
+    assert load_plan(write_study(tmp_path, 10**9))[0].trials == 10**9
+    with pytest.raises(InputError, match="trials: 1000000000000 would take"):
+        load_plan(write_study(tmp_path, 10**12))
 
 
 def test_memory_does_not_grow_with_the_number_of_chunks(plan):

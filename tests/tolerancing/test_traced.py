@@ -36,12 +36,24 @@ DESIGNS = {
     "bore": behind("LB1630-A", **{"main_lens.diameter": 34.0}).replace(
         {"stops": [{"diameter": 20.0, "distance": 60.0}, {"diameter": 7.0, "distance": 105.0}]}
     ),
+    "window": behind("LB1630-A", **{"aperture.distance": 115.0}).replace(
+        {
+            "elements": [
+                {"kind": "grin", "distance": 60.0, "thickness": 7.0, "index": 1.6, "gradient": 0.01, "diameter": 40.0},
+                {"kind": "plate", "distance": 118.0, "thickness": 1.0, "material": "sapphire", "diameter": 4.2},
+            ],
+            "object_space.medium": "water",
+            "stops": [{"diameter": 30.0, "distance": 90.0}],
+            "sensor.cover": {"thickness": 0.4, "material": "D263"},
+            "microlens_array.substrate": {"thickness": 1.2, "material": "fused silica", "lenslets": "sensor"},
+        }
+    ),
 }
 
 
 def builds(design, trials, seed, places=None):
     """Every place of a design missed at once, generously."""
-    width = {"length": 0.1, "angle": 2e-3, "ratio": 0.0, "number": 1e-3, "curvature": 1e-5}
+    width = {"length": 0.1, "angle": 2e-3, "ratio": 0.0, "number": 1e-3, "curvature": 1e-5, "gradient": 1e-4}
     kinds, nominal, stream = perturbable(design), nominal_values(design), np.random.default_rng(seed)
     special = {"sensor.distance": 0.02, "light.wavelength": 2e-6, "microlens_array.pitch": 1e-5, "sensor.pixel": 1e-6}
     special |= {"main_lens.focal_plane": None, "microlens_array.focal_length": 0.01}
@@ -80,7 +92,7 @@ def test_builds_equal_one_at_a_time_tracing(name):
     for trial in range(count):
         one = as_built(design, one_of(values, trial))
         camera = camera_of(one)
-        images = real_images(camera, microlenses(one, FIELDS), points=1024 if name == "bore" else 96)
+        images = real_images(camera, microlenses(one, FIELDS), points=1024 if name in ("bore", "window") else 96)
         assert_allclose(found["image_diameter_mm"][:, trial], images.diameter, rtol=1e-8)
         # The oracle's cut images are polygons of 1024 points with corners, right to 2e-5; ours are of fifth degree.
         cut = np.where(images.status == FULL, 1e-8, 5e-5)
@@ -260,3 +272,26 @@ def test_grades_cover_a_real_lens(grade):
     ideal = load_grades().tolerances(grade, design.thin_twin)
     assert not any(place.startswith(f"{LENS}surfaces") for place in ideal)
     assert "main_lens.focal_length" in ideal
+
+
+def test_depths_through_a_window_err_as_behind_an_ideal_lens():
+    """Thicker, farther, another gradient or liquid: near the axis of a corrected lens as the closed forms have it."""
+    design = DESIGNS["window"].replace({"main_lens.prescription": "AC508-100-A", "aperture.diameter": 1.0})
+    question = Question(design, ("depth_error_mm",), ((0.0, 0.0), (1.0, 0.0)), 350.0)
+    twin = replace(question, design=design.thin_twin)
+    values = {
+        "elements.1.thickness": np.array([1.5, 1.0, 1.0, 1.0]),
+        "elements.1.distance": np.array([118.0, 119.0, 118.0, 118.0]),
+        "elements.0.gradient": np.array([0.01, 0.01, 0.0102, 0.01]),
+        "object_space.index": nominal_values(design)["object_space.index"] + np.array([0.0, 0.0, 0.0, 0.01]),
+    }
+    real, ideal = (evaluate_builds(asked, values, 4).reshape(2, 4) for asked in (question, twin))
+    assert_allclose(real, ideal, rtol=0.02, atol=2e-3)
+    assert np.all(np.abs(ideal[:, [0, 2, 3]]) > 0.05)
+
+
+def test_blur_through_a_window_is_that_of_the_traced_field():
+    design = DESIGNS["window"]
+    blur = evaluate_builds(Question(design, ("blur_pitches",), FIELDS, design.d_f), {}, 1)[:, 0]
+    # 200 rays there, 48 by Gauss's rule here.
+    assert_allclose(blur, real_field(design, FIELDS).maps.blur / design.d, rtol=0.05)

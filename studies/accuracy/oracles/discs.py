@@ -43,19 +43,21 @@ def slices(centres: Any, radii: Any, polygon: Any = None) -> tuple[list[Any], Ca
             if root >= 0:
                 breaks += [ax + (-b + s * mp.sqrt(root)) / a * (bx - ax) for s in (-1, 1)]
 
+    # Asked some thousand times: what does not depend on x is had beforehand.
+    curves = [(cx, cy, r * r) for (cx, cy), r in discs]
+    sides = [(min(ax, bx), max(ax, bx), ax, ay, (by - ay) / (bx - ax)) for (ax, ay), (bx, by) in edges if ax != bx]
+
     def span(x: Any) -> tuple[Any, Any]:
-        half = [mp.sqrt(max(r**2 - (x - cx) ** 2, 0)) for (cx, _), r in discs]
-        tops = [cy + h for ((_, cy), _), h in zip(discs, half, strict=True)]
-        bottoms = [cy - h for ((_, cy), _), h in zip(discs, half, strict=True)]
+        bottom, top = mp.ninf, mp.inf
+        for cx, cy, square in curves:
+            off = x - cx
+            left = square - off * off
+            half = mp.sqrt(left) if left > 0 else mp.mpf(0)
+            bottom, top = max(bottom, cy - half), min(top, cy + half)
         if edges:
-            across = [
-                ay + (by - ay) * (x - ax) / (bx - ax)
-                for (ax, ay), (bx, by) in edges
-                if min(ax, bx) <= x <= max(ax, bx) and ax != bx
-            ]
-            tops.append(max(across, default=mp.ninf))
-            bottoms.append(min(across, default=mp.inf))
-        return max(bottoms), min(tops)
+            across = [ay + rise * (x - ax) for start, end, ax, ay, rise in sides if start <= x <= end]
+            bottom, top = max(bottom, min(across, default=mp.inf)), min(top, max(across, default=mp.ninf))
+        return bottom, top
 
     breaks += [c[0] + s * r for c, r in discs for s in (-1, 1)]
     return [low, *sorted({x for x in breaks if low < x < high}), high], span

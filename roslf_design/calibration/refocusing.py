@@ -1,0 +1,148 @@
+"""Refocus stacks of a light field: which slopes show something sharp, and how far away that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..camera import Camera
+from ..theory.light_field import depth_of_slope, epi_slope
+from .decoding import LightField, Samples
+from .frames import Array
+
+PLANES = 7
+"""Of a stack, unless told otherwise."""
+_FARTHEST, _STEP = 24.0, 1.5
+"""Disparities across the views that are looked through, and from one to the next [pitches]."""
+_VIEWS = 7
+"""Views along an axis that this takes."""
+_TILES = 12
+"""Parts of the picture along an axis, each with a depth of its own."""
+_STANDS_OUT, _FAINT = 0.5, 0.005
+"""For a part of the picture to have a say: by how much its gradients are stronger where they are strongest than they
+mostly are, and their least share of the values."""
+_SHARE = 0.03
+"""Of what is sharp somewhere, left out at either end: strays."""
+
+
+class Distances(Protocol):
+    """What knows how far away a slope is, both ways; distances count from the camera [mm]."""
+
+    def distance(self, slope: float) -> float:
+        """Below 0 or not finite where no point is."""
+
+    def slope(self, distance: float) -> float:
+        """Du/Ds of a point at a distance."""
+
+
+@dataclass(frozen=True)
+class CameraDistances:
+    """Distances before the main lens, with a ruler, of the camera that a raw image is from."""
+
+    camera: Camera
+
+    def distance(self, slope: float) -> float:
+        """Where a plane of that slope stands [mm]; nan where no point is or something of the bore stands there."""
+        c = self.camera
+        depth = float(depth_of_slope(c, slope))
+        if not depth > 0:
+            return math.nan
+        place = float(np.asarray(c.plane_seen_at(float(c.d_3) + depth)))
+        return place if place > float(np.asarray(c.front[0])) else math.nan
+
+    def slope(self, distance: float) -> float:
+        """Microlens pitches a pixel; Eq. 12."""
+        c = self.camera
+        return float(epi_slope(c, c.plane(distance).distance - c.d_3))
+
+
+@dataclass(frozen=True, eq=False)
+class FocusPlane:
+    """A picture refocused to one plane."""
+
+    slope: float
+    """Du/Ds of what is sharp in it [pitches per px]."""
+    disparity: float
+    """-slope times the pitch: of what is sharp in it, between opposite edges of the views [pitches]."""
+    distance: float | None
+    """From the camera [mm], where that is known."""
+    values: Samples
+    """Shape (v, u)."""
+    weight: Samples
+    """Sum of the views' weights, of the same shape."""
+
+
+def focus_stack(
+    field: LightField, disparities: Array | None = None, distances: Distances | None = None
+) -> tuple[FocusPlane, ...]:
+    """Refocus to several planes, near ones last.
+
+    Parameters
+    ----------
+    field : LightField
+    disparities : ndarray, optional
+        Across the views [pitches]; None for seven over all that is sharp somewhere.
+    distances : Distances, optional
+        Names the planes in mm; chosen ones that stand nowhere are then left out.
+    """
+    chosen = sharp_disparities(field) if disparities is None else disparities
+    planes = []
+    for disparity in chosen:
+        slope = -float(disparity) / field.pitch
+        away = None if distances is None else distances.distance(slope)
+        if away is not None and not (0 < away < math.inf):
+            if disparities is None:
+                continue
+            away = None
+        planes.append(FocusPlane(slope, float(disparity), away, *field.refocused(slope)))
+    return tuple(planes)
+
+
+def sharp_disparities(field: LightField, planes: int = PLANES) -> Array:
+    """Disparities across the views [pitches], evenly over those at which some part of the picture is sharpest.
+
+    Every part of the picture votes for where its gradients are strongest, by how much stronger they are there than
+    they mostly are; a step is added on either side. Without any texture: about the focal plane.
+    """
+    most = min(_FARTHEST, max(min(len(field.u), len(field.v)) / 4, _STEP))
+    steps = math.ceil(most / _STEP)
+    tried = _STEP * np.arange(-steps, steps + 1.0)
+    every = math.ceil(max(len(field.s), len(field.t)) / _VIEWS)
+    sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
+    mostly = np.median(sharpness, axis=0)
+    votes = sharpness.max(axis=0) - mostly
+    votes[(votes < _STANDS_OUT * mostly) | (sharpness.max(axis=0) < _FAINT**2 * _power(field))] = 0
+    low, high = -2 * _STEP, 2 * _STEP
+    if votes.sum() > 0:
+        best = tried[sharpness.argmax(axis=0)]
+        order = np.argsort(best, kind="stable")
+        share = np.cumsum(votes[order]) / votes.sum()
+        low, high = (float(best[order][np.searchsorted(share, at)]) for at in (_SHARE, 1 - _SHARE))
+        low, high = low - _STEP, high + _STEP
+    return np.linspace(low, high, planes)
+
+
+def _power(field: LightField) -> Array:
+    """Sum of squared values in each part of the middle view, shape (parts,)."""
+    return _in_parts(np.square(field.view(), dtype=float) * (field.view_weight() > 0))
+
+
+def _sharpness(values: Samples, weight: Samples) -> Array:
+    """Sum of squared gradients in each part of a picture, shape (parts,)."""
+    held = weight > 0.25 * float(weight.max(initial=0.0))
+    power = np.zeros(values.shape)
+    across, down = (np.square(np.diff(values, axis=axis)) for axis in (1, 0))
+    power[:, 1:] += across * (held[:, 1:] & held[:, :-1])
+    power[1:] += down * (held[1:] & held[:-1])
+    return _in_parts(power)
+
+
+def _in_parts(power: Array) -> Array:
+    """Sums over the parts of a picture."""
+    for axis in (0, 1):
+        tiles = min(_TILES, power.shape[axis])
+        power = np.add.reduceat(power, np.arange(tiles) * power.shape[axis] // tiles, axis)
+    return np.asarray(power.ravel())

@@ -1,0 +1,170 @@
+"""A point's wave through exact elements: which part of the FAP it fills, and how far it runs ahead of the ideal one.
+
+Rays from the point are aimed through every face at places of the FAP, as the main lens sees that. There, in air, an
+ideal wave has slopes ``(a - X)/R``; what the exact slopes add is the gradient of the path by which the wave runs ahead,
+for the ideal main lens turns slopes, not angles, into places. A polynomial over the opening has that gradient.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval2d
+from numpy.typing import NDArray
+
+from .._arrays import sunflower
+from ..rays.object_space import FacesAhead, Outside
+
+if TYPE_CHECKING:
+    from .points import PointSource
+
+Floats = NDArray[np.float64]
+
+DEGREE = 9
+"""Of the polynomial of the path."""
+POWERS = np.array([(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j > 0])
+SAMPLES = 400
+"""Rays that it is fitted to."""
+MARGIN = 1.05
+"""How much wider than the opening these are spread."""
+STEPS, NEAR = 60, 1e-10
+"""Corrections of a ray's aim at most, and how near it must come to the point [mm, per 100 mm of reach]."""
+HALVINGS, TURNS = 40, 128
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """The wave of one point in one colour, in the air before the main lens; places against that's axis."""
+
+    source: PointSource
+    faces: FacesAhead
+    """With their clear apertures."""
+    middle: Floats
+    radius: float
+    """Disc that the polynomial is told on [mm]."""
+    terms: Floats
+    """Path by which the wave runs ahead [mm], in powers of x and y on that disc, (10, 10)."""
+
+    @classmethod
+    def of(cls, source: PointSource, wavelength: float) -> Wavefront | None:
+        """Aim rays all over the FAP; None where none comes through."""
+        camera = source.camera.replace({"wavelength": wavelength})
+        faces, free = FacesAhead.of(camera), FacesAhead.of(camera, clip=False)
+        opening = source.opening
+        middle, radius = opening.centres[0], MARGIN * float(opening.radii[0])
+        disc = np.concatenate([sunflower(SAMPLES).T, _circle(48)])
+        pupil = middle + radius * disc
+        extra, comes = _extra_slopes(source, free, pupil)
+        if np.count_nonzero(comes) < 2 * len(POWERS):
+            return None
+        columns = np.concatenate([_gradient(disc[comes], axis) for axis in (0, 1)])
+        terms = np.zeros((DEGREE + 1, DEGREE + 1))
+        terms[tuple(POWERS.T)] = np.linalg.lstsq(columns, np.concatenate(list(extra[comes].T)) * radius, rcond=None)[0]
+        return cls(source, faces, middle, radius, terms)
+
+    def path(self, pupil: Floats) -> Floats:
+        """How far the wave runs ahead at places (..., 2) of the FAP [mm]."""
+        return np.asarray(polyval2d(*self._on_disc(pupil), self.terms))
+
+    def slopes(self, pupil: Floats) -> Floats:
+        """What is added to the ideal wave's slopes there, (..., 2)."""
+        at = self._on_disc(pupil)
+        return np.asarray(
+            np.stack([polyval2d(*at, polyder(self.terms, axis=k)) for k in (0, 1)], axis=-1) / self.radius
+        )
+
+    def _on_disc(self, pupil: Floats) -> tuple[Floats, Floats]:
+        x, y = np.moveaxis((pupil - self.middle) / self.radius, -1, 0)
+        return x, y
+
+    def lit(self, pupil: Floats) -> NDArray[np.bool_]:
+        """Whether light comes through places (..., 2) of the FAP: past every rim, face by face, and the main lens."""
+        camera = self.source.camera
+        slope = self.source.slope(pupil) + self.slopes(pupil)
+        height = pupil + slope * float(camera.d_3)
+        met = _carried(self.faces, height + self.source.lens, slope)
+        return np.asarray((met.status == 0) & (np.hypot(*np.moveaxis(height, -1, 0)) <= float(camera.D) / 2))
+
+    @property
+    def steepest(self) -> float:
+        """Most that it adds to a slope over the FAP."""
+        disc = self.middle + self.radius / MARGIN * np.concatenate([sunflower(SAMPLES).T, _circle(48)])
+        return float(np.max(np.hypot(*self.slopes(disc).T)))
+
+    def chords(self, rows: int) -> tuple[Floats, Floats, Floats, Floats]:
+        """Rows across what is lit: heights, their weights, and each chord's ends [mm]; no rows where it is dark."""
+        trial = self.middle + self.radius * sunflower(SAMPLES).T
+        lit, way = self.lit(trial), _circle(TURNS)
+        if not lit.any():
+            return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
+        edge = self._edge(np.broadcast_to(trial[lit].mean(axis=0), way.shape), way)
+        ends = []
+        for sign in (-1, 1):
+            last = int(np.argmax(sign * edge[:, 1]))
+            near = edge[[last - 1, last, (last + 1) % TURNS]]
+            bend, slope = np.array([[0.5, -1.0, 0.5], [-0.5, 0.0, 0.5]]) @ near[:, 1]
+            step = -slope / (2 * bend) if bend else 0.0
+            across = near[1, 0] + step * (near[2, 0] - near[0, 0]) / 2
+            ends.append((across, near[1, 1] + step * slope / 2))
+        (low_x, low), (high_x, high) = ends
+        at, weight = np.polynomial.legendre.leggauss(rows)
+        angle, half = at * (math.pi / 2), (high - low) / 2
+        y = (high + low) / 2 + half * np.sin(angle)
+        inside = np.stack([low_x + (high_x - low_x) * (y - low) / (high - low), y], axis=-1)
+        left, right = (self._edge(inside, np.broadcast_to([sign, 0.0], inside.shape))[:, 0] for sign in (-1.0, 1.0))
+        return y, weight * (math.pi / 2) * half * np.cos(angle), left, right
+
+    def _edge(self, inside: Floats, way: Floats) -> Floats:
+        """Where light ends along ways from places (..., 2)."""
+        low, high = np.zeros(len(way)), np.full(len(way), 2.2 * self.radius)
+        for _ in range(HALVINGS):
+            reach = (low + high) / 2
+            lit = self.lit(inside + reach[:, None] * way)
+            low, high = np.where(lit, reach, low), np.where(lit, high, reach)
+        return np.asarray(inside + low[:, None] * way)
+
+
+def _carried(faces: FacesAhead, height: Floats, slope: Floats) -> Outside:
+    return faces.rays((height[..., 0], height[..., 1]), (slope[..., 0], slope[..., 1]))
+
+
+def _circle(count: int) -> Floats:
+    turn = 2 * math.pi * np.arange(count) / count
+    return np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+
+
+def _gradient(at: Floats, axis: int) -> Floats:
+    """Derivatives of all powers at places (..., 2), (..., terms)."""
+    x, y = at[..., :1], at[..., 1:]
+    i, j = POWERS.T
+    if axis == 0:
+        return np.asarray(i * x ** np.maximum(i - 1, 0) * y**j)
+    return np.asarray(j * x**i * y ** np.maximum(j - 1, 0))
+
+
+def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """What exact rays from the point through places of the FAP have over the ideal wave's slopes, and which are.
+
+    Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope: that, time and again, takes the
+    miss away.
+    """
+    assert source.place is not None
+    camera, (x, y, z) = source.camera, source.place
+    plane = camera.plane(z)
+    rate, ideal = float(plane.a * camera.d_3 - plane.b), source.slope(pupil)
+    extra, near = np.zeros_like(pupil), NEAR * (1 + abs(z) / 100)
+    comes = np.zeros(len(pupil), np.bool_)
+    for _ in range(STEPS):
+        slope = ideal + extra
+        height = pupil + slope * float(camera.d_3) + source.lens
+        out = _carried(faces, height, slope)
+        miss = np.moveaxis(out.height - out.slope * z, 0, -1) - [x, y]
+        alive = out.status == 0
+        comes = alive & (np.max(np.abs(miss), axis=-1) <= near)
+        if np.all(comes | ~alive):
+            break
+        extra = extra - np.where(alive[:, None], miss, 0.0) / rate
+    return extra, comes

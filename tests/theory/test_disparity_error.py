@@ -1,0 +1,246 @@
+"""Light, noise and texture against numbers by hand, textbook limits and differences of rendered pictures."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.imaging.camera import ImageLattice
+from roslf_design.imaging.render import render
+from roslf_design.imaging.trace import RaySampling
+from roslf_design.scenes import Plane, Scene, Sinusoid, White
+from roslf_design.theory.disparity_error import Seen, Spectrum, disparity_information, disparity_sigma, view_gradient
+from roslf_design.theory.light_field import rim_disparity
+from roslf_design.theory.photometry import dark_variance, electrons, exposure
+from roslf_design.theory.quantities import QUANTITIES, seen_at
+from roslf_design.theory.stop_images import MicrolensImages
+
+PAPER = roslf.load("paper")
+SHORT = {"light.wavelength": 1e-9, "depth.window": 1}
+"""Rays: nothing diffracts. (Through the whole design, 1e-9 mm is the finest wavelength that makes sense.)"""
+
+
+def information(design, field=(0.0, 0.0), disparity=0.0):
+    """One microlens's, of the texture that the design assumes."""
+    camera = Camera.of(design)
+    seen = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
+    return float(disparity_information(MicrolensImages(camera, [field]), seen)[0, 0])
+
+
+def test_electrons_by_hand():
+    """1e5 lx, 30 % reflectance, 1/60 s at the paper's bench: 1.0e4 (h = 6.62607015e-34 J s, c = 299 792 458 m/s)."""
+    design = PAPER.replace({"light.exposure": 1 / 60})
+    radiance = 1e5 * 0.3 / np.pi / 683  # W/m^2/sr
+    watts = radiance * (4.847826e-6) ** 2 * (63e-6 / 2e-3) ** 2 * 0.95
+    photons = watts / 60 * 550e-9 / (6.62607015e-34 * 299_792_458)
+    assert float(electrons(Camera.of(design))) == pytest.approx(photons * 0.7, rel=1e-6)
+    assert float(electrons(Camera.of(design))) == pytest.approx(1.0e4, rel=0.01)
+    direct = design.replace({"light.radiance": radiance})
+    assert float(electrons(Camera.of(direct))) == pytest.approx(photons * 0.7, rel=1e-6)
+
+
+def test_no_exposure_given_leaves_half_of_the_full_well_free():
+    camera = Camera.of(PAPER)
+    assert float(electrons(camera)) == pytest.approx(0.5 * 10_500)
+    assert float(exposure(camera)) < 1 / 60
+    dim = Camera.of(PAPER.replace({"light.illuminance": 1e3}))
+    assert float(exposure(dim)) == pytest.approx(1 / 60)
+    assert float(electrons(dim)) == pytest.approx(100, rel=0.01)
+
+
+def test_round_microlenses_get_pi_quarters_of_the_light():
+    given = PAPER.replace({"light.exposure": 1e-3})
+    circular = given.replace({"microlens_array.lens_shape": "circular"})
+    assert float(electrons(Camera.of(circular)) / electrons(Camera.of(given))) == pytest.approx(np.pi / 4)
+
+
+def test_rays_of_a_whole_disc():
+    """Without diffraction J is N n/16 less what a pixel mixes, q^2/12: sigma_B = 1/(G sqrt(M N n/16))."""
+    fine = PAPER.replace(
+        {**SHORT, "sensor.pixel": PAPER.q / 8, "light.exposure": 1.0, "sensor.full_well": 1e9}, D_F=1.5
+    )
+    camera = Camera.of(fine)
+    n = np.pi / 4 * (float(QUANTITIES["image_diameter_px"](camera))) ** 2
+    shot = float(electrons(camera)) ** 2 / float(electrons(camera) + dark_variance(camera))
+    gradient = float(view_gradient(camera, seen_at(camera, None)))
+    # Extrapolated in the blur: to 1 %.
+    assert information(fine) == pytest.approx(gradient**2 * shot * n / 16, rel=0.01)
+
+
+@pytest.mark.parametrize(("kept", "cost"), [(0.62, 1.9), (0.39, 3.4), (0.20, 7.4)])
+def test_cut_images_cost_what_their_second_moment_says(kept, cost):
+    """Rays, a second stop with an image as large as the FAP's: across the cut 1.9, 3.4 and 7.4 times in sigma."""
+    both = {"main_lens.diameter": PAPER.D_F * float(Camera.of(PAPER).H), "sensor.pixel": PAPER.q / 8}
+    bare = PAPER.replace({**SHORT, **both, "sensor.read_noise": 0.0, "sensor.bits": 24})
+    camera = Camera.of(bare)
+
+    def at(x):
+        return float(MicrolensImages(camera, [(x, 0.0)]).shapes.kept_fraction[0, 0])
+
+    x = brentq(lambda x: at(x) - kept, 0.01, 3.2)
+    shapes = MicrolensImages(camera, [(x, 0.0)]).shapes
+    along, _, across = shapes.second_moments[0, 0] / (
+        float(MicrolensImages(camera, [(0, 0)]).discs[1][0, 0, 0]) ** 2 / 4
+    )
+    assert 1 / np.sqrt(kept * along) == pytest.approx(cost, rel=0.035)  # printed to two digits, as the share kept is
+    # The texture has all directions: the mean of both.
+    expected = kept * (along + across) / 2
+    # Extrapolated in the blur: thin images to 3 % of sigma.
+    assert np.sqrt(information(bare, (x, 0.0)) / information(bare) / expected) == pytest.approx(1.0, abs=0.03)
+
+
+# --- against differences of rendered pictures ---------------------------------------------------------------------
+
+
+def rendered_information(design, field, periods, direction, disparity, rays=64, step=0.02, contrast=0.5):
+    """Fisher information of B per microlens, amplitude and phase of a grating unknown, by differences of pictures.
+
+    The grating has so many periods per microlens pitch; on planes at other distances it grows with the distance from
+    the FAP, so that views from its middle stay as they are.
+    """
+    camera = Camera.of(design)
+    lattice, q, gap = ImageLattice.of(camera), float(camera.q), float(camera.gap)
+    period = float(camera.inverse_m * camera.d) / periods
+    lenses = round(1 / periods) if periods < 0.5 else 4
+    centre = lattice.image(np.round(np.linalg.solve(lattice.axes, np.array(field))))
+    half = lenses / 2 * abs(lattice.grow) * float(camera.d)
+    size = round(2 * half / q)
+    region = *(round((c - half) / q + n / 2) for c, n in zip(centre, camera.pixels, strict=True)), size, size
+    names = ["microlens_diffraction", "vignetting", "finite_microlens_aperture", "object_defocus"]
+    off = ["noise", "cos4", "fap_diffraction", "microlens_defocus"]
+    switches = [f"+{name}" for name in names] + [f"-{name}" for name in off]
+    sampling = RaySampling(least=rays, most=rays, tolerance=1e-9)
+
+    def at(b):
+        d_3 = float(camera.d_3)
+        return brentq(lambda z: float(rim_disparity(camera, z - d_3)) - b, d_3 * 1.0001, 50 * float(camera.d_f))
+
+    def picture(z, phase=0.0):
+        wide = period * (z - float(camera.d_3)) / gap
+        look = Sinusoid(period=wide, angle=direction, contrast=contrast)
+        aside = (phase * wide * np.cos(direction), phase * wide * np.sin(direction))
+        scene = Scene(objects=(Plane(distance=z, centre=aside, texture=look),))
+        shown = render(design, scene, overrides=switches, region=region, sampling=sampling, threads=2)
+        return 2 * float(electrons(camera)) * shown.pixels.astype(float).ravel()
+
+    white = Scene(objects=(White(level=0.5),))
+    mean = render(design, white, overrides=switches, region=region, sampling=sampling, threads=2).pixels
+    mean = 2 * float(electrons(camera)) * mean.astype(float).ravel()
+    weight = 1 / (mean + float(dark_variance(camera)))
+    moved = (picture(at(disparity + step)) - picture(at(disparity - step))) / (2 * step)
+    nuisance = np.stack([picture(at(disparity), phase) - mean for phase in (0.0, 0.25)], 1)
+    mixed = nuisance.T @ (weight * moved)
+    left = moved @ (weight * moved) - mixed @ np.linalg.solve(nuisance.T @ (weight[:, None] * nuisance), mixed)
+    return left / (size * size * q * q / abs(np.linalg.det(lattice.image_axes)))
+
+
+CUT = PAPER.replace({"main_lens.diameter": 20.0})
+
+
+@pytest.mark.parametrize(
+    ("design", "field", "periods", "disparity"),
+    [
+        (PAPER, (0.0, 0.0), 0.25, 0.0),
+        (PAPER, (0.0, 0.0), 0.25, 1.0),
+        (roslf.load("paper-mismatched"), (9.0, 0.0), 0.25, 0.5),
+        (CUT, (6.3, 0.0), 0.25, 0.0),
+        (CUT, (7.3, 0.0), 0.25, 0.5),
+    ],
+    ids=["matched", "out of focus", "gaps", "barely cut", "half cut"],
+)  # fmt: skip
+def test_prediction_against_differences_of_rendered_pictures(design, field, periods, disparity):
+    """To 2 % of sigma, for a grating along x and one along y."""
+    camera = Camera.of(design)
+    power = np.full(2, 0.5**2 / 4 * np.sinc(periods) ** 2)
+    for angle, x, y in ((0.0, periods, 0.0), (np.pi / 2, 0.0, periods)):
+        brute = rendered_information(design, field, periods, angle, disparity)
+        wave = Spectrum(np.array([x, -x]), np.array([y, y]), power)
+        seen = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
+        ours = float(disparity_information(MicrolensImages(camera, [field]), seen, wave)[0, 0])
+        assert np.sqrt(brute / ours) == pytest.approx(1.0, abs=0.02), angle
+
+
+# --- laws ---------------------------------------------------------------------------------------------------------
+
+
+def test_light_texture_and_window_scale_as_they_must():
+    # Bright enough for shot noise alone.
+    bright = PAPER.replace({"sensor.full_well": 1e8, "sensor.bits": 24, "light.exposure": 1.0})
+    base = information(bright)
+    assert information(bright.replace({"light.exposure": 4.0})) == pytest.approx(4 * base, rel=1e-4)
+    assert information(bright.replace({"depth.contrast": 0.2})) == pytest.approx(4 * base, rel=1e-12)
+    sigma = QUANTITIES["sigma_disparity_pitches"]
+    wide = sigma(Camera.of(bright.replace({"depth.window": 9})))
+    assert float(wide) == pytest.approx(float(sigma(Camera.of(bright))) * 5 / 9, rel=1e-12)
+
+
+def test_everything_in_another_unit_of_length():
+    """A camera twice as large under twice the wavelength sees the same with as many electrons."""
+    lengths = {
+        "main_lens.diameter": 101.6, "main_lens.focal_length": 200.0, "main_lens.focal_plane": 700.0,
+        "aperture.diameter": 5.8, "aperture.distance": 240.0, "microlens_array.pitch": 0.126,
+        "microlens_array.focal_length": 4.0, "microlens_array.size": (46.0, 46.0), "sensor.distance": 4.0,
+        "sensor.pixel": 2 * PAPER.q, "sensor.size": (44.6, 29.864), "light.wavelength": 1.1e-3,
+    }  # fmt: skip
+    large = PAPER.replace({**lengths, "microlens_array.distance": None})
+    lit = PAPER.replace({"light.exposure": 1e-3})
+    same = large.replace({"light.exposure": 1e-3 / 8})  # four times the area, photons of half the energy
+    assert information(same) == pytest.approx(information(lit), rel=1e-9)
+
+
+def test_seams_are_smooth():
+    """Where the sum's size changes with the detail that diffraction passes, and where it is extrapolated."""
+    waves = np.geomspace(0.15e-3, 1.2e-3, 60)
+    camera = Camera.of(PAPER.replace({"light.exposure": 1e-4}), {"wavelength": waves})
+    values = np.log(QUANTITIES["sigma_disparity_pitches"](camera))
+    bends = np.diff(values, 2)
+    assert np.abs(bends).max() < 4e-3  # the curve itself bends by 1e-3 a step
+    cut = Camera.of(CUT)
+    edge = brentq(lambda x: float(MicrolensImages(cut, [(x, 0.0)]).room[0, 0]), 1.0, 9.0)
+    inside, outside = (information(CUT, (edge + off, 0.0)) for off in (-1e-6, 1e-6))
+    assert outside == pytest.approx(inside, rel=1e-5)  # rows against Bessel functions
+
+
+def test_nothing_to_tell():
+    dark = MicrolensImages(Camera.of(CUT), [(11.0, 0.0)])
+    assert np.isinf(disparity_sigma(dark, seen_at(Camera.of(CUT), None))).all()
+    over = PAPER.replace({"light.exposure": 1.0})  # beyond the full well
+    assert np.isinf(float(QUANTITIES["sigma_z_mm"](Camera.of(over))))
+    unseen = PAPER.replace({"depth.period": 0.1})  # finer than two microlenses show
+    assert np.isinf(float(QUANTITIES["sigma_z_mm"](Camera.of(unseen))))
+    assert roslf.evaluate(unseen).to_dict()["depth"]["sigma_z_mm"] is None
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize("lens_shape", ["square", "circular"])
+def test_builds_are_those_taken_one_by_one(layout, lens_shape):
+    design = PAPER.replace({"microlens_array.layout": layout, "microlens_array.lens_shape": lens_shape})
+    d_2 = np.array([0.4, 1.0, 1.9, 2.0, 2.3])
+    many = QUANTITIES["sigma_z_mm"](Camera.of(design, {"d_2": d_2}))
+    ones = [float(QUANTITIES["sigma_z_mm"](Camera.of(design, {"d_2": value}))) for value in d_2]
+    assert_allclose(many, ones, rtol=1e-9)
+    assert np.isfinite(many).all()
+
+
+def test_distances_at_once():
+    camera = Camera.of(PAPER)
+    ahead = np.array([100.0, 200.0, 230.0, 400.0])
+    each = [float(QUANTITIES["sigma_z_mm"](camera, float(at))) for at in ahead]
+    from roslf_design.theory.quantities import depth_error
+
+    assert_allclose(depth_error(camera, ahead), each, rtol=1e-9)
+    assert np.argmin(np.array(each) / ahead**2) == 2  # out of focus, blur costs beside the square of the distance
+
+
+def test_a_given_disparity_error_stands():
+    fixed = PAPER.replace({"depth.disparity_error": 0.1})
+    assert float(QUANTITIES["sigma_z_mm"](Camera.of(fixed))) == pytest.approx(1.2491, abs=5e-5)
+    told = roslf.evaluate(fixed)
+    assert told.depth.assumes is None
+    assert told.depth.sigma_disparity_pitches == 0.1
+    free = Seen(np.zeros(()), np.ones(()))
+    assert np.isinf(
+        disparity_sigma(MicrolensImages(Camera.of(CUT.replace({"depth.disparity_error": 0.1})), [(11.0, 0)]), free)
+    )
