@@ -1,6 +1,6 @@
 """Depth of a slanted wall and of a step, as four cameras measure it: matched, mismatched, cut, and wrongly believed.
 
-Run from the project's root: python studies/depth/study.py [-o FOLDER]
+Run from the project's root: python studies/depth/depth_study.py [-o FOLDER]
 """
 
 from __future__ import annotations
@@ -68,9 +68,7 @@ def cases() -> dict[str, Case]:
         "matched": Case("the paper's bench: images touch, none is cut", paper, paper),
         "mismatched": Case(f"d_3 = {SHORT_BORE:g} mm: images leave gaps, pixels stay dark", short, short),
         "cut": Case(f"main lens of {SMALL_LENS:g} mm: beyond Eq. 6 its rim cuts images", small, small),
-        "d_3 taken as 0": Case(
-            "the paper's bench, depth computed as if the lens were the pupil", paper, paper.replace(d_3=0.0)
-        ),
+        "d_3 taken as 0": Case("the paper's bench, depth computed as if the lens were the pupil", paper, flat),
     }
 
 
@@ -270,9 +268,9 @@ def report(results: dict[str, dict[str, Measured]]) -> Report:
         ),
     )  # fmt: skip
     about = Paragraph(
-        f"Simulated with noise, {EXPOSURES} exposures each: {step.electrons:.0f} electrons a pixel, a texture with 10 % rms "
-        "contrast in each octave down to 2.5 microlenses, windows of 5 x 5. Centres of microlens images are those of a "
-        "white image, whatever the camera is believed to be."
+        f"Simulated with noise, {EXPOSURES} exposures each: {step.electrons:.0f} electrons a pixel, texture with 10 % "
+        "rms contrast in each octave down to 2.5 microlenses, windows of 5 x 5. Centres of microlens images are those of "
+        "a white image, whatever the camera is believed to be."
     )
     return Report(
         "What four cameras know of depth",
@@ -281,7 +279,7 @@ def report(results: dict[str, dict[str, Measured]]) -> Report:
             Section("Answers", (Statements(tuple(statements(results))), summary_table(results)), "answers"),
             Section("The cameras", (Bullets(words), about), "cameras"),
             Section("Evidence", evidence, "evidence"),
-            Section("How it was done", (Code("python studies/depth/study.py", "Run again"),), "how"),
+            Section("How it was done", (Code("python studies/depth/depth_study.py", "Run again"),), "how"),
         ),
     )
 
