@@ -1,7 +1,7 @@
 """The camera that everything computes with."""
 
 from ..design.parts import Number
-from .camera import TIP, Camera, Rim
+from .camera import SEEING, TIP, Camera, Rim
 from .frames import Frame, Vector
 
-__all__ = ["TIP", "Camera", "Frame", "Number", "Rim", "Vector"]
+__all__ = ["SEEING", "TIP", "Camera", "Frame", "Number", "Rim", "Vector"]

@@ -37,6 +37,8 @@ PHOTOMETRIC = (
 """Places of what light, sensor and texture have to do with depth errors."""
 OPTIONAL = ("light.radiance", "light.exposure", "depth.period", "depth.finest", "depth.disparity_error")
 """The same, of what need not be given."""
+SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
+"""All of these: what a camera is used with, not what it is built of."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
 
-from ..camera import TIP, Camera, Number
+from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
 from ..lenses.glass import Glass
@@ -471,7 +471,8 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
     """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
     idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.")
-    lengths = [place for place in numbers if "." in place and not any(word in place for word in idle)]
+    built = [place for place in numbers if "." in place and place not in SEEING]
+    lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED])
     for name in names:
         if name not in known:

@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from ..camera import TIP, Camera
+from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
 from ..design.chain import MEDIUM
 from ..design.conjugates import REFRACTING
@@ -55,7 +55,8 @@ def perturbable(design: Design) -> dict[str, str]:
         Dotted place to what it measures: "length", "angle", "ratio", "number" (an index) or "gradient"; in a real lens
         also "curvature".
     """
-    kinds = {place: _kind(place) for place in Camera.of(design).numbers if place != TIP and ".size." not in place}
+    built = [place for place in Camera.of(design).numbers if place != TIP and place not in SEEING]
+    kinds = {place: _kind(place) for place in built if ".size." not in place}
     if design.lens is not None:
         del kinds[FOCAL_LENGTH]
         kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}

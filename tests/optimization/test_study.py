@@ -7,8 +7,9 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.cli import main
+from roslf_design.design import save
 from roslf_design.optimization.study import read_study
-from tests.optimization.posing import GOOD
+from tests.optimization.posing import GOOD, PAPER
 
 
 def run(capsys, *arguments):
@@ -78,6 +79,8 @@ def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path):
     text = "order = 'lexicographic'\nslack = 0.05\n" + GOOD.replace("weight = 0.1", "")
     text = text.replace("starts = 4\ncheck = false", "starts = 3\nisres = true")
     text += '[pareto]\ngoals = ["sigma_z_mm", "views_independent"]\npoints = 3\n[catalogue]\nkinds = ["sensors"]\n'
+    save(PAPER, tmp_path / "given.toml")
+    text = text.replace('design = "paper"', 'design = "given.toml"')
     code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
     assert (code, err) == (0, "")
     words = " ".join(out.split())
@@ -197,10 +200,11 @@ check = false
 @pytest.mark.parametrize(
     ("variables", "goal", "said"),
     [
-        # Light grows with D_F squared, sigma_Z falls with 1/D_F: only the bound stops them.
+        # Light grows with D_F squared, sigma_Z falls with 1/D_F and with the light of large microlenses: bounds stop
+        # them.
         ('D_F = ["1 mm", "8 mm"]', 'quantity = "light_sr"\ndirection = "max"', "save the bound D_F <= 8 mm"),
         ('D_F = ["1 mm", "8 mm"]\nd = ["50 um", "90 um"]', 'quantity = "sigma_z_mm"\ndirection = "min"',
-         "save the bounds D_F <= 8 mm and d >= 0.05 mm"),
+         "save the bounds D_F <= 8 mm and d <= 0.09 mm"),
         # At the lens every field is undistorted: infinity at a bound; where images have no pitch, a pole inside.
         ('d_3 = ["0 mm", "200 mm"]', 'quantity = "undistorted_field_mm"\ndirection = "max"',
          "runs off without end; the bound d_3 >= 0 mm stopped it"),

@@ -97,7 +97,6 @@ def closed_forms(f, d1, de, d3, d, d2, q, big, wave):
         "fill_factor": diameter / pitch,
         "mismatch_px": (diameter - pitch) / q,
         "disparity_pitches_per_mm": de * d1 / (d * h) / (df - d3) ** 2,
-        "sigma_z_mm": (df - d3) ** 2 * d * h * mp.mpf("0.1") / (de * d1),
         "inverse_aperture_constant": 1 / h,
         "vergence_at_mla_per_mm": (d3 - f) / (d1 * (d3 - f) - f * d3),
         "f_number_microlens": d2 / d,
