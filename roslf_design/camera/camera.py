@@ -19,6 +19,8 @@ from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
+from ..design.elements import FieldLens
+from ..design.mapping import Law, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from .frames import Frame, Vector, along, dot, frame, minus, plus, times
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 FOCAL = PATHS["f"]
+IMAGE = ".image"
+STEEPEST = 1e15
+"""Slope that is taken for infinite."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -39,7 +44,8 @@ class Rim:
     name: str
     """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
     part: str
-    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"."""
+    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"; of
+    what an objective with a mapping images at all "elements.0.image"."""
     radius: Number
     """R_k as the main lens sees it: through what stands between [mm]."""
     distance: Number
@@ -52,8 +58,10 @@ class Rim:
     """Where it stands; None in air."""
 
     @property
-    def diameter_place(self) -> str:
-        """Where its diameter stands in a design."""
+    def diameter_place(self) -> str | None:
+        """Where its diameter stands in a design; None of the end of a mapping."""
+        if self.part.endswith(IMAGE):
+            return None
         part = self.part.rpartition(".")[0] if self.part.count(".") == 2 else self.part
         return f"{part}.diameter"
 
@@ -259,6 +267,46 @@ class Camera(Symbols[Number]):
         return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
 
     @cached_property
+    def law(self) -> Law | None:
+        """How the objective maps angles, where it is not f tan (`..design.mapping`)."""
+        if self.chain is None or self.chain.mapped is None:
+            return None
+        lens = self.chain.elements[self.chain.mapped]
+        assert isinstance(lens, FieldLens)
+        return lens.law
+
+    @cached_property
+    def pupil_stands(self) -> Number:
+        """Where the scene sees the entrance pupil, the FAP through all that stands before it [mm, with a ruler]."""
+        return self.plane_seen_at(self.d_3)
+
+    def pupil_seen_before(self, distance: Number) -> Number:
+        """Where the FAP's image stands for what lies at a distance, in the medium there [both mm before the lens]."""
+        plane = self.plane(distance)
+        return distance + plane.medium * ((self.d_3 * plane.a - plane.b) / (plane.d - self.d_3 * plane.c))
+
+    def stretch(self, p: Number) -> Number:
+        """Slope of a ray before the farthest element over that of the first order: 1 but behind a mapped objective.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Index times slope there, to first order; beyond what is imaged, the end of that is taken.
+        """
+        if self.law is None:
+            return 1.0
+        grown = stretch(self.law, p, self.front[1].medium)
+        return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]  # at 90 degrees
+
+    def stretch_along(self, p: Number) -> Number:
+        """Derivative of the slope by that of the first order: `stretch` for small steps along the field's radius."""
+        if self.law is None:
+            return 1.0
+        index, step = self.front[1].medium, 1e-30
+        held = np.minimum(p, self.law[0, 1] * (1 - 1e-12)) + 1j * step
+        return np.imag(held * stretch(self.law, held, index))[()] / step
+
+    @cached_property
     def focus(self) -> ImagedPlane:
         """The focal plane."""
         return self.plane(self._numbers[PATHS["d_f"]])
@@ -344,7 +392,18 @@ class Camera(Symbols[Number]):
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", self.D / 2, 0.0, 0.0)
         stops = [self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)]
-        return (lens, *stops, *(rim for k in self._apertures for rim in self._faces(k)))
+        return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
+
+    @cached_property
+    def _mapped_image(self) -> tuple[Rim, ...]:
+        """What an objective with a mapping images at all: a stop in its image of what is far, as wide as it goes."""
+        if self.law is None or self.chain is None:
+            return ()
+        plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
+        scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
+        radius = magnitude(self._numbers[f"{part}.focal_length"]) * float(self.law[0, 1])
+        name = f"lens {self.chain.mapped + 1}, mapping"  # type: ignore[operator]
+        return (Rim(name, part + IMAGE, radius / scale, plane.distance, stands, scale, plane),)
 
     @cached_property
     def _apertures(self) -> list[int]:
@@ -403,6 +462,8 @@ class Camera(Symbols[Number]):
 
     def tilt(self, part: str) -> tuple[Number, Number]:
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
+        if part.endswith(IMAGE):
+            return 0.0, 0.0
         place = part.rpartition(".")[0] if part.count(".") == 2 else part
         tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
         rim = self._rim_of.get(part)

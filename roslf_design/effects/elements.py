@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
-from ..rays.backward import behind_elements, lay_out
+from ..rays.backward import behind_elements, lay_out, mapped
 from ..rays.object_space import FacesAhead
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.stop_images import stop_discs
@@ -61,16 +61,17 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
         Beside the design's own [mm].
     """
     camera = Camera.of(design)
-    front, (lens_x, lens_y) = lay_out(camera).front, design.main_lens.decentre
+    (*_, front, law), (lens_x, lens_y) = lay_out(camera), design.main_lens.decentre
     lx, ly, ox, oy = _rays(camera, radius)
     height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
     passed = np.ones(lx.shape, np.bool_)
     for rim in (camera.fap, *camera.rims):
         x, y = camera.decentre(rim.part)
         passed &= np.hypot(lx - ox * rim.distance - x, ly - oy * rim.distance - y) <= NEARLY * rim.radius
+    *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
+    passed &= imaged
     if not passed.any():
         return Misses(0.0, 0.0, 0.0, False)
-    closed = behind_elements(front, lens_x, lens_y, *height, *slope)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         space = FacesAhead.of(camera.replace({"wavelength": wavelength}), clip=False)
@@ -126,6 +127,9 @@ def _clipping(
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     moved: list[float] = []
     for rim in (camera.fap, *camera.rims):
+        if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
+            moved.append(0.0)
+            continue
         z, plane = float(rim.stands), camera.plane(rim.stands)
         there = space.until(z).rays((hx, hy), (ox, oy))
         off = [

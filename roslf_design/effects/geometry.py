@@ -9,6 +9,7 @@ import numpy as np
 from ..camera import Camera, Number
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.light import falloff, falloff_law
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -84,7 +85,7 @@ def object_defocus(s: Subject) -> Estimate:
 
 
 def cos4(s: Subject) -> Estimate:
-    """Loss at the field's rim [fraction of full scale].
+    """Loss at the field's rim [fraction of full scale]: cos^4, or as the mapping of an objective behind the FAP has it.
 
     Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
     the size of the microlens images there, which are traced (etendue is conserved).
@@ -92,8 +93,12 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    loss = _loss(s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale))
-    return Estimate(loss, f"{loss:.2%} darker {s.at}")
+    slope = s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale)
+    if len(falloff_law(s.camera)) == 0:
+        loss = _loss(slope)
+        return Estimate(loss, f"{loss:.2%} darker {s.at}")
+    loss = 1 - float(falloff(s.camera, slope))
+    return Estimate(loss, f"{loss:.2%} darker {s.at}, by the objective's mapping")
 
 
 def _loss(slope: float) -> float:

@@ -18,6 +18,7 @@ from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
+from ..design.mapping import illumination
 from ..design.parts import Part
 from ..effects import Plan, Subject
 from ..effects.elements import misses
@@ -28,6 +29,7 @@ from ..rays.backward import (
     HALF,
     LENS_RADIUS,
     LENS_X,
+    NO_LAW,
     PER_D_2,
     PER_F,
     PER_F_ML,
@@ -37,10 +39,12 @@ from ..rays.backward import (
     behind_elements,
     crossing,
     lay_out,
+    mapped,
     posed_ray,
 )
 from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..theory.light import falloff_law, falloff_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -238,7 +242,7 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
-NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8))
+NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8), NO_LAW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +259,8 @@ class Tracer:
     """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
+    falloff_law: Floats
+    """Of an objective's own fall-off; no rows where it is cos^4."""
     mouth: float
     """Z of the bore's mouth [mm]."""
     colours: tuple[FacesAhead, ...]
@@ -289,7 +295,8 @@ class Tracer:
             np.array(flags),
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
-            float(camera.inverse_m / (camera.gap * camera.fap.scale)) if plan.on("cos4") else 0.0,
+            float(falloff_slope(camera)) if plan.on("cos4") else 0.0,
+            np.array(falloff_law(camera)),
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
@@ -331,8 +338,8 @@ class Tracer:
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
                     *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
-                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts, sampling.tolerance * fine, place,
-                    image, used,
+                    self.falloff_law, self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
+                    sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
@@ -361,32 +368,43 @@ def mixed(a: Any, b: Any, c: Any) -> Any:
 
 @kernel()
 def to_scene(
-    flags: Any, k: Any, front: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any, d_3: float, d_f: float,
-    kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
+    flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any,
+    d_3: float, d_f: float, kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
 ) -> Any:  # fmt: skip
     """A ray that leaves the main lens, as it goes on before all elements, and whether it gets there."""
-    ex, ey, tx, ty, fate = hx, hy, ox, oy, 0
+    ex, ey, tx, ty, fate, imaged = hx, hy, ox, oy, 0, True
     fx, fy, gx, gy = hx, hy, ox, oy
     if flags[EXACT]:
-        ex, ey, tx, ty, fate = outwards(table, media, takers, buffer, work, hx, hy, ox, oy)
+        ex, ey, tx, ty, fate = outwards(table, media, takers, law, buffer, work, hx, hy, ox, oy)
         fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+        fx, fy, gx, gy, imaged = mapped(law, front, fx, fy, gx, gy)
     if flags[IN_FOCUS]:
         hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
     ox, oy = ox + kick_x, oy + kick_y
     hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
     if flags[THROUGH]:
         hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+        hx, hy, ox, oy, imaged = mapped(law, front, hx, hy, ox, oy)
     if flags[EXACT]:  # off the exact ray by as much as these two put the closed forms' ray off
         hx, hy, ox, oy = ex + (hx - fx), ey + (hy - fy), tx + (ox - gx), ty + (oy - gy)
-    return hx, hy, ox, oy, fate == 0
+    return hx, hy, ox, oy, fate == 0 and imaged
+
+
+@kernel()
+def share_of_light(law: Any, slope: float) -> float:
+    """`falloff` of one microlens."""
+    if law.shape[0] == 0:
+        return 1.0 / (1.0 + slope * slope) ** 2
+    return float(illumination(law, slope))
 
 
 @kernel(parallel=True)
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
-    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, table: Any, media: Any, takers: Any,
-    rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, mouth: float, d_3: float, d_f: float,
-    points: Any, counts: Any, tolerance: float, place: Any, image: Any, spent: Any,
+    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
+    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, falloff_law: Any,
+    mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
+    spent: Any,
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays."""
     d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
@@ -417,7 +435,7 @@ def _trace(
                         continue
                     if n < MOST:
                         slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
-                        lens_x[n], lens_y[n], gain[n] = cx, cy, 1.0 / (1.0 + slope * slope) ** 2
+                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(falloff_law, slope)
                         near_x[n], near_y[n] = x[i] - gx, y[j] - gy
                         n += 1
             if n == 0:
@@ -492,6 +510,7 @@ def _trace(
                             flags,
                             k,
                             front,
+                            law,
                             table,
                             media,
                             takers,

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
+from ..design.mapping import illumination
 from ..effects import Plan, plan
 from ..effects.waves import pixel_box
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.light import falloff_law, falloff_slope
 from ..theory.stop_images import stop_discs
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 from .transfer import MOST_HALO, MicrolensTransfer, fineness, pair_transfer
@@ -120,17 +122,20 @@ class WhiteGeometry:
 
 
 def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
-    """Darken an image, shape (y.size, x.size), in place by cos^4 of its chief rays' angles; sensor's frame [mm].
+    """Darken an image, shape (y.size, x.size), in place by its chief rays' `falloff`; sensor's frame [mm].
 
     Taken at each pixel's own place, between two microlenses as everywhere else: against one value for each microlens
     this differs by less than the change over half a pitch.
     """
     lattice = ImageLattice.of(camera)
-    scale = float(camera.inverse_m / (camera.gap * camera.fap.scale))
+    scale, law = float(falloff_slope(camera)), falloff_law(camera)
     shift = lattice.offset - lattice.image_origin / lattice.grow
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
+        if len(law):
+            image[row] *= illumination(law, np.sqrt(along[row] + across, dtype=np.float64))
+            continue
         slope = 1 + along[row] + across
         image[row] /= slope * slope
     return image

@@ -16,18 +16,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from ..camera import Camera
+from ..camera import Camera, Number
+from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup
+from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..lenses.prescription import rotation, surface_table
 from ..lenses.tracer import BLOCK, CLIPPED, COLUMNS, REFLECTED, ROWS, SPHERE, pass_surfaces, turn
+from .backward import NO_LAW
 from .pupil import Status
 
 Floats = NDArray[np.float64]
 
-THIN, ROD = 11, 12
+THIN, ROD, MAPPED = 11, 12, 13
 """Kinds of rows beside those of `lenses.tracer`: an ideal lens, 1/f in place of the curvature; a rod, with n_0 and g in
-the places of curvature and conic, and its length in that of the first aspheric term."""
+the places of curvature and conic, and its length in that of the first aspheric term; what a mapping makes of a ray that
+an ideal lens has just bent, with the way from there to the entrance pupil in the place of the length."""
 KIND, LIMIT, TURNED, LENGTH = 6, 5, 7, 17
 OPEN = 1e300
 """Square of a semi-diameter that lets everything through."""
@@ -57,6 +61,8 @@ class FacesAhead:
     """Indices on the scene's and on the sensor's side of each, (S, 2)."""
     takers: NDArray[np.uint8]
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
+    law: Floats
+    """Of an objective with a mapping, as in `Layout`."""
 
     @classmethod
     def of(cls, camera: Camera, *, clip: bool = True) -> FacesAhead:
@@ -77,13 +83,18 @@ class FacesAhead:
                 rows.append(row)
                 media.append((scene, sensor))
                 takers.append(taker)
-        return cls(np.array(rows).reshape(-1, COLUMNS), np.array(media).reshape(-1, 2), np.array(takers, np.uint8))
+        return cls(
+            np.array(rows).reshape(-1, COLUMNS),
+            np.array(media).reshape(-1, 2),
+            np.array(takers, np.uint8),
+            NO_LAW if camera.law is None else np.array(camera.law),
+        )
 
     def until(self, distance: float) -> FacesAhead:
         """Only what stands nearer than a distance [mm]: rays go on straight from there, be it in glass."""
         nearer = -self.table[:, 2] < distance
         count = len(nearer) if nearer.all() else int(np.argmin(nearer))
-        return FacesAhead(self.table[:count], self.media[:count], self.takers[:count])
+        return FacesAhead(self.table[:count], self.media[:count], self.takers[:count], self.law)
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards.
@@ -100,7 +111,9 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         many = rays.shape[1] * max(len(self.table), 1) > FEW
-        (carry.compiled if many or carry.ready else carry)(self.table, self.media, self.takers, rays, out, status)
+        (carry.compiled if many or carry.ready else carry)(
+            self.table, self.media, self.takers, self.law, rays, out, status
+        )
         found = out.reshape(4, *shape)
         return Outside(found[:2], found[2:], status.reshape(shape))
 
@@ -144,6 +157,10 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             row = _row(vertex, axes, radius)
             row[KIND], row[3] = THIN, 1 / float(n[f"{part}.focal_length"])
             faces = [(row, beyond, 1.0, back)]
+            if k == chain.mapped:
+                bent = row.copy()
+                bent[KIND], bent[LENGTH] = MAPPED, float(_pupil_before(camera)) - z
+                faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"]))
         elif isinstance(element, Grin):
             row = _row(vertex, axes, radius)
             row[KIND], row[LENGTH] = ROD, length
@@ -155,6 +172,13 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             if beyond != 1:  # as in the closed forms: the liquid ends at a window of no thickness
                 faces.append((_row(vertex - length * axes[:, 2], axes, math.inf), beyond, 1.0, front))
         yield (z, 1), faces
+
+
+def _pupil_before(camera: Camera) -> Number:
+    """Where the entrance pupil is seen from just before the objective with a mapping [mm before the main lens]."""
+    assert camera.chain is not None
+    z = camera[f"elements.{camera.chain.mapped}.distance"]
+    return camera.pupil_seen_before(np.nextafter(float(z), np.inf))
 
 
 def _group(
@@ -203,6 +227,22 @@ def bend_thin(buffer: Any, row: Any, scene: float) -> int:
     lean_x, lean_y = row[10] / row[16], row[13] / row[16]
     sx = (buffer[3 * BLOCK] / buffer[5 * BLOCK] + x * row[3] + (scene - 1.0) * lean_x) / scene
     sy = (buffer[4 * BLOCK] / buffer[5 * BLOCK] + y * row[3] + (scene - 1.0) * lean_y) / scene
+    shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
+    buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK] = sx * shrink, sy * shrink, shrink
+    return 0
+
+
+@kernel()
+def bend_mapped(buffer: Any, row: Any, law: Any, scene: float) -> int:
+    """One ray on an objective's plane, bent by its first order, as its mapping has it; 0 or why not."""
+    sx, sy = buffer[3 * BLOCK] / buffer[5 * BLOCK], buffer[4 * BLOCK] / buffer[5 * BLOCK]
+    p = scene * sqrt(sx * sx + sy * sy)
+    if p > law[0, 1]:
+        return CLIPPED
+    grown = stretch(law, p, scene)
+    buffer[0] += (grown - 1.0) * sx * row[LENGTH]
+    buffer[BLOCK] += (grown - 1.0) * sy * row[LENGTH]
+    sx, sy = sx * grown, sy * grown
     shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
     buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK] = sx * shrink, sy * shrink, shrink
     return 0
@@ -263,8 +303,9 @@ def through_rod(buffer: Any, work: Any, row: Any, scene: float) -> int:
 
 @kernel()
 def outwards(
-    table: Any, media: Any, takers: Any, buffer: Any, work: Any, hx: float, hy: float, ox: float, oy: float
-) -> Any:
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any,
+    hx: float, hy: float, ox: float, oy: float,
+) -> Any:  # fmt: skip
     """Height at z = 0 and slope of one ray outside, and its status; `buffer` and `work` are room for a block."""
     shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
     buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = hx, hy, 0.0
@@ -275,6 +316,8 @@ def outwards(
         kind, turned = int(row[KIND]), row[TURNED] != 0
         if kind == THIN:
             fate = bend_thin(buffer, row, media[s, 0])
+        elif kind == MAPPED:
+            fate = bend_mapped(buffer, row, law, media[s, 0])
         elif kind == ROD:
             if turned:
                 turn(buffer, 1, row, 0, True)
@@ -298,7 +341,7 @@ TOTALLY_REFLECTED, UNTRACEABLE = int(Status.REFLECTED), int(Status.UNTRACEABLE)
 
 
 @kernel()
-def carry(table: Any, media: Any, takers: Any, rays: Any, out: Any, status: Any) -> None:
+def carry(table: Any, media: Any, takers: Any, law: Any, rays: Any, out: Any, status: Any) -> None:
     """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N)."""
     buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
     for i in range(rays.shape[1]):
@@ -307,5 +350,5 @@ def carry(table: Any, media: Any, takers: Any, rays: Any, out: Any, status: Any)
             status[i] = UNTRACEABLE
             continue
         out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
-            table, media, takers, buffer, work, hx, hy, ox, oy
+            table, media, takers, law, buffer, work, hx, hy, ox, oy
         )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.chain import COVER, SUBSTRATE
+from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..theory.stop_images import Projected, lens_point, project
 
@@ -380,7 +381,11 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
         there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium
         lines.append((np.asarray(here + there * distance), np.asarray(there)))
     (hx, sx), (hy, sy) = lines
-    return hx, hy, sx, sy
+    if camera.law is None or distance <= camera[f"elements.{camera.chain.mapped}.distance"]:
+        return hx, hy, sx, sy
+    grown = stretch(camera.law, plane.medium * np.hypot(sx, sy), plane.medium) - 1
+    pupil = camera.pupil_seen_before(distance)
+    return hx + grown * sx * pupil, hy + grown * sy * pupil, sx + grown * sx, sy + grown * sy
 
 
 def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:

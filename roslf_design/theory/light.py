@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera
+from ..design.mapping import Law, angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -77,10 +78,8 @@ def object_scale(c: Camera) -> Array:
     return product(c.inverse_m, np.abs(c.focus.magnification))
 
 
-def field_angle(c: Camera, place: ArrayLike) -> Array:
-    """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
-
-    Index times slope of that ray follows from the closed forms; as tangent in air, its sine over the index is the sine.
+def outer_slope(c: Camera, place: ArrayLike) -> Array:
+    """Index times slope, to first order, at which the chief ray of a microlens comes out of the bore.
 
     Parameters
     ----------
@@ -90,7 +89,55 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
     """
     _, front = c.front
     slope = product(c.inverse_m, ratio(front.d - front.c * c.d_3, c.gap)) * np.asarray(place)
-    return np.asarray(np.arcsin(np.sin(np.arctan(np.sqrt(slope * slope))) / front.medium))
+    return np.asarray(np.sqrt(slope * slope))
+
+
+def field_angle(c: Camera, place: ArrayLike) -> Array:
+    """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
+
+    Index times slope of that ray follows from the closed forms; as tangent in air, or as its objective maps it, its
+    sine over the index is the sine. Where nothing is imaged, the largest angle that is.
+
+    Parameters
+    ----------
+    c : Camera
+    place : array_like
+        Of the microlens, from the main lens's axis [mm].
+    """
+    slope, law = outer_slope(c, place), c.law
+    angle = np.arctan(slope) if law is None else angle_in_air(law, np.minimum(slope, law[0, 1]))
+    return np.asarray(np.arcsin(np.sin(angle) / c.front[1].medium))
+
+
+def falloff(c: Camera, slope: ArrayLike) -> Array:
+    """Light on the array against its middle, where the chief ray crosses the FAP with a slope: cos^4 of its angle.
+
+    The etendue through the FAP is what arrives, and its area times ``cos(theta) dOmega`` is that: cos^4 for the slopes
+    of the closed forms, which lie even over the array. It is told where the FAP stands; lossless optics before it hand
+    on radiance, and change nothing whatever they map: the entrance pupil that they show to the scene is then no opening
+    of one size. An objective with a mapping behind the FAP, or touching it, takes each part of its image from that
+    part of the scene's angles which its law says, through the FAP itself (`..design.mapping.illumination`).
+
+    Parameters
+    ----------
+    c : Camera
+    slope : array_like
+        Where the FAP stands, times index, to first order.
+    """
+    slope, law = np.abs(slope), falloff_law(c)
+    return np.asarray((1 + slope * slope) ** -2.0 if len(law) == 0 else illumination(law, slope))
+
+
+def falloff_law(c: Camera) -> Law:
+    """The mapping that `falloff` follows; no rows where it is cos^4."""
+    if c.law is None or c.chain is None or np.any(c.fap.stands < c[f"elements.{c.chain.mapped}.distance"]):
+        return np.zeros((0, 5))
+    return c.law
+
+
+def falloff_slope(c: Camera) -> Array:
+    """Slope of chief rays at the FAP per millimetre on the array, for `falloff` [1/mm]."""
+    return np.asarray(c.inverse_m / (c.gap * c.fap.scale))
 
 
 class SensorField(NamedTuple):

@@ -133,6 +133,12 @@ def _object_scale(c: Camera, at: Depth) -> Array:
     return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * np.abs(_plane_at(c, at).magnification))
 
 
+def _on_object(c: Camera, at: Depth, place: Array) -> Array:
+    """From the axis to where the chief ray of a place on the array meets a plane [mm]."""
+    straight = place * _object_scale(c, at)
+    return straight if c.law is None else product(straight, c.stretch(light.outer_slope(c, place)))
+
+
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
     return lambda c, _: np.asarray(form(c))
 
@@ -159,7 +165,8 @@ def _behind_lens(c: Camera) -> Number:
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
-    return np.stack(np.broadcast_arrays(*(c[rim.diameter_place] for rim in (c.fap, *c.rims))))
+    places = [rim.diameter_place for rim in (c.fap, *c.rims)]
+    return np.stack(np.broadcast_arrays(*(c[place] for place in places if place is not None)))
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -232,7 +239,7 @@ register(
         "undistorted_field_mm",
         "mm",
         "largest undistorted object radius at the focal plane, in the worst direction",
-        lambda c, _: vignetting.undistorted_radii(c, nearest=1e-12) * np.abs(c.focus.magnification),
+        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c, nearest=1e-12)),
         equation="Eq. 6",
         positive=False,
         worst=_least,
@@ -273,14 +280,14 @@ register(
         "field_half_width_mm",
         "mm",
         "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(lambda c, at, field: field.half[0] * _object_scale(c, at)),
+        **_over_field(lambda c, at, field: _on_object(c, at, field.half[0])),
         at="optional",
     ),
     Quantity(
         "field_half_diagonal_mm",
         "mm",
         "the same to the corner",
-        **_over_field(lambda c, at, field: field.half_diagonal * _object_scale(c, at)),
+        **_over_field(lambda c, at, field: _on_object(c, at, field.half_diagonal)),
         at="optional",
     ),
     Quantity(
