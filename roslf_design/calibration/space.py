@@ -21,6 +21,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.chain import ImagedPlane
+from ..errors import InputError, Problem
 from .frames import Array
 
 
@@ -57,10 +58,19 @@ class SceneSide:
 
     @classmethod
     def of(cls, design: Design) -> SceneSide | None:
-        """Of a design; None where there is air only."""
+        """Of a design; None where there is air only.
+
+        Raises
+        ------
+        InputError
+            Its objective maps angles otherwise than f tan, which no parameter of the fit stands for.
+        """
         c = Camera.of(design)
         if c.chain is None:
             return None
+        if c.chain.mapped is not None:
+            message = "a calibration takes rays before the objective as f tan has them; drop the mapping to calibrate"
+            raise InputError((Problem(f"elements.{c.chain.mapped + 1}.mapping", message),), design.name)
         numbers = c.numbers
         end = float(c.chain.end(numbers))
         far = c.plane(float(np.nextafter(end, np.inf)))

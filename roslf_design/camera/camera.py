@@ -20,7 +20,7 @@ from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.elements import FieldLens
-from ..design.mapping import Law, stretch
+from ..design.mapping import Law, image_height, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from .frames import Frame, Vector, along, dot, frame, minus, plus, times
@@ -240,16 +240,27 @@ class Camera(Symbols[Number]):
         assert self.chain is not None
         return self.chain.walk(self._numbers)
 
-    def see(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
+    def see(
+        self, x: Number, y: Number, z: Number, pupil: tuple[Number, Number] = (0.0, 0.0)
+    ) -> tuple[Number, Number, Number]:
         """Where the main lens sees a point of object space, all of it against the system's axis [mm].
 
         Parameters
         ----------
         x, y, z : float or ndarray
             The point; z is its distance before the main lens.
+        pupil : pair, optional
+            Through which point of the FAP, from its centre and as the main lens sees it [mm]: through an objective with
+            a mapping each sees the point elsewhere.
         """
         if self.chain is None:
             return x, y, z
+        if self.law is not None:
+            (x, y), _ = self.straight_ray(x, y, z, pupil)
+        return self.first_order_image(x, y, z)
+
+    def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
+        """Where the main lens sees a point of the first order's object space; parameters as for `see`."""
         plane, lens = self.plane(z), [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
         x, y = (
             (at - off - aside) / plane.magnification + off
@@ -304,7 +315,50 @@ class Camera(Symbols[Number]):
             return 1.0
         index, step = self.front[1].medium, 1e-30
         held = np.minimum(p, self.law[0, 1] * (1 - 1e-12)) + 1j * step
-        return np.imag(held * stretch(self.law, held, index))[()] / step
+        along: Number = np.imag(held * stretch(self.law, held, index))[()] / step
+        return along
+
+    def straight_ray(
+        self,
+        x: Number,
+        y: Number,
+        z: Number,
+        pupil: tuple[Number, Number] = (0.0, 0.0),
+        plane: Number | None = None,
+    ) -> tuple[tuple[Number, Number], Number]:
+        """The ray that reaches a point through a point of the FAP, as the first order has it behind a mapping.
+
+        Parameters
+        ----------
+        x, y, z, pupil
+            As for `see`.
+        plane : float or ndarray, optional
+            Distance at which to tell where it is; that of the point if None [mm].
+
+        Returns
+        -------
+        pair, float or ndarray
+            Where it is there, from the system's axis [mm]; index times its slope, that of the edge where the objective
+            does not image the point.
+        """
+        assert self.law is not None
+        (end, front), at = self.front, self.pupil_stands
+        apart, wide = at - end, 1 / (front.d - front.c * self.d_3)
+        lens = [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        middles = [
+            off + wide * (seen + aside) + shift - apart / front.medium * lean
+            for off, seen, aside, shift, lean in zip(
+                lens, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
+            )
+        ]
+        slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
+        steepness = np.hypot(slopes[0], slopes[1])
+        in_air = np.arcsin(np.minimum(front.medium * np.sin(np.arctan(steepness)), 1.0))
+        p = image_height(self.law, in_air)
+        shrunk = np.where(steepness > 0, p / front.medium / np.where(steepness > 0, steepness, 1.0), 1.0)
+        reach = (z if plane is None else plane) - at
+        u, v = (middle - shrunk * slope * reach for middle, slope in zip(middles, slopes, strict=True))
+        return (u, v), p
 
     @cached_property
     def focus(self) -> ImagedPlane:

@@ -34,7 +34,7 @@ KINDS: dict[str, tuple[int, float]] = {
     "2f tan(theta/2)": (STEREOGRAPHIC, 2.0),
 }
 """Mappings by their names in a file but "f tan": kind, and p at 90 degrees."""
-COLLINEAR = "f tan"
+COLLINEAR: Literal["f tan"] = "f tan"
 NAMES = (COLLINEAR, *KINDS)
 MISFIT = 0.05
 """Share by which a table's own first order may miss the focal length."""
@@ -178,3 +178,21 @@ def illumination(law: Any, p: Any) -> Any:
     t = q - law[:, 0][i]
     steepness = (3.0 * law[:, 1][i] * t + 2.0 * law[:, 2][i]) * t + law[:, 3][i]
     return light * (angle / held + 2.0 * q * steepness)
+
+
+def image_height(law: Law, angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """P = g(theta) of angles in air [rad]; beyond what is imaged, the largest."""
+    largest = law[0, 1]
+    held = np.minimum(angle, angle_in_air(law, largest))
+    if law[0, 0] == THETA:
+        return np.asarray(held * 1.0)
+    if law[0, 0] == SINE:
+        return np.asarray(np.sin(held))
+    if law[0, 0] == STEREOGRAPHIC:
+        return np.asarray(2 * np.tan(held / 2))
+    low, high = np.zeros(np.shape(held)), np.full(np.shape(held), largest)
+    for _ in range(60):  # the angle rises with p
+        middle = (low + high) / 2
+        below = angle_in_air(law, middle) < held
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray((low + high) / 2)

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import Design
 from ..effects import Budget, Plan, plan
+from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
+from ..theory.light import falloff, falloff_law, outer_slope
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
@@ -241,11 +243,50 @@ class _Job:
         lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:
             for position in thing.positions:
-                x, y, distance = (float(seen) for seen in camera.see(*position))
-                light = thing.flux
+                light, seen = thing.flux, camera.see(*position)
+                if camera.law is not None:
+                    share, seen = self._mapped(*position)
+                    light *= share
+                x, y, distance = (float(number) for number in seen)
                 if self.plan.on("cos4"):
-                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                    tangent = (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2
+                    cos4 = len(falloff_law(camera)) == 0
+                    light *= float((1 + tangent) ** -2.0 if cos4 else falloff(camera, np.sqrt(tangent)))
+                if light == 0:  # outside what the objective images
+                    continue
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
+
+    def _mapped(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
+        """Light of a point before an objective with a mapping, and where the main lens sees it.
+
+        It is drawn smaller off the axis, with as much less light; its place is midway between its foci along and across
+        the field.
+
+        Raises
+        ------
+        InputError
+            These are so far apart that one focus does not stand for both.
+        """
+        camera = self.camera
+        law = camera.law
+        assert law is not None
+        _, p = camera.straight_ray(x, y, z)
+        if p >= law[0, 1]:
+            return 0.0, camera.see(x, y, z)
+        along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
+        place = float(p / outer_slope(camera, 1.0))
+        one, other = (blur / float(camera.d) for blur in mapped_blur(camera, z, place))
+        if abs(one - other) > self.budget.pitch:
+            message = (
+                f"the point at ({x:g}, {y:g}, {z:g}) mm is drawn out by {abs(one - other):.3g} pitches by the "
+                f"objective's mapping, more than the budget of {self.budget.pitch:g}; move it nearer the axis or "
+                "farther away, or draw it as a small plane"
+            )
+            raise InputError((Problem("objects", message),), self.scene.name)
+        pupil = camera.pupil_stands
+        focus = pupil + (z - pupil) * 2 / (1 / along + 1 / across)
+        (u, v), _ = camera.straight_ray(x, y, z, plane=focus)
+        return 1 / (along * across), camera.first_order_image(u, v, focus)
 
     @property
     def colours(self) -> tuple[float, ...]:

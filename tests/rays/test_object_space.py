@@ -191,6 +191,6 @@ def test_many_rays_are_few_rays():
     lines = rng.uniform(-0.2, 0.2, (4, 4000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     few, status = np.zeros((4, 50)), np.zeros(50, np.uint8)
-    carry(space.table, space.media, space.takers, np.ascontiguousarray(lines[:, :50]), few, status)
+    carry(space.table, space.media, space.takers, space.law, np.ascontiguousarray(lines[:, :50]), few, status)
     np.testing.assert_array_equal(few[:2], many.height[:, :50])
     np.testing.assert_array_equal(few[2:], many.slope[:, :50])
