@@ -256,8 +256,8 @@ def _about_mapping(design: Design) -> list[Problem]:
                 problems.append(Problem(key, message))
             elif element.diameter is not None:
                 message = (
-                    "stands before the lens with a mapping, whose first order does not tell where rays are there; "
-                    f"drop it, or the mapping of elements.{number}"
+                    f"{_shown(element.diameter)} would cut rays before the lens with a mapping, where its first order "
+                    f"does not tell their heights; drop it, or the mapping of elements.{number}"
                 )
                 problems.append(Problem(f"elements.{other}.diameter", message))
         for other, stop in enumerate(design.stops, 1):
