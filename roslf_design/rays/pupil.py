@@ -383,7 +383,9 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
     (hx, sx), (hy, sy) = lines
     if camera.law is None or distance <= camera[f"elements.{camera.chain.mapped}.distance"]:
         return hx, hy, sx, sy
-    grown = stretch(camera.law, plane.medium * np.hypot(sx, sy), plane.medium) - 1
+    p = plane.medium * np.hypot(sx, sy)
+    # What the objective does not image is drawn on as the first order has it, to where it is blocked.
+    grown = np.where(p <= camera.law[0, 1], stretch(camera.law, p, plane.medium) - 1, 0.0)
     pupil = camera.pupil_seen_before(distance)
     return hx + grown * sx * pupil, hy + grown * sy * pupil, sx + grown * sx, sy + grown * sy
 
