@@ -31,6 +31,8 @@ Flags = np.bool_ | NDArray[np.bool_]
 FOCAL, PLANE, DISTANCE = CONJUGATES
 FARTHEST = 1e-12
 """A plane whose image lies at infinity is taken to lie this inverse magnification away: results are off by as much."""
+TELECENTRIC = 1e-6
+"""Size of the FAP over that of its image before all elements, below which the image is taken to lie at infinity."""
 MEDIUM = "object_space.index"
 COVER, SUBSTRATE = "sensor.cover", "microlens_array.substrate"
 
@@ -207,6 +209,11 @@ class Chain:
         # Its middle is where p = 0, whatever the decentre of the part.
         x, y = (shift + by for shift, by in zip(shifts, off, strict=True))
         return ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
+
+    def telecentric(self, numbers: Mapping[str, Number], fap: Number) -> Flags:
+        """Whether the scene sees what stands at `fap` [mm before the main lens] at infinity, or all but."""
+        (_, last), seen = self.front(numbers), self.plane(numbers, fap)
+        return np.abs(last.d * seen.a - last.c * seen.b) < TELECENTRIC
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""

@@ -452,6 +452,16 @@ def test_what_cannot_stand_before_a_mapped_objective_is_refused():
         assert [problem.key for problem in refused.value.problems] == [key]
 
 
+def test_an_object_side_telecentric_objective_has_no_angles_to_map():
+    lens = {"kind": "lens", "distance": 150.0, "focal_length": 33.0, "mapping": "f sin"}
+    near = {"elements": [lens], "aperture.distance": 117.01, "main_lens.focal_plane": 160.0}
+    design = roslf.load("paper").replace(near)
+    assert math.isfinite(float(QUANTITIES["field_half_width_mm"](Camera.of(design))))
+    with pytest.raises(DesignError, match="from one angle only") as refused:
+        design.replace({"aperture.distance": 117.0})
+    assert [problem.key for problem in refused.value.problems] == ["aperture.distance"]
+
+
 def test_calibration_refuses():
     with pytest.raises(InputError, match=r"elements.6.mapping: .*drop the mapping"):
         SceneSide.of(with_mapping("f theta"))

@@ -110,7 +110,7 @@ def test_a_point_lands_where_its_chief_ray_does(mapping, waves):
 
 def test_points_that_the_mapping_draws_out_are_refused():
     scene = make_scene({"objects": [{"kind": "points", "positions": [[2.5, 0.0, 5.0]]}]})
-    with pytest.raises(InputError, match="drawn out by .* pitches by the objective's mapping"):
+    with pytest.raises(InputError, match=r"drawn out by .* pitches by the objective's mapping"):
         render(scope(**{"aperture.diameter": 1.5}), scene, overrides=["-plate_aberration"])
 
 
