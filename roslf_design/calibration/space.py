@@ -21,8 +21,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.chain import ImagedPlane
-from ..errors import InputError, Problem
-from .frames import Array
+from .frames import Array, CalibrationError
 
 
 class Shown(NamedTuple):
@@ -62,15 +61,17 @@ class SceneSide:
 
         Raises
         ------
-        InputError
+        CalibrationError
             Its objective maps angles otherwise than f tan, which no parameter of the fit stands for.
         """
         c = Camera.of(design)
         if c.chain is None:
             return None
         if c.chain.mapped is not None:
-            message = "a calibration takes rays before the objective as f tan has them; drop the mapping to calibrate"
-            raise InputError((Problem(f"elements.{c.chain.mapped + 1}.mapping", message),), design.name)
+            place = f"elements.{c.chain.mapped + 1}.mapping"
+            raise CalibrationError(
+                f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
+            )
         numbers = c.numbers
         end = float(c.chain.end(numbers))
         far = c.plane(float(np.nextafter(end, np.inf)))

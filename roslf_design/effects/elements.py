@@ -17,6 +17,7 @@ from ..design import Design
 from ..rays.backward import behind_elements, lay_out, mapped
 from ..rays.object_space import FacesAhead
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.light import outer_slope
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 
@@ -73,6 +74,8 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     if not passed.any():
         return Misses(0.0, 0.0, 0.0, False)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
+    p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
+    compressed = min(1.0, float(camera.stretch(p)), float(camera.stretch_along(p)))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         space = FacesAhead.of(camera.replace({"wavelength": wavelength}), clip=False)
         found = space.rays(height, slope)
@@ -80,7 +83,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
         lost |= bool((passed & ~good).any())
         image = max(image, _clipping(camera, space, (height, slope), good, radius))
         for z in distances:
-            scale = _on_array(camera, z)
+            scale = _on_array(camera, z) / compressed
             off = [(found.height[k] - found.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
             # An edge may lie along either axis, or a corner along both.
             picture = max(picture, float(np.max((np.abs(off[0]) + np.abs(off[1]))[good], initial=0.0)))

@@ -9,18 +9,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
+from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.mapping import angle_in_air, illumination, image_height, mapping_law, stretch
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import blur_on_mla, cos4
-from roslf_design.errors import InputError
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.rays import Status, trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.object_space import FacesAhead
 from roslf_design.rays.pupil import paths
+from roslf_design.scenes.scene import _view
 from roslf_design.theory.light import falloff
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.ideal import IdealBuilds
@@ -282,6 +283,18 @@ def test_water_narrows_what_the_mapping_images_by_snells_law():
         assert math.sin(in_water) == pytest.approx(math.sin(in_air) / 1.333, rel=1e-12)
 
 
+def test_how_far_off_the_axis_scenes_are_looked_at():
+    """The line of the corner's chief ray that planes without bounds are judged by."""
+    design = simple("f theta", 2.0)
+    camera, corner = Camera.of(design), Subject(design).x_ml
+    slope, height = _view(design)
+    rays = trace_pupil(camera, (0.0, 0.0), (corner, 0.0))
+    layout = lay_out(camera)
+    hx, _, ox, _, _ = mapped(layout.law, layout.front, *behind_elements(layout.front, 0, 0, *rays.height, *rays.slope))
+    for z in (20.0, 60.0):
+        assert slope * z + height == pytest.approx(abs(float(hx - ox * z)), rel=1e-10)
+
+
 # --- the end of a mapping ---------------------------------------------------------------------------------------------
 
 
@@ -463,5 +476,5 @@ def test_an_object_side_telecentric_objective_has_no_angles_to_map():
 
 
 def test_calibration_refuses():
-    with pytest.raises(InputError, match=r"elements.6.mapping: .*drop the mapping"):
+    with pytest.raises(CalibrationError, match=r"elements.6.mapping: .*drop the mapping"):
         SceneSide.of(with_mapping("f theta"))
