@@ -1,0 +1,570 @@
+"""Disparity of every microlens of a light field, with the standard error that its light and texture allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._jit import THREADS
+from ..calibration.decoding import LightField
+from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Pictures = NDArray[np.float32]
+
+_GRADIENT_NOISE = 1.894
+"""Noise power of a quintic spline's slope at its nodes, per pitch^2, for samples of unit noise."""
+_ROBUST = 4.0
+"""Standard errors from the mean of all views beyond which a sample's weight falls: 1 in 16,000 by chance."""
+_ALIKE = 9.0
+"""Chi-square between two disparities below which the better is not told from the other: three standard errors."""
+
+
+class DisparityStatus(IntEnum):
+    """Why a microlens has a disparity, or none."""
+
+    MEASURED = 0
+    NO_TEXTURE = 1
+    NO_LIGHT = 2
+    SATURATED = 3
+    INCONSISTENT = 4
+    OUT_OF_RANGE = 5
+    TOO_FEW_VIEWS = 6
+    AMBIGUOUS = 7
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+        return _REASONS[self]
+
+
+_REASONS = {
+    DisparityStatus.MEASURED: "measured",
+    DisparityStatus.NO_TEXTURE: "too little texture for its light",
+    DisparityStatus.NO_LIGHT: "no light",
+    DisparityStatus.SATURATED: "saturated",
+    DisparityStatus.INCONSISTENT: "views disagree: occlusion, a depth step or a reflection",
+    DisparityStatus.OUT_OF_RANGE: "beyond the disparities searched",
+    DisparityStatus.TOO_FEW_VIEWS: "too few views",
+    DisparityStatus.AMBIGUOUS: "texture repeats: two disparities fit alike",
+}
+
+
+@dataclass(frozen=True)
+class PixelNoise:
+    """Noise of one pixel, by the light on it: a value R under relative white light w has variance (N w R + r^2)/(N w)^2.
+
+    Less than one electron of noise is not believed.
+    """
+
+    electrons: float
+    """N: electrons of a pixel that shows white (R = 1) in full light (w = 1)."""
+    read_noise: float = 0.0
+    """r [electrons]"""
+    saturation: float = math.inf
+    """Electrons at which a pixel saturates."""
+
+    def __post_init__(self) -> None:
+        if not (self.electrons > 0 and math.isfinite(self.electrons)):
+            raise ValueError(f"electrons is {self.electrons}; give the electrons of a fully lit white pixel, above 0")
+        if not (self.read_noise >= 0 and math.isfinite(self.read_noise)):
+            raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
+        if not self.saturation > 0:
+            raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+
+
+@dataclass(frozen=True, eq=False)
+class DisparityMap:
+    """Disparity of every microlens, or why there is none. Arrays have the shape (v, u) of the light field's views."""
+
+    disparity: Array
+    """B [microlens pitches between the pupil's rims], of what the pupil's centre sees there: the view from pupil coordinate
+    s sees it at u + B s. NaN wherever `status` is not ``MEASURED``."""
+    sigma: Array
+    """Standard error of `disparity` from the Fisher information of the samples used, widened by sqrt(`chi2`) where that is
+    surely above 1. Infinite where `status` is not ``MEASURED``."""
+    status: NDArray[np.int8]
+    """`DisparityStatus` of each microlens."""
+    chi2: Array
+    """Chi-square of the window's samples per degree of freedom; 0 where nothing was compared. Interpolated samples, as decoding
+    makes them, have less noise than pixels and give less than 1."""
+    views: NDArray[np.int16]
+    """Views that see what the microlens sees, and that were used."""
+    picture: Array
+    """All-in-focus picture: mean of the views along their disparity; 0 where no light came."""
+    window: int
+    """Side of the matching window [microlenses]."""
+    search: tuple[float, float]
+    """Disparities searched [pitches]."""
+
+    @property
+    def measured(self) -> Flags:
+        """Where there is a disparity, shape (v, u)."""
+        return self.status == DisparityStatus.MEASURED
+
+    def shares(self) -> dict[DisparityStatus, float]:
+        """Share of the microlenses by status, those that occur."""
+        return {kind: share for kind in DisparityStatus if (share := float(np.mean(self.status == kind))) > 0}
+
+    def __repr__(self) -> str:
+        rows, columns = self.status.shape
+        return f"DisparityMap({columns} x {rows} microlenses, {100 * self.measured.mean():.0f} % measured)"
+
+
+@dataclass(frozen=True, eq=False)
+class EpipolarPlane:
+    """One row of microlenses through the views of one row of the pupil, and the slope fitted to it."""
+
+    values: Pictures
+    """Shape (s, u)."""
+    lit: Flags
+    """Where something was measured, shape (s, u)."""
+    pupil: Array
+    """Pupil coordinate of each sample along the row [pupil diameters], shape (s, u)."""
+    u: Array
+    """[microlens pitches]"""
+    disparity: Array
+    """Of each microlens of the row; NaN where none was measured."""
+
+    def line(self, index: int) -> tuple[Array, Array]:
+        """Points (u, pupil coordinate) of what microlens `index` sees, from rim to rim of its views."""
+        rims = np.array([self.pupil[:, index].min(), self.pupil[:, index].max()])
+        return self.u[index] + self.disparity[index] * rims, rims
+
+
+def epipolar_plane(field: LightField, pupil: ArrayLike, disparity: DisparityMap, row: int) -> EpipolarPlane:
+    """Epipolar-plane image of a row of microlenses, through the pupil's middle, with its fitted disparities."""
+    middle = int(np.abs(field.t).argmin())
+    where = np.asarray(pupil, float)[0, middle]
+    where = where[:, None] if where.ndim == 1 else where[:, row]
+    shape = (len(field.s), len(field.u))
+    return EpipolarPlane(
+        field.values[middle, :, row],
+        field.weight[middle, :, row] > 0,
+        np.broadcast_to(where, shape),
+        field.u,
+        disparity.disparity[row],
+    )
+
+
+def estimate_disparity(
+    field: LightField,
+    pupil: ArrayLike,
+    noise: PixelNoise,
+    *,
+    search: tuple[float, float],
+    window: int = 5,
+    largest_sigma: float = 0.3,
+    largest_chi2: float = 3.0,
+    passes: int = 4,
+) -> DisparityMap:
+    """Estimate each microlens's disparity from all views, near maximum likelihood.
+
+    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along the
+    disparity so far; all views together give the picture and its gradient, and what remains gives the correction, by least
+    squares over the window with the weights of the noise model (physics of the estimate: Fisher information with the
+    texture's own values free). Where a window about a microlens is at odds with itself, the one beside it that agrees best
+    is taken, and a plane fitted to three windows' width carries the value to the microlens.
+
+    Parameters
+    ----------
+    field : LightField
+        Decoded, or any grid of views: s and t are not read, `pupil` says where the views are.
+    pupil : array_like
+        Where on the pupil each sample's light passed, on average, along u and along v [pupil diameters from its centre],
+        shape (2, t, s) or (2, t, s, v, u).
+    noise : PixelNoise
+        Of one sample.
+    search : tuple of float
+        Least and largest disparity [pitches].
+    window : int
+        Side of the matching window [microlenses], odd.
+    largest_sigma : float
+        Standard error [pitches] above which a disparity is not told. Beyond about 0.3 the wrong one of two likely
+        disparities would be taken now and then, and no standard error says so.
+    largest_chi2 : float
+        Chi-square per degree of freedom above which views disagree.
+    passes : int
+        Corrections after the search.
+
+    Raises
+    ------
+    ValueError
+        Window even or below 3, search range empty, or arrays of other shapes.
+    """
+    low, high = (float(limit) for limit in search)
+    if window < 3 or window % 2 == 0:
+        raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"search is {search}; give a least and a largest disparity")
+    views = _Views.of(field, pupil, noise)
+    if not len(views.values):
+        return _unlit(views, window, (low, high))
+    first = _searched(views, noise, low, high, window)
+    splines, cells = views.splines()
+    disparity, picture = first.disparity, first.picture
+    sums = np.zeros((SUMS, *views.shape))
+    bound = (low - first.step, high + first.step)
+    for count in range(passes):
+        robust = _ROBUST if count else math.inf
+        with THREADS:
+            common.compiled(
+                splines, cells, views.pupil, disparity, picture, views.steps,
+                noise.electrons, noise.read_noise, noise.saturation, robust, sums,
+            )  # fmt: skip
+        picture = np.where(sums[11] > 0, sums[0], picture)
+        fit = _Fit.of(sums, picture, disparity, views, window)
+        if count < passes - 1:
+            reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
+            target = np.where(reliable, fit.disparity, disparity)
+            disparity = np.clip(disparity + np.clip(target - disparity, -0.5, 0.5), *bound)
+    return _judged(fit, sums, disparity, picture, views, first, window, (low, high), largest_sigma, largest_chi2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """Lit views of a light field in one row, shape (view, v, u); what is saturated counts as unlit."""
+
+    values: Pictures
+    light: Pictures
+    shown: Flags
+    """Where a value is, saturated or not, shape of `values`."""
+    pupil: Pictures
+    """Shape (2, view, v, u)."""
+    zone: NDArray[np.int64]
+    """Group of views each view belongs to in the search; by its place in the grid of views."""
+    grid: NDArray[np.int64]
+    """Place (t, s) of each view in the grid of views, shape (view, 2)."""
+    lit: NDArray[np.int64]
+    """Views with light at each microlens, saturated or not, shape (v, u)."""
+    saturated: NDArray[np.int64]
+    """Those of them that are saturated."""
+    steps: tuple[float, float]
+    """Pitches between samples along u and v."""
+    density: float
+    """Microlenses a sample: below 1 where a hexagonal array was made square."""
+
+    @classmethod
+    def of(cls, field: LightField, pupil: ArrayLike, noise: PixelNoise) -> _Views:
+        grid, shape = field.values.shape[:2], field.values.shape[2:]
+        if min(shape) < 4:
+            raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
+        where = np.asarray(pupil, np.float32)
+        if where.shape not in ((2, *grid), (2, *grid, *shape)):
+            raise ValueError(f"pupil of shape {where.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
+        usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
+        values, light = field.values[usable], field.weight[usable]
+        where = where[:, usable]
+        if where.ndim == 2:
+            known: Flags = np.ones((), np.bool_)
+            where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
+        else:
+            known = np.isfinite(where).all(axis=0)
+        good = known & np.isfinite(values) & (light > 0)
+        lit = good.sum(axis=0)
+        full = good & (values * light * np.float32(noise.electrons) >= np.float32(noise.saturation))
+        light = np.where(good & ~full, light, np.float32(0))
+        places = np.argwhere(usable)
+        steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
+        density = steps[0] if field.hexagonal is not None else 1.0
+        return cls(
+            np.ascontiguousarray(values), light, good, where, np.zeros(len(places), np.int64), places, lit, full.sum(axis=0),
+            steps, density,
+        )  # fmt: skip
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.values.shape[1], self.values.shape[2]
+
+    def splines(self) -> tuple[Pictures, Pictures]:
+        """Spline coefficients and light of the cells between samples."""
+        count, (rows, columns) = len(self.values), self.shape
+        views = self.values.copy()
+        splines = np.empty((count, rows + 4, columns + 4), np.float32)
+        cells = np.empty((count, rows - 1, columns - 1), np.float32)
+        with THREADS:
+            fill_holes.compiled(views, self.shown)
+            spline_coefficients.compiled(views, splines)
+            light_of_cells.compiled(self.light, cells)
+        return splines, cells
+
+    def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
+        """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""
+        bands = []
+        for axis in range(2):
+            size = int(self.grid[:, axis].max()) + 1
+            count = min(size, max(5, math.ceil(largest)))
+            bands.append(self.grid[:, axis] * count // size)
+        _, zone = np.unique(np.stack(bands), axis=1, return_inverse=True)
+        zone = np.asarray(zone, np.int64).ravel()
+        return zone, int(zone.max()) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    disparity: Array
+    picture: Array
+    alike: Flags
+    """Where another disparity fits as well."""
+    step: float
+
+
+def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> _Searched:
+    """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
+    zone, count = views.zones(max(abs(low), abs(high)))
+    shape = views.shape
+    overall = np.where(views.shown, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
+    zones = np.zeros((count, 4, *shape), np.float32)
+    with THREADS:
+        gather_zones.compiled(
+            views.values, views.light, views.pupil, zone, overall, noise.electrons, noise.read_noise, zones
+        )
+    reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:], 0)).max()), 1e-3)
+    # The outermost views move by a quarter of a microlens from one candidate to the next.
+    steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
+    step = (high - low) / steps
+    candidates = low + step * np.arange(-1, steps + 2)
+    costs = np.full((len(candidates), *shape), np.inf, np.float32)
+    freedoms = np.zeros((len(candidates), *shape), np.float32)
+    means = np.zeros((len(candidates), *shape), np.float32)
+    for k, candidate in enumerate(candidates):
+        squares = np.zeros(shape, np.float32)
+        with THREADS:
+            spread_of_zones.compiled(
+                zones, candidate / views.steps[0], candidate / views.steps[1], squares, freedoms[k], means[k]
+            )
+        total, freedom = _box(squares, window), _box(freedoms[k], window)
+        freedoms[k] = freedom
+        np.divide(total, freedom, out=costs[k], where=freedom > 0.5)
+    # A candidate that few zones can judge would win by chance.
+    costs[freedoms < 0.5 * freedoms.max(axis=0)] = np.inf
+    rows, columns = np.indices(shape, sparse=True)
+    best = costs.argmin(axis=0)
+    least = costs[best, rows, columns]
+    inner = np.clip(best, 1, len(candidates) - 2)
+    before, at, after = (costs[inner + k, rows, columns] for k in (-1, 0, 1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bend = before - 2 * at + after
+        part = np.where(np.isfinite(bend) & (bend > 0) & (best == inner), 0.5 * (before - after) / bend, 0.0)
+    found_at = candidates[best] + step * np.clip(part, -0.5, 0.5)
+    padded = np.pad(costs, ((1, 1), (0, 0), (0, 0)), constant_values=np.inf)
+    before, after = padded[:-2], padded[2:]
+    dips = (costs <= before) & (costs <= after) & np.isfinite(costs)
+    # The floor of each dip, by the parabola through it.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bend = before - 2 * costs + after
+        floors = costs - np.where(np.isfinite(bend) & (bend > 0), (before - after) ** 2 / (8 * bend), 0)
+    least = np.where(dips, floors, np.inf)[best, rows, columns]
+    dips &= np.abs(np.arange(len(candidates))[:, None, None] - best) >= 3
+    second = np.where(dips, floors, np.inf).min(axis=0)
+    level = np.where(np.isfinite(costs), costs, 0).sum(axis=0) / np.maximum(np.isfinite(costs).sum(axis=0), 1)
+    freedom = freedoms[best, rows, columns]
+    with np.errstate(invalid="ignore"):
+        alike = np.isfinite(second) & ((second - least) * freedom < _ALIKE + 0.02 * (level - least) * freedom)
+    return _Searched(found_at, np.where(np.isfinite(least), means[best, rows, columns], overall), alike, step)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    disparity: Array
+    sigma: Array
+    chi2: Array
+    """Of all samples of the window, per degree of freedom."""
+    free: Array
+    """Degrees of freedom of `chi2`."""
+    strain: Array
+    """Chi-square of the disparities that the window's microlenses ask for each, about a plane, per degree of freedom."""
+    spare: Array
+    """Degrees of freedom of `strain`."""
+
+    @classmethod
+    def of(cls, sums: Array, picture: Array, disparity: Array, views: _Views, window: int) -> _Fit:
+        """Least squares over windows of what each microlens says of the disparity about which it was linearised."""
+        slope_u, slope_v, known = _gradient(picture, sums[11] > 0, views.steps)
+        scatter = sums[4:7]
+        raw = slope_u**2 * scatter[0] + 2 * slope_u * slope_v * scatter[1] + slope_v**2 * scatter[2]
+        # The picture's own noise lends it gradient that the views do not share.
+        lent = (scatter[0] / views.steps[0] ** 2 + scatter[2] / views.steps[1] ** 2) * _GRADIENT_NOISE
+        lent /= np.maximum(sums[1], 1e-30)
+        used = known & (sums[11] > 1)
+        raw, moment = np.where(used, raw, 0), np.where(used, slope_u * sums[7] + slope_v * sums[8], 0)
+        true = np.where(used, raw - lent, 0)
+        residual, freedom = np.where(used, sums[9], 0), np.where(used, sums[10], 0)
+        # chi2 about another disparity B' is residual + 2 moment (B' - B) + raw (B' - B)^2
+        pulled = true * disparity - moment
+        information, sharp, pull, spread, free, push = (
+            _box(a, window) for a in (raw, true, pulled, residual, freedom, moment)
+        )
+        first, second, crossed = (_box(a, window) for a in (raw * disparity, raw * disparity**2, moment * disparity))
+        enough = (sharp > np.maximum(0.05 * information, 1e-9)) & (_box(used, window) > 0.5)
+        share = np.where(enough, sharp, 1)
+        value = np.where(enough, pull / share, disparity)
+        square = spread + 2 * (value * push - crossed) + value**2 * information - 2 * value * first + second
+        chi2 = np.where(free > 1.5, np.maximum(square, 0) / np.maximum(free - 1, 0.5), 0)
+        variance = np.where(enough, information, np.inf) / views.density / share**2
+        near = _Plane.of(true, pulled, raw, moment, disparity, window)
+        wide = _Plane.of(true, pulled, raw, moment, disparity, 3 * window)
+        trusted = wide.sound & (wide.strain < 2)
+        plane = _Plane(*(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True)))
+        rows, columns = (a.astype(float) for a in np.indices(value.shape, sparse=True))
+        across = np.where(enough & plane.sound, _box(true * columns, window) / share - columns, 0)
+        down = np.where(enough & plane.sound, _box(true * rows, window) / share - rows, 0)
+        value = value - np.clip(plane.across * across + plane.down * down, -0.5, 0.5)
+        variance = variance + plane.variance(across, down) / views.density
+        return cls(value, np.sqrt(variance), chi2, free - 1, np.where(near.sound, near.strain, 0), near.spare)._beside(
+            window // 2
+        )
+
+    def misfit(self, least: float = 0.0) -> Array:
+        """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
+        chi2 = self.chi2 / np.maximum(_chance(self.free), least)
+        return np.maximum(chi2, self.strain / np.maximum(_chance(self.spare), least))
+
+    def _beside(self, reach: int) -> _Fit:
+        """Where a window is at odds with itself, the best of those beside it that still hold the microlens."""
+        misfit = self.misfit()
+        at = np.argwhere(misfit > 1)
+        if not len(at):
+            return self
+        rows, columns = misfit.shape
+        places = at[:, None, :] + np.array([(b, a) for b in (-reach, 0, reach) for a in (-reach, 0, reach)])
+        inside = ((places >= 0) & (places < (rows, columns))).all(axis=2)
+        v, u = np.clip(places[..., 0], 0, rows - 1), np.clip(places[..., 1], 0, columns - 1)
+        inside &= self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None]
+        each = np.where(inside, misfit[v, u], np.inf)
+        best, pick = each.argmin(axis=1), np.arange(len(at))
+        better = each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]]
+        to, source = tuple(at[better].T), (v[pick, best][better], u[pick, best][better])
+        fields = []
+        for values in vars(self).values():
+            moved = values.copy()
+            moved[to] = values[source]
+            fields.append(moved)
+        return _Fit(*fields)
+
+
+def _chance(freedom: Array) -> Array:
+    """Chi-square per degree of freedom that chance exceeds less than once in 3000 (Laurent and Massart 2000, lemma 1)."""
+    over = 8.0 / np.maximum(freedom, 0.5)
+    return np.asarray(1 + 2 * np.sqrt(over) + 2 * over)
+
+
+def _judged(
+    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, first: _Searched, window: int,
+    search: tuple[float, float], largest_sigma: float, largest_chi2: float,
+) -> DisparityMap:  # fmt: skip
+    excess = np.maximum(
+        np.where(fit.chi2 > 1 + 3 * np.sqrt(2 / np.maximum(fit.free, 1)), fit.chi2, 1),
+        np.where(fit.strain > 1 + 3 * np.sqrt(2 / np.maximum(fit.spare, 1)), fit.strain, 1),
+    )
+    sigma = fit.sigma * np.sqrt(np.maximum(excess, 1))
+    # What the microlens's own views say of the disparity that its window gave.
+    slope_u, slope_v, known = _gradient(picture, sums[11] > 0, views.steps)
+    raw = slope_u**2 * sums[4] + 2 * slope_u * slope_v * sums[5] + slope_v**2 * sums[6]
+    change = fit.disparity - disparity
+    own = sums[9] + np.where(known, (2 * (slope_u * sums[7] + slope_v * sums[8]) + raw * change) * change, 0)
+    own /= np.maximum(sums[10], 0.5)
+    lit, full = _box(views.lit, window), _box(views.saturated, window)
+    spread = _box(sums[4] + sums[6], window) / np.maximum(_box(sums[1], window), 1e-30)
+    margin = np.where(np.isfinite(sigma), 3 * sigma, 0)
+    status = np.full(views.shape, int(DisparityStatus.MEASURED), np.int8)
+    # The last that holds is the reason told.
+    status[(fit.disparity < search[0] - margin) | (fit.disparity > search[1] + margin)] = DisparityStatus.OUT_OF_RANGE
+    at_odds = (fit.misfit(largest_chi2) > 1) | (own > np.maximum(largest_chi2, _chance(sums[10])))
+    status[at_odds] = DisparityStatus.INCONSISTENT
+    status[first.alike] = DisparityStatus.AMBIGUOUS
+    unsure = ~(fit.sigma <= largest_sigma)
+    status[unsure] = DisparityStatus.NO_TEXTURE
+    status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
+    status[unsure & (full > 0.25 * lit)] = DisparityStatus.SATURATED
+    status[views.lit == 0] = DisparityStatus.NO_LIGHT
+    told = status == DisparityStatus.MEASURED
+    return DisparityMap(
+        np.where(told, fit.disparity, np.nan), np.where(told, sigma, np.inf), status, np.maximum(fit.chi2, fit.strain),
+        sums[11].astype(np.int16), np.where(sums[11] > 0, sums[0], 0), window, search,
+    )  # fmt: skip
+
+
+def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:
+    shape = views.shape
+    status = np.full(shape, int(DisparityStatus.NO_LIGHT), np.int8)
+    zero = np.zeros(shape)
+    return DisparityMap(
+        np.full(shape, np.nan), np.full(shape, np.inf), status, zero, np.zeros(shape, np.int16), zero, window, search
+    )
+
+
+def _box(values: NDArray[np.generic], window: int) -> Array:
+    """Sum over the window about each microlens, as far as it lies in the picture."""
+    from scipy import ndimage
+
+    mean: Array = ndimage.uniform_filter(np.asarray(values, float), window, mode="constant")
+    return mean * window**2
+
+
+def _gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
+    """Slopes of a picture's quintic spline [per pitch] along u and v, and where all four neighbours are lit."""
+    from scipy import ndimage
+
+    filled = picture.astype(np.float32)[None]
+    with THREADS:
+        fill_holes.compiled(filled, lit[None])
+    slopes = []
+    for axis, step in ((1, steps[0]), (0, steps[1])):
+        spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
+        reach = [(2, 2) if k == axis else (0, 0) for k in (0, 1)]
+        padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
+        a, b, c, d = (np.take(padded, np.arange(k, k + size), axis) for k in (0, 1, 3, 4))
+        slopes.append((d - a + 10 * (c - b)) / (24 * step))
+    cross = ndimage.generate_binary_structure(2, 1)
+    return slopes[0], slopes[1], ndimage.binary_erosion(lit, cross, border_value=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """Planes of disparity fitted to windows about each microlens."""
+
+    across: Array
+    """Slope along u [pitches of disparity per sample]."""
+    down: Array
+    uu: Array
+    """Covariance of the slopes."""
+    uv: Array
+    vv: Array
+    strain: Array
+    """Chi-square of single microlenses about the plane, per degree of freedom."""
+    spare: Array
+    sound: Flags
+    """Where the window determines a plane."""
+
+    @classmethod
+    def of(cls, true: Array, pulled: Array, raw: Array, moment: Array, disparity: Array, window: int) -> _Plane:
+        rows, columns = (a.astype(float) for a in np.indices(true.shape, sparse=True))
+        s, su, sv = (_box(true * a, window) for a in (1.0, columns, rows))
+        suu, suv, svv = (_box(true * a, window) for a in (columns * columns, columns * rows, rows * rows))
+        b, bu, bv = (_box(pulled * a, window) for a in (1.0, columns, rows))
+        lit = s > 1e-9
+        s = np.where(lit, s, 1)
+        cuu, cuv, cvv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
+        cub, cvb = bu - su * b / s, bv - sv * b / s
+        whole = cuu * cvv - cuv**2
+        spare = _box(raw > 0, window) - 3
+        sound = lit & (whole > 1e-6 * (cuu + cvv) ** 2) & (cuu > 0) & (cvv > 0) & (spare > 0.5)
+        whole = np.where(sound, whole, 1)
+        across, down = (cub * cvv - cvb * cuv) / whole, (cvb * cuu - cub * cuv) / whole
+        own = np.where(raw > 0, disparity - moment / np.where(raw > 0, raw, 1), 0)
+        # About the mean first: what is left is small against the squares.
+        square = _box(raw * own * own, window) - 2 * b / s * _box(raw * own, window) + (b / s) ** 2 * _box(raw, window)
+        square = np.maximum(square - across * cub - down * cvb, 0)
+        return cls(
+            across, down, cvv / whole, -cuv / whole, cuu / whole, square / np.maximum(spare, 1), np.maximum(spare, 0), sound
+        )
+
+    def variance(self, across: Array, down: Array) -> Array:
+        """Of what the slopes carry over a distance [samples]."""
+        return np.maximum(self.uu * across**2 + 2 * self.uv * across * down + self.vv * down**2, 0)

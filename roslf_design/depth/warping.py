@@ -1,0 +1,320 @@
+"""Views warped back along their disparity: cubic splines of the views, and what they have in common at each microlens."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._jit import kernel, prange
+
+Floats = NDArray[np.floating]
+Samples = NDArray[np.float32]
+
+SUMS = 12
+"""Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
+chi-square, its expectation, number of samples."""
+_POLES = (-0.43057534709997825, -0.043096288203264443)
+"""Of the quintic spline: roots of x^4 + 26 x^3 + 66 x^2 + 26 x + 1 inside the unit circle."""
+_REACH = 24
+"""Samples after which the slower pole has died down to 5e-8."""
+_SPLINE_LOSS = 0.1635
+"""Noise power that a quintic spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
+
+
+@kernel(parallel=True)
+def fill_holes(views: Samples, shown: NDArray[np.bool_]) -> None:
+    """Carry values into samples that show none, along rows, then down columns, so that splines do not ring there."""
+    count, rows, columns = views.shape
+    for k in prange(count):
+        first = -1
+        for v in range(rows):
+            lit = -1
+            for u in range(columns):
+                if shown[k, v, u]:
+                    if lit < 0:
+                        for a in range(u):
+                            views[k, v, a] = views[k, v, u]
+                    lit = u
+                elif lit >= 0:
+                    views[k, v, u] = views[k, v, lit]
+            if lit < 0 and first >= 0:
+                for u in range(columns):
+                    views[k, v, u] = views[k, v - 1, u]
+            if lit >= 0 and first < 0:
+                first = v
+                for a in range(v):
+                    for u in range(columns):
+                        views[k, a, u] = views[k, v, u]
+        if first < 0:
+            for v in range(rows):
+                for u in range(columns):
+                    views[k, v, u] = 0.0
+
+
+@kernel()
+def _filter(lines: Floats, pole: float) -> None:
+    """Divide by one pole of a spline, forth and back along the first axis, mirrored at its ends (up to a constant factor)."""
+    count, width = lines.shape
+    for u in range(width):
+        power = pole
+        for v in range(1, min(_REACH, count)):
+            lines[0, u] += power * lines[v, u]
+            power *= pole
+    for v in range(1, count):
+        for u in range(width):
+            lines[v, u] += pole * lines[v - 1, u]
+    for u in range(width):
+        lines[count - 1, u] = pole / (pole * pole - 1.0) * (lines[count - 1, u] + pole * lines[count - 2, u])
+    for v in range(count - 2, -1, -1):
+        for u in range(width):
+            lines[v, u] = pole * (lines[v + 1, u] - lines[v, u])
+
+
+@kernel(parallel=True)
+def spline_coefficients(views: Samples, out: Samples) -> None:
+    """Coefficients of each view's quintic B-spline, mirrored at its sides; `out` is two samples wider on each side."""
+    count, rows, columns = views.shape
+    for k in prange(count):
+        lying, standing = np.empty((columns, rows)), np.empty((rows, columns))
+        for v in range(rows):
+            for u in range(columns):
+                lying[u, v] = views[k, v, u]
+        for pole in _POLES:
+            _filter(lying, pole)
+        for v in range(rows):
+            for u in range(columns):
+                standing[v, u] = lying[u, v]
+        for pole in _POLES:
+            _filter(standing, pole)
+        for v in range(-2, rows + 2):
+            for u in range(-2, columns + 2):
+                b = -v if v < 0 else (v if v < rows else 2 * rows - 2 - v)
+                a = -u if u < 0 else (u if u < columns else 2 * columns - 2 - u)
+                out[k, v + 2, u + 2] = 14400.0 * standing[b, a]
+
+
+@kernel()
+def _taps(f: float) -> tuple[float, float, float, float, float, float]:
+    """Quintic B-spline at the six samples about a place `f` of a step after the third."""
+    e = 1.0 - f
+    f2, e2 = f * f, e * e
+    last, first = f2 * f2 * f / 120, e2 * e2 * e / 120
+    # B(1 + x) and B(x) for x in [0, 1], by powers of 1 - x.
+    second = (1 + 5 * e + 10 * e2 + 10 * e2 * e + 5 * e2 * e2 - 5 * e2 * e2 * e) / 120
+    fifth = (1 + 5 * f + 10 * f2 + 10 * f2 * f + 5 * f2 * f2 - 5 * f2 * f2 * f) / 120
+    third = (66 - 60 * f2 + 30 * f2 * f2 - 10 * f2 * f2 * f) / 120
+    return first, second, third, 1 - first - second - third - fifth - last, fifth, last
+
+
+@kernel(parallel=True)
+def light_of_cells(light: Samples, out: Samples) -> None:
+    """Light between four neighbouring samples; 0 where one of the 6 x 6 about it has none."""
+    count, rows, columns = light.shape
+    for k in prange(count):
+        ends = np.full(columns, -1)  # last row without light, in any of the six columns about each cell
+        for v in range(-1, rows - 1):
+            below = v + 3
+            last = -1
+            if below < rows:
+                for u in range(min(3, columns)):
+                    if light[k, below, u] <= 0:
+                        last = u
+            for u in range(columns - 1):
+                if below < rows:
+                    if u + 3 < columns and light[k, below, u + 3] <= 0:
+                        last = u + 3
+                    if last >= u - 2 and last >= 0:
+                        ends[u] = below
+                if v >= 0:
+                    out[k, v, u] = (
+                        0.25 * (light[k, v, u] + light[k, v, u + 1] + light[k, v + 1, u] + light[k, v + 1, u + 1])
+                        if ends[u] < max(v - 2, 0)
+                        else 0.0
+                    )
+
+
+@kernel(parallel=True)
+def gather_zones(
+    values: Samples,
+    light: Samples,
+    pupil: Floats,
+    zone: NDArray[np.int64],
+    picture: Floats,
+    electrons: float,
+    read: float,
+    out: Samples,
+) -> None:
+    """Mean value, information and mean pupil coordinate (2) of the views of each zone; `out` has shape (zone, 4, v, u)."""
+    count, rows, columns = values.shape
+    for v in prange(rows):
+        for k in range(count):
+            z = zone[k]
+            for u in range(columns):
+                if light[k, v, u] > 0:
+                    lit = electrons * light[k, v, u]
+                    weight = lit * lit / max(lit * picture[v, u] + read * read, 1.0)
+                    out[z, 0, v, u] += weight * (values[k, v, u] - picture[v, u])
+                    out[z, 1, v, u] += weight
+                    out[z, 2, v, u] += weight * pupil[0, k, v, u]
+                    out[z, 3, v, u] += weight * pupil[1, k, v, u]
+        for z in range(out.shape[0]):
+            for u in range(columns):
+                weight = out[z, 1, v, u]
+                if weight > 0:
+                    out[z, 0, v, u] = out[z, 0, v, u] / weight + picture[v, u]
+                    out[z, 2, v, u] /= weight
+                    out[z, 3, v, u] /= weight
+
+
+@kernel(parallel=True)
+def spread_of_zones(
+    zones: Samples, across: float, down: float, squares: Samples, freedom: Samples, mean: Samples
+) -> None:
+    """Chi-square of the zones about their mean at every microlens, each moved by `across`, `down` samples a unit of s."""
+    count, _, rows, columns = zones.shape
+    for v in prange(rows):
+        sums = np.zeros((4, columns))
+        for z in range(count):
+            for u in range(columns):
+                if zones[z, 1, v, u] <= 0:
+                    continue
+                x, y = u + across * zones[z, 2, v, u], v + down * zones[z, 3, v, u]
+                if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
+                    continue
+                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                f, g = x - a, y - b
+                weight = min(
+                    min(zones[z, 1, b, a], zones[z, 1, b, a + 1]), min(zones[z, 1, b + 1, a], zones[z, 1, b + 1, a + 1])
+                )
+                if weight <= 0:
+                    continue
+                value = (1 - g) * ((1 - f) * zones[z, 0, b, a] + f * zones[z, 0, b, a + 1]) + g * (
+                    (1 - f) * zones[z, 0, b + 1, a] + f * zones[z, 0, b + 1, a + 1]
+                )
+                sums[0, u] += weight
+                sums[1, u] += weight * value
+                sums[2, u] += weight * value * value
+                sums[3, u] += (1 - 2 * f * (1 - f)) * (1 - 2 * g * (1 - g))
+                freedom[v, u] += 1.0
+        for u in range(columns):
+            if sums[0, u] > 0:
+                mean[v, u] = sums[1, u] / sums[0, u]
+                squares[v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
+                freedom[v, u] = sums[3, u] * (1.0 - 1.0 / freedom[v, u])
+
+
+@kernel(parallel=True)
+def common(
+    splines: Samples,
+    cells: Samples,
+    pupil: Floats,
+    disparity: Floats,
+    picture: Floats,
+    steps: tuple[float, float],
+    electrons: float,
+    read: float,
+    saturation: float,
+    robust: float,
+    out: Floats,
+) -> None:
+    """Moments of all views about each microlens of `picture`, warped back by `disparity`; see `SUMS`.
+
+    Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors from
+    it they fall as Huber's.
+    """
+    count, rows, columns = cells.shape[0], disparity.shape[0], disparity.shape[1]
+    for v in prange(rows):
+        sums = np.zeros((columns, 12))
+        for k in range(count):
+            for u in range(columns):
+                level = picture[v, u]
+                along, over = pupil[0, k, v, u], pupil[1, k, v, u]
+                x, y = u + disparity[v, u] * along / steps[0], v + disparity[v, u] * over / steps[1]
+                if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+                    continue
+                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                light = cells[k, b, a]
+                if light <= 0:
+                    continue
+                f, g = x - a, y - b
+                # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
+                there, below = a + (1 if f > 0.5 else 0), b + (1 if g > 0.5 else 0)
+                near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
+                if near != along or lower != over:
+                    along, over = near, lower
+                    x, y = u + disparity[v, u] * along / steps[0], v + disparity[v, u] * over / steps[1]
+                    if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+                        continue
+                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    light = cells[k, b, a]
+                    if light <= 0:
+                        continue
+                    f, g = x - a, y - b
+                lit = electrons * light
+                variance = max(lit * level + read * read, 1.0)
+                if lit * level + 3.0 * math.sqrt(variance) >= saturation:
+                    continue
+                a0, a1, a2, a3, a4, a5 = _taps(f)
+                b0, b1, b2, b3, b4, b5 = _taps(g)
+                value = -level
+                c = splines[k, b + 0]
+                value += b0 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                c = splines[k, b + 1]
+                value += b1 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                c = splines[k, b + 2]
+                value += b2 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                c = splines[k, b + 3]
+                value += b3 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                c = splines[k, b + 4]
+                value += b4 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                c = splines[k, b + 5]
+                value += b5 * (
+                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
+                )
+                weight = lit * lit / variance
+                far = abs(value) * math.sqrt(weight)
+                if far > robust:
+                    weight *= robust / far
+                sums[u, 0] += weight * value
+                sums[u, 1] += weight
+                sums[u, 2] += weight * along
+                sums[u, 3] += weight * over
+                sums[u, 4] += weight * along * along
+                sums[u, 5] += weight * along * over
+                sums[u, 6] += weight * over * over
+                sums[u, 7] += weight * value * along
+                sums[u, 8] += weight * value * over
+                sums[u, 9] += weight * value * value
+                loss, lost = 4 * f * (1 - f), 4 * g * (1 - g)
+                sums[u, 10] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
+                sums[u, 11] += 1.0
+        for u in range(columns):
+            total = sums[u, 1]
+            for a in range(12):
+                out[a, v, u] = 0.0
+            if total > 0:
+                mean, x, y = sums[u, 0] / total, sums[u, 2] / total, sums[u, 3] / total
+                out[0, v, u] = mean + picture[v, u]
+                out[1, v, u] = total
+                out[2, v, u] = x
+                out[3, v, u] = y
+                out[4, v, u] = sums[u, 4] - total * x * x
+                out[5, v, u] = sums[u, 5] - total * x * y
+                out[6, v, u] = sums[u, 6] - total * y * y
+                out[7, v, u] = sums[u, 7] - sums[u, 0] * x
+                out[8, v, u] = sums[u, 8] - sums[u, 0] * y
+                out[9, v, u] = max(sums[u, 9] - sums[u, 0] * mean, 0.0)
+                out[10, v, u] = sums[u, 10] * (1.0 - 1.0 / sums[u, 11])
+                out[11, v, u] = sums[u, 11]
