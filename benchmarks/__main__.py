@@ -15,12 +15,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from . import commands, page, peers, rates
+from . import bore, commands, page, peers, rates
 from .turns import Row
 
 REPORT, QUICK = Path("reports/benchmarks"), Path("out/benchmarks-quick")
 DATA, SCHEMA = "benchmarks.json", "roslf.benchmarks/2"
-PARTS = {"commands": commands.measure, "rates": rates.measure, "peers": peers.measure}
+PARTS = {"commands": commands.measure, "rates": rates.measure, "bore": bore.measure, "peers": peers.measure}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

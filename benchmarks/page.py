@@ -26,6 +26,7 @@ README_ROWS = (
 SECTIONS = {
     "commands": "Commands, from start to exit",
     "rates": "Inside the commands",
+    "bore": "Behind three elements, beside the camera in air that sees the same through the same openings",
     "peers": "Beside other programs",
 }
 STYLE = (

@@ -5,7 +5,7 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -163,6 +163,7 @@ def calibrate(
     white_pitch: str | None = None,
     distances: str | Path | None = None,
     use_in: str | None = None,
+    sigma: Mapping[str, str] | None = None,
 ) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
@@ -192,6 +193,8 @@ def calibrate(
         A TOML file of how far the boards stood.
     use_in : str, optional
         The medium that the camera will look into where that is not the boards': `Outcome.used_in`.
+    sigma : mapping, optional
+        How well numbers of what stands before the lens are known, by place: ``{"elements.1.thickness": "0.02 mm"}``.
 
     Raises
     ------
@@ -206,7 +209,7 @@ def calibrate(
     return calibrated(
         Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
         d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
-        distances=None if distances is None else Path(distances), use_in=use_in,
+        distances=None if distances is None else Path(distances), use_in=use_in, sigma=sigma,
     )  # fmt: skip
 
 

@@ -13,18 +13,19 @@ would move u_0 and the boards, nothing else.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..camera import Camera
 from ..design import Design
 from ..theory.light_field import back_substitute
 from ..units import FARTHEST, parse_quantity
 from .frames import Array, CalibrationError
-from .space import SceneSide
+from .space import SceneSide, Shown, as_shown
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
 """Parameters all boards share, in the order of the Jacobian's columns."""
@@ -364,6 +365,17 @@ def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
 # --- the data sheet ---------------------------------------------------------------------------------------------------
 
 
+class KnownNumber(NamedTuple):
+    """A number of what stands before the main lens or about the array."""
+
+    place: str
+    """In a design: "elements.1.thickness"."""
+    value: float
+    """[mm; 1/mm of a gradient]"""
+    sigma: float
+    """Standard deviation."""
+
+
 @dataclass(frozen=True)
 class DataSheet:
     """Normal priors. Images fix A/d, m/d, and q A/d_2; these priors turn that into lengths."""
@@ -384,6 +396,8 @@ class DataSheet:
     """Relative error of the board's cell."""
     space: SceneSide | None = None
     """What stands between boards and main lens, and about the array; None: air."""
+    elements: tuple[KnownNumber, ...] = ()
+    """What of it is known but to an error."""
 
     def __post_init__(self) -> None:
         for name in ("f", "q", "d"):
@@ -392,29 +406,57 @@ class DataSheet:
         for name in ("f_sigma", "q_sigma", "d_sigma", "cell_sigma"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise CalibrationError(f"{name} must be zero or positive, got {getattr(self, name)}")
+        for known in self.elements:
+            if known.sigma > 0.2 * abs(known.value):
+                raise CalibrationError(
+                    f"{known.place} = {known.value:g} with a standard deviation of {known.sigma:g} is hardly known:"
+                    " 20 % at most"
+                )
         if self.f_sigma > 0.2 * self.f:
             raise CalibrationError(f"f_sigma = {self.f_sigma} mm says hardly anything of f = {self.f} mm: 20 % at most")
 
     @property
     def mean(self) -> Array:
-        """f, q, d and the board's relative scale."""
-        return np.array([self.f, self.q, self.d, 1.0])
+        """f, q, d and the board's relative scale, then `elements`."""
+        return np.array([self.f, self.q, self.d, 1.0, *(known.value for known in self.elements)])
 
     @property
     def sigma(self) -> Array:
         """Their standard deviations."""
-        return np.array([self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma])
+        own = self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma
+        return np.array([*own, *(known.sigma for known in self.elements)])
 
     def draws(self, count: int, rng: np.random.Generator) -> Array:
-        """Independent draws of f, q, d and the board's relative scale, shape (4, count)."""
-        return np.asarray(self.mean[:, None] + self.sigma[:, None] * rng.normal(size=(4, count)))
+        """Independent draws of `mean`, shape (4 or more, count)."""
+        return np.asarray(self.mean[:, None] + self.sigma[:, None] * rng.normal(size=(len(self.mean), count)))
+
+    def space_at(self, lengths: Mapping[str, Array]) -> SceneSide | None:
+        """`space` with `elements` as `lengths` have them, by their places."""
+        if self.space is None or not self.elements:
+            return self.space
+        return SceneSide.of(self.space.design, {known.place: lengths[known.place] for known in self.elements})
+
+    def shown(self, lengths: Mapping[str, Array]) -> Shown:
+        """The camera of `derived` lengths, as the boards' medium has it."""
+        return as_shown(lengths, self.space_at(lengths))
 
 
-def sheet_of(design: Design, f_relative: float = 0.01, d_relative: float = 1e-3, cell_sigma: float = 1e-3) -> DataSheet:
-    """Data-sheet values of a design with relative standard deviations of f, d and the board's cell."""
+def sheet_of(
+    design: Design,
+    f_relative: float = 0.01,
+    d_relative: float = 1e-3,
+    cell_sigma: float = 1e-3,
+    elements: Mapping[str, float] | None = None,
+) -> DataSheet:
+    """Data-sheet values of a design with relative standard deviations of f, d and the board's cell.
+
+    `elements` are standard deviations of what stands before the lens and about the array, by the places of `Camera`.
+    """
+    numbers = Camera.of(design).numbers
+    known = tuple(KnownNumber(place, float(numbers[place]), sigma) for place, sigma in (elements or {}).items())
     return DataSheet(
         design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma,
-        space=SceneSide.of(design),
+        space=SceneSide.of(design), elements=known,
     )  # fmt: skip
 
 
@@ -444,12 +486,14 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
     sheet : DataSheet
     drawn : sequence of array_like, optional
-        f, q, d [mm] and relative size of the board, each of shape (...) or a number; the sheet's where not given.
+        f, q, d [mm], relative size of the board and the sheet's `elements`, each of shape (...) or a number; the
+        sheet's where not given.
 
     Returns
     -------
     dict
-        `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it.
+        `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; the sheet's
+        `elements` by their places.
 
     Notes
     -----
@@ -457,10 +501,13 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     with q d, and m and d_2 shrink with the board's scale: the posterior follows exactly, without fitting again.
     """
     A, m, inverse_d_2 = np.moveaxis(np.asarray(camera, float)[..., :3], -1, 0)
-    f, q, d, board = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
+    values = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
+    f, q, d, board, *others = values
+    elements = dict(zip((known.place for known in sheet.elements), others, strict=True))
     A, m = A * (d / sheet.d), m * (d / sheet.d) / board
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
-    if sheet.space is not None:
-        A, m, d_2 = sheet.space.seen(f, A, m, d_2)
+    if (space := sheet.space_at(elements)) is not None:
+        A, m, d_2 = space.seen(f, A, m, d_2)
     d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
-    return {name: np.asarray(value) for name, value in zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)}
+    lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
+    return {name: np.asarray(value) for name, value in lengths} | elements

@@ -330,7 +330,7 @@ def expected_errors(
 
 
 def _pupil(camera: Intrinsics, sheet: DataSheet) -> float:
-    return float(as_shown(derived(camera.vector(), sheet), sheet.space).pupil)
+    return float(sheet.shown(derived(camera.vector(), sheet)).pupil)
 
 
 def plan(
@@ -403,3 +403,6 @@ def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, C
     for what, name in known.items():
         halved: dict[str, Any] = {name: getattr(sheet, name) / 2}
         yield f"know {what} twice as well", captures, replace(sheet, **halved)
+    if sheet.elements:
+        finer_known = tuple(known._replace(sigma=known.sigma / 2) for known in sheet.elements)
+        yield "know what stands before the lens twice as well", captures, replace(sheet, elements=finer_known)

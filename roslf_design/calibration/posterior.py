@@ -14,7 +14,6 @@ from .fit import StatisticsFit
 from .frames import Array, CalibrationError
 from .model import GLOBALS, QUANTITIES, DataSheet, derived
 from .sidedata import Combined, SideDatum, combine
-from .space import as_shown
 
 ENSEMBLES = 4
 """Between which convergence is judged: fewer would not tell."""
@@ -40,7 +39,7 @@ class CameraDraws:
     parameters: Array
     """Draws of them, shape (n, p)."""
     quantities: Mapping[str, Array]
-    """Draws of `QUANTITIES`, data-sheet values drawn along, each of shape (n,)."""
+    """Draws of `QUANTITIES`, data-sheet values drawn along, and of the sheet's `elements`; each of shape (n,)."""
 
     def draws(self, name: str) -> Array:
         """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
@@ -76,8 +75,8 @@ def _with_data(
     states: Array, sheet: DataSheet, combined: Combined, rng: np.random.Generator
 ) -> tuple[Array, dict[str, Array]]:
     """Parameters of draws, f the last, and `QUANTITIES`, once side data are known."""
-    states = combined.conditioned(states, rng)
-    return states[:, :-3], derived(states, sheet, states[:, -4:].T)
+    states, count = combined.conditioned(states, rng), len(combined.names)
+    return states[:, : count + 1], derived(states, sheet, states[:, count:].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +115,9 @@ def sample_posterior(
     Four ensembles, of four walkers for each parameter and at least 24, start apart, spread 1.5 times as wide as the
     Fisher matrix says, and walk in coordinates whitened by it. They stop when R-hat between ensembles is below 1.01 and
     bulk and tail effective sample sizes are above `ess` for every parameter and for d_1, d_f, H and d_3, or after
-    `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d and the
-    board's scale as the data sheet says; q, d, scale and the fit's systematic errors, which no image informs, are drawn
-    afterwards, and side `data` condition the draws.
+    `most_steps`. Priors are flat in A, m, 1/d_2 (all positive), x_0, y_0 and distortion, and normal in f, q, d, the
+    board's scale and the sheet's elements as the data sheet says; all of these but f, and the fit's systematic errors,
+    which no image informs, are drawn afterwards, and side `data` condition the draws.
 
     The same `seed` gives the same draws; after each `chunk` of steps `progress` is called with (steps, R-hat, effective
     sample size).
@@ -344,13 +343,13 @@ def depth_errors(
     and the error of A stays.
     """
     distances = np.asarray(distances, float)
-    best = as_shown(combine(fit, sheet, data).lengths(sheet), sheet.space)
+    best = sheet.shown(combine(fit, sheet, data).lengths(sheet))
     depth = distances - best.pupil
     if not (depth > 0).all():
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best.pupil):.2f} mm from the lens")
     # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
     measured = (best.m - best.A / depth) * best.A / best.d_2
-    A, m, d_2, pupil = (part[:, None] for part in as_shown(draws.quantities, sheet.space))
+    A, m, d_2, pupil = (part[:, None] for part in sheet.shown(draws.quantities))
     with np.errstate(divide="ignore"):
         z_f = A / (m - measured * d_2 / A)
     z = z_f + pupil
@@ -372,16 +371,19 @@ def variance_shares(
     Returns
     -------
     dict
-        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board``, ``systematic`` (what scatter
-        does not show) and of side data by name, that add up to 1, and ``sigma``, the standard deviation of all.
+        For each of `QUANTITIES`, shares of ``images``, ``f``, ``q``, ``d``, ``board``, ``elements`` (where the sheet
+        has any), ``systematic`` (what scatter does not show) and of side data by name, that add up to 1, and ``sigma``,
+        the standard deviation of all.
     """
     count, known = len(fit.covariance.names), combine(fit, sheet, data)
     images = np.linalg.cholesky(fit.covariance.matrix).T
-    # Steps of one standard deviation in (shared parameters, f, q, d, board), by their source.
-    steps = {"images": np.pad(images, ((0, 0), (0, 4)))}
-    by_sheet = np.eye(4, count + 4, count) * sheet.sigma[:, None]
-    steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet, strict=True)}
-    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + 1)))
+    # Steps of one standard deviation in (shared parameters, f, q, d, board, elements), by their source.
+    told = len(sheet.mean)
+    steps = {"images": np.pad(images, ((0, 0), (0, told)))}
+    by_sheet = np.eye(told, count + told, count) * sheet.sigma[:, None]
+    steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet[:4], strict=True)}
+    steps |= {"elements": by_sheet[4:]} if sheet.elements else {}
+    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + told - 3)))
     steps = {source: step @ known.keeps.T for source, step in steps.items()}
     for datum in data:
         steps[datum.name] = known.gain[:, [source == datum.name for source in known.sources]].T

@@ -22,7 +22,7 @@ from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
 from .sidedata import Combined, SideDatum, combine
-from .space import UsedIn, as_shown, used_in
+from .space import UsedIn, used_in
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -139,7 +139,7 @@ class Outcome:
         )
         lengths = {name: (self.ruler or values)[name].value for name in ("d_3", "d_1", "d_2")}
         if self.combined.data:
-            lengths["f"] = float(self.combined.best[-4])
+            lengths["f"] = self.combined.f
         return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
 
     def to_dict(self) -> dict[str, object]:
@@ -188,6 +188,7 @@ class Outcome:
             "data_sheet": {
                 **{f"{name}_mm": getattr(self.sheet, name) for name in ("f", "f_sigma", "q", "d", "d_sigma")},
                 "cell_sigma_relative": self.sheet.cell_sigma,
+                "elements": {at: {"value": value, "sigma": sigma} for at, value, sigma in self.sheet.elements},
             },
             "side_data": _side_dict(self.combined, self.draws),
             "reprojection_rms_pitches": result.joint.rms,
@@ -243,7 +244,11 @@ def outcome_of(
     }
     ruler = {}
     if sheet.space is not None:
-        values, drawn, planned = (sheet.space.ruler(lengths) for lengths in (best, draws.quantities, told))
+        values, drawn, planned = (
+            space.ruler(lengths)
+            for lengths in (best, draws.quantities, told)
+            if (space := sheet.space_at(lengths)) is not None
+        )
         for name, value in values.items():
             sigma = float(drawn[name].std(ddof=1))
             low, lower, higher, high = (float(x) for x in np.quantile(drawn[name], [0.025, 0.16, 0.84, 0.975]))
@@ -252,7 +257,7 @@ def outcome_of(
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
-    pupil = float(as_shown(best, sheet.space).pupil)
+    pupil = float(sheet.shown(best).pupil)
     distances = pupil + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []
@@ -315,7 +320,7 @@ def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | No
     return {
         "used": [datum.name for datum in combined.data],
         "off_sigma": dict(combined.apart),
-        "f_mm": float(combined.best[-4]),
+        "f_mm": combined.f,
         "f_sigma_mm": float(draws.draws("f").std(ddof=1)),
     }
 

@@ -1,7 +1,8 @@
 """What else is known of the camera besides corners and data sheet: the white image's pitch, the boards' distances.
 
 Both bear on f, q, d and the board's scale together with what the images say, so all are conditioned at once: states are
-(shared parameters of the fit, f, q, d, relative scale of the board), of p + 4 numbers.
+(shared parameters of the fit, f, q, d, relative scale of the board, the data sheet's elements), of p + 4 numbers or
+more.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from .fit import StatisticsFit
 from .frames import Array, CalibrationError
 from .misfit import DISAGREE
 from .model import DataSheet, derived
-from .space import as_shown
 
 _STEPS = 20
 _NUDGE = 1e-6
@@ -55,7 +55,7 @@ def white_pitch(fit: StatisticsFit, sheet: DataSheet, pitch: float, sigma: float
 
 def image_pitch(camera: Array, sheet: DataSheet, drawn: Array | None = None) -> Array:
     """Pitch of the microlens images [px]; arguments as of `derived`."""
-    f, q, d, _ = sheet.mean if drawn is None else drawn
+    f, q, d, *_ = sheet.mean if drawn is None else drawn
     found = derived(camera, sheet, drawn)
     return np.asarray(d / q * (1 + found["d_2"] / found["m"] * (1 / f - 1 / found["A"])))
 
@@ -91,7 +91,7 @@ def board_distances(
     def off(states: Array) -> Array:
         shared, drawn = states[:, :count], states[:, count:].T
         moved = depth + (shared - best) @ fit.pose_by_shared[boards, 5].T
-        start = 0.0 if relative else as_shown(derived(shared, sheet, drawn), sheet.space).pupil[:, None]
+        start = 0.0 if relative else sheet.shown(derived(shared, sheet, drawn)).pupil[:, None]
         away = (moved * drawn[3][:, None] + start - told) / spread
         return np.asarray(away - (away @ common)[:, None] * common if relative else away)
 
@@ -132,8 +132,13 @@ class Combined:
             if far > DISAGREE
         )
 
+    @property
+    def f(self) -> float:
+        """Of the best state [mm]."""
+        return float(self.best[len(self.names)])
+
     def lengths(self, sheet: DataSheet) -> dict[str, Array]:
-        """`QUANTITIES` of the best state."""
+        """`derived` of the best state."""
         count = len(self.names)
         return derived(self.best[:count], sheet, self.best[count:])
 
@@ -154,7 +159,8 @@ class Combined:
 def prior_of(fit: StatisticsFit, sheet: DataSheet) -> tuple[Array, Array]:
     """Mean state of images and data sheet and its covariance, systematic errors counted in."""
     count = len(fit.covariance.names)
-    spread = np.zeros((count + 4, count + 4))
+    size = count + len(sheet.mean)
+    spread = np.zeros((size, size))
     spread[:count, :count] = fit.covariance.matrix
     spread[:3, :3] += fit.systematic.T @ fit.systematic
     spread[count:, count:] = np.diag(sheet.sigma**2)

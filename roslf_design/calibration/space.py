@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import Design
 from ..design.chain import ImagedPlane
 from .frames import Array, CalibrationError
@@ -36,35 +36,36 @@ class Shown(NamedTuple):
     """Where the medium has the FAP: before the main lens with a ruler [mm]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneSide:
-    """What a design has before its main lens and about its array, to first order."""
+    """What a design has before its main lens and about its array, to first order; numbers, or arrays over draws."""
 
+    design: Design
     far: ImagedPlane
     """Of the farthest element's scene side."""
-    end: float
+    end: Number
     """Where that is [mm before the main lens]."""
     near: ImagedPlane
     """Where the design's FAP stands."""
     fap: float
     """[mm before the main lens]"""
-    before_array: float
+    before_array: Number
     """What glass takes off d_1 [mm]."""
-    behind_array: float
+    behind_array: Number
     """What it takes off d_2 [mm]."""
-    upright: float
+    upright: Number
     """1, or -1 where a relay turns the picture: A and m of the fit are positive."""
 
     @classmethod
-    def of(cls, design: Design) -> SceneSide | None:
-        """Of a design; None where there is air only.
+    def of(cls, design: Design, changes: Mapping[str, Array] | None = None) -> SceneSide | None:
+        """Of a design, with numbers or arrays in some of its places; None where there is air only.
 
         Raises
         ------
         CalibrationError
             Its objective maps angles otherwise than f tan, which no parameter of the fit stands for.
         """
-        c = Camera.of(design)
+        c = Camera.of(design, changes)
         if c.chain is None:
             return None
         if c.chain.mapped is not None:
@@ -73,11 +74,10 @@ class SceneSide:
                 f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
             )
         numbers = c.numbers
-        end = float(c.chain.end(numbers))
-        far = c.plane(float(np.nextafter(end, np.inf)))
-        before, behind = (float(part(numbers)) for part in (c.chain.before_array, c.chain.behind_array))
-        upright = float(np.sign(far.d - c.d_f * far.c))
-        return cls(far, end, c.plane(design.d_3), design.d_3, before, behind, upright)
+        end = c.chain.end(numbers)
+        far = c.plane(np.nextafter(end, np.inf))
+        before, behind = (part(numbers) for part in (c.chain.before_array, c.chain.behind_array))
+        return cls(design, far, end, c.plane(design.d_3), design.d_3, before, behind, np.sign(far.d - c.d_f * far.c))
 
     def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_f: Array) -> Shown:
         """The camera that is seen, as the boards' medium has it."""
@@ -103,7 +103,7 @@ class SceneSide:
         return {"H": d_f / (d_f - d_3), "d_3": d_3, "d_1": d_1, "d_f": d_f, "d_2": d_2}
 
 
-def _stands(plane: ImagedPlane, at: float, seen: Array) -> Array:
+def _stands(plane: ImagedPlane, at: Number, seen: Array) -> Array:
     """Where a plane stands that is seen at a distance, in the space about a plane `at` [mm]."""
     return np.asarray(at + plane.medium * (seen * plane.a - plane.b) / (plane.d - seen * plane.c))
 

@@ -275,7 +275,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers)
+        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers, self._walk)
 
     @cached_property
     def law(self) -> Law | None:
@@ -506,6 +506,16 @@ class Camera(Symbols[Number]):
 
     def decentre(self, part: str) -> tuple[Number, Number]:
         """Offset of a part (its place in the design) from the main lens's centre, as that sees it."""
+        if part not in self._decentres:
+            self._decentres[part] = self._own_decentre(part)
+        return self._decentres[part]
+
+    @cached_property
+    def _decentres(self) -> dict[str, tuple[Number, Number]]:
+        """Those asked for so far."""
+        return {}
+
+    def _own_decentre(self, part: str) -> tuple[Number, Number]:
         n, place = self._numbers, part.rpartition(".")[0] if part.count(".") == 2 else part
         x, y = (n[f"{place}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
         rim = self._rim_of.get(part)

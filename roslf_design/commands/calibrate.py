@@ -6,9 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from cyclopts import Parameter
 from pydantic import ValidationError
 
 from .. import calibration
@@ -65,6 +66,7 @@ def calibrate(
     f_sigma: str = "1%",
     d_sigma: str = "0.1%",
     cell_sigma: str = "0.1%",
+    sigma: Annotated[list[str] | None, Parameter(negative=())] = None,
     white_pitch: str | None = None,
     distances: Path | None = None,
     distortion: Literal[0, 1, 2] = 0,
@@ -106,6 +108,10 @@ def calibrate(
         Standard deviation of the microlens pitch, as "0.05 um" or "0.01%".
     cell_sigma
         Standard deviation of the board's cells, all alike, as "10 um" or "0.1%".
+    sigma
+        Standard deviation of a number of what stands before the lens or about the array, as
+        "elements.1.thickness=0.02 mm", "elements.0.index=0.001", "object_space.index=0.1 %" or
+        "sensor.cover.thickness=20 um"; may be given several times. Elements count from 0, as in tolerance studies.
     white_pitch
         Use the pitch of the white image's microlens images, known to this share, as "0.01%". Where --d-sigma is as
         small it ties the focal length, better than most data sheets.
@@ -157,7 +163,12 @@ def calibrate(
     check_options(seed, output, *(Problem(key, message) for key, message in wrong.items()))
     if plan is not None:
         asked: dict[str, Any] = {"board": board or "4x5 6 mm", **planned, "f_sigma": f_sigma, "seed": seed}
-        asked |= {"d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
+        asked |= {
+            "d_sigma": d_sigma,
+            "cell_sigma": cell_sigma,
+            "sigma": parse_sigmas(sigma),
+            "white_pitch": white_pitch,
+        }
         print_plan(plan, asked, distortion, json)
         return
     if accuracy is not None:
@@ -171,7 +182,7 @@ def calibrate(
         result = calibrated(
             folder, design, board, f_sigma, distortion, seed, no_posterior, diffraction, accuracy,
             d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances,
-            use_in=use_in,
+            use_in=use_in, sigma=parse_sigmas(sigma),
         )  # fmt: skip
     except CalibrationError as error:
         text = " ".join(str(error).split())
@@ -183,7 +194,7 @@ def calibrate(
         raise InputError((Problem("", text),), str(folder)) from None
     command = typed(
         "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, d_sigma=d_sigma,
-        cell_sigma=cell_sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
+        cell_sigma=cell_sigma, sigma=sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
         seed=seed, diffraction=diffraction, no_posterior=no_posterior, accuracy=accuracy, use_in=use_in,
     )  # fmt: skip
     seconds = time.perf_counter() - began
@@ -235,6 +246,7 @@ def calibrated(
     white_pitch: str | None = None,
     distances: Path | None = None,
     use_in: str | None = None,
+    sigma: Mapping[str, str | float] | None = None,
 ) -> Outcome:
     """From a folder of images to what they say; options as on the command line.
 
@@ -255,7 +267,8 @@ def calibrated(
             said = "; ".join(problem.message for problem in error.problems)
             raise refusal("--use-in", f"{use_in}: {said}") from None
     circular = loaded.microlens_array.lens_shape == "circular"
-    sheet, white = _known(loaded, checkerboard, f_sigma, d_sigma, cell_sigma, white_pitch)
+    told = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
+    sheet, white = _known(loaded, checkerboard, {**told, "sigma": dict(sigma or {})})
     stood = None if distances is None else _read_distances(distances)
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
@@ -309,20 +322,35 @@ def calibrated(
     )  # fmt: skip
 
 
-def _known(
-    design: Design, board: Board, f_sigma: str, d_sigma: str, cell_sigma: str, white_pitch: str | None
-) -> tuple[calibration.DataSheet, float | None]:
+def _known(design: Design, board: Board, told: Mapping[str, Any]) -> tuple[calibration.DataSheet, float | None]:
     """The data sheet, and how well the white image's pitch is known."""
-    told = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
     try:
-        pages.CalibrationPart.model_validate(told, context={"from_file": True})
+        asked = pages.CalibrationPart.model_validate(told, context={"from_file": True})
     except ValidationError as error:
         faults = problems_of(error, pages.CalibrationPart)
         raise InputError(
             tuple(Problem("--" + (fault.key or "").replace("_", "-"), fault.message) for fault in faults)
         ) from None
-    sheet = pages.data_sheet(design, board, f_sigma, d_sigma, cell_sigma)
-    return sheet, None if white_pitch is None else relative_sigma(white_pitch, 1.0)
+    try:
+        sheet = pages.data_sheet(design, board, asked)
+    except CalibrationError as error:
+        raise refusal("--sigma", str(error).removeprefix("sigma of ")) from None
+    return sheet, None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
+
+
+def parse_sigmas(told: list[str] | None) -> dict[str, str]:
+    """Read "place=sigma", any number of times; refused where one is not that, or a place stands twice."""
+    sigmas: dict[str, str] = {}
+    for text in told or ():
+        place, between, sigma = (part.strip() for part in text.partition("="))
+        if not (place and between and sigma):
+            raise refusal(
+                "--sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"'
+            )
+        if place in sigmas:
+            raise refusal("--sigma", f"{place} is given twice; drop one")
+        sigmas[place] = sigma
+    return sigmas
 
 
 def _read_distances(file: Path) -> pages.BoardDistances:

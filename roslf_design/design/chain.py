@@ -8,6 +8,7 @@ only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -54,6 +55,8 @@ class ImagedPlane(NamedTuple):
     @property
     def magnification(self) -> Number:
         """A, its lengths over those of its image."""
+        if isinstance(self.a, float):
+            return self.a if abs(self.a) >= FARTHEST else math.copysign(FARTHEST, self.a)
         return np.where(np.abs(self.a) < FARTHEST, np.where(self.a < 0, -FARTHEST, FARTHEST), self.a)[()]
 
     @property
@@ -238,9 +241,11 @@ class Chain:
         far, last = self.front(numbers)
         return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
 
-    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, ImagedPlane]:
+    def front(
+        self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...] | None = None
+    ) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
-        last = self.walk(numbers)[-1]
+        last = (self.walk(numbers) if walk is None else walk)[-1]
         return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
     @property

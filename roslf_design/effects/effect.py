@@ -73,8 +73,9 @@ class Subject:
     @cached_property
     def camera(self) -> Camera:
         """The design's camera, as traced for the longest wavelength in play: diffraction's worst."""
-        longest = max(self.brief.wavelengths, default=self.design.wavelength)
-        return Camera.of(self.design.thin_twin, {"wavelength": longest})
+        own = self.design.wavelength
+        longest = max(self.brief.wavelengths, default=own)
+        return Camera.of(self.design.thin_twin, {} if longest == own else {"wavelength": longest})
 
     @cached_property
     def pitch(self) -> float:

@@ -6,6 +6,7 @@ reflection, and in a scene of several wavelengths their colour, which the closed
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
-from ..rays.backward import behind_elements, lay_out, mapped
-from ..rays.object_space import FacesAhead
+from ..design.parts import PATHS
+from ..rays.backward import behind_elements, law_of, mapped, scene_side
+from ..rays.object_space import FacesAhead, Outside
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import outer_slope
 from ..theory.stop_images import stop_discs
@@ -62,7 +64,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
         Beside the design's own [mm].
     """
     camera = Camera.of(design)
-    (*_, front, law), (lens_x, lens_y) = lay_out(camera), design.main_lens.decentre
+    front, law, (lens_x, lens_y) = scene_side(camera), law_of(camera), design.main_lens.decentre
     lx, ly, ox, oy = _rays(camera, radius)
     height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
     passed = np.ones(lx.shape, np.bool_)
@@ -76,12 +78,15 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
     compressed = min(1.0, float(camera.stretch(p)), float(camera.stretch_along(p)))
+    rims = sorted((camera.fap, *camera.rims), key=lambda rim: float(rim.stands))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
-        space = FacesAhead.of(camera.replace({"wavelength": wavelength}), clip=False)
-        found = space.rays(height, slope)
+        coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
+        space = FacesAhead.of(coloured, clip=False)
+        *at_rims, found = space.rays_at([float(rim.stands) for rim in rims], height, slope)
         good = passed & (found.status == 0)
         lost |= bool((passed & ~good).any())
-        image = max(image, _clipping(camera, space, (height, slope), good, radius))
+        there = {rim.part: rays for rim, rays in zip(rims, at_rims, strict=True)}
+        image = max(image, _clipping(camera, there, (lx, ly, ox, oy), good, radius))
         for z in distances:
             scale = _on_array(camera, z) / compressed
             off = [(found.height[k] - found.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
@@ -98,8 +103,9 @@ def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats
     """Heights from the main lens's axis and slopes just before it, (fields, 1 + RIM): the FAP's centre first."""
     turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
     poses = (".decentre.", ".tilt.", ".wedge.")
-    posed = (value for place, value in camera.numbers.items() if any(pose in place for pose in poses))
-    ways = turn if any(map(np.any, posed)) else turn[:1]
+    posed = any(value for place, value in camera.numbers.items() if any(pose in place for pose in poses))
+    ways = turn if posed else turn[:1]
+    turn = turn if posed else turn[: RIM // 2 + 1]  # the other half is its mirror image
     fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius
     aside = np.array(camera.decentre("aperture"))
     rim = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], -1)])
@@ -118,26 +124,26 @@ def _on_array(camera: Camera, distance: float) -> float:
 
 def _clipping(
     camera: Camera,
-    space: FacesAhead,
-    rays: tuple[tuple[Floats, Floats], tuple[Floats, Floats]],
+    there: Mapping[str, Outside],
+    rays: tuple[Floats, Floats, Floats, Floats],
     good: NDArray[np.bool_],
     radius: float,
 ) -> float:
-    """How far rims that clip light move on the sensor [mm]."""
-    (hx, hy), (ox, oy) = rays
+    """How far rims that clip light move on the sensor [mm]; `there` are the rays at each, by its part."""
+    lx, ly, ox, oy = rays
     lens = [float(camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)]
-    (middle, radii), (aside, _) = (stop_discs(camera, x, 0.0) for x in (0.0, radius))
+    (middle, aside), (radii, _) = stop_discs(camera, np.array([0.0, radius]), 0.0)
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     moved: list[float] = []
     for rim in (camera.fap, *camera.rims):
         if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue
-        z, plane = float(rim.stands), camera.plane(rim.stands)
-        there = space.until(z).rays((hx, hy), (ox, oy))
+        z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
+        height, slope, _ = there[rim.part]
         off = [
-            there.height[k] - there.slope[k] * z - (lens[k] + plane.a * (h - lens[k]) - plane.b * o + plane.aside[k])
-            for k, (h, o) in enumerate(((hx, ox), (hy, oy)))
+            height[k] - slope[k] * z - (lens[k] + plane.a * l - plane.b * o + plane.aside[k])
+            for k, (l, o) in enumerate(((lx, ox), (ly, oy)))
         ]
         farthest = float(np.max(np.hypot(*off)[good], initial=0.0))
         moved.append(abs(farthest / float(rim.scale) * float(camera.d_2 * stop_angle(camera, rim.distance))))
@@ -154,7 +160,7 @@ def plate_aberration(s: Subject) -> Estimate:
     """
     if not s.design.elements:
         return Estimate(0.0, "nothing stands before the main lens")
-    distances = (s.design.d_f,) if s.brief.distances is None else s.brief.distances
+    distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
     found = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
     size, at = found.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
     note = f"by Snell's law microlens images lie up to {size:.3g} px off {at}"

@@ -28,7 +28,7 @@ def cut_depth(s: Subject) -> float:
     0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    (middle, radii), (aside, _) = (stop_discs(s.camera, x, 0.0) for x in (0.0, s.lens_field))
+    (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
     moved = aside - middle
     apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
     return float(np.clip(np.max(apart + radii[0] - radii[1:]), 0.0, 2 * radii[0]))

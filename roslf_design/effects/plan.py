@@ -188,7 +188,7 @@ def plan(
             on, why = wanted[effect.name], "switched on by hand" if wanted[effect.name] else "switched off by hand"
         reason = f"{size.note}; {why}" if why else size.note
         cost = effect.cost_per_pixel * width * height
-        if effect.name == "microlens_diffraction":
+        if effect.name == "microlens_diffraction" and on != brief.diffracts:
             subject = Subject(design, replace(brief, diffracts=on))
         lines[effect.name] = PlannedEffect(effect.name, size.value, effect.unit, limit, on, reason, cost)
     return Plan(tuple(lines[effect.name] for effect in EFFECTS))

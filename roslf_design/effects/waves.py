@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..camera import Camera
+from ..design.parts import PATHS
 from ..theory import light
 from ..theory.f_number import fill_factor
 from .effect import Effect, Estimate, Subject
@@ -101,7 +102,7 @@ def finite_microlens_aperture(s: Subject) -> Estimate:
     A box of width F takes the share 1 - sinc(F/P) of a sinusoid of period P, whose rms is 1/sqrt(8); hard edges, two a
     period along each axis, each change by a ramp of width F: sqrt(F/3P) rms.
     """
-    distances = (s.design.d_f,) if s.brief.distances is None else s.brief.distances
+    distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
     width = max(footprint(s.camera, distance) for distance in distances)
     if s.camera.law is not None:
         width *= min(float(np.maximum(1.0, s.camera.stretch_along(light.outer_slope(s.camera, s.x_ml)))), WIDEST)

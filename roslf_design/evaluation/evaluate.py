@@ -18,7 +18,7 @@ from ..design import Design, load
 from ..design.elements import FieldLens, element_name, made_of
 from ..design.mapping import angle_in_air
 from ..design.material import material_told
-from ..design.parts import Substrate
+from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
 from ..lenses.glass import AIR
 from ..theory import exit_pupil
@@ -160,7 +160,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         SeenPart(
             "focal plane",
             "" if medium == AIR else f"in {material_told(medium, design.wavelength)}",
-            design.d_f,
+            float(camera[PATHS["d_f"]]),
             None,
             float(camera.d_f),
             None,

@@ -163,10 +163,15 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
     names = [rim.name for rim in (camera.fap, *camera.rims)]
     in_light = [names.index(rim.name) for rim in camera.in_light_order]
 
+    cut = images.shapes.status[:, 0] != ClipStatus.FULL
+
     def past(order: list[int]) -> Array:
         """Shares past the first few rims; shape (microlenses, rims)."""
-        firsts = (order[: k + 1] for k in range(len(order)))
-        return np.stack([intersect(centres[:, few], radii[:, few]).kept_fraction for few in firsts], -1)
+        shares = np.ones((len(centres), len(order)))
+        for k in range(1, len(order) if cut.any() else 0):
+            few = order[: k + 1]
+            shares[cut, k] = intersect(centres[cut][:, few], radii[cut][:, few]).kept_fraction
+        return shares
 
     # The FAP stands among the others; what stops before it take is taken of the rays that fill it.
     at_fap = in_light.index(0)

@@ -44,6 +44,7 @@ from ..rays.backward import (
 )
 from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import falloff_law, falloff_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
@@ -60,6 +61,8 @@ FAR = 1e300
 """Distance of what is not met."""
 BATCH = 16
 """Rays between two looks at a pixel's error."""
+WELL_OUTSIDE = 2.0
+"""How many times farther than exact rays were seen to come from the closed forms' they are let off the FAP's rim."""
 MOST = 64
 """Candidate microlenses that one pixel may have."""
 DIMENSIONS = 6
@@ -271,9 +274,11 @@ class Tracer:
         """For a design, a plan and a scene."""
         camera = planned_camera(design, plan)
         lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
-        if exact:  # rims are met in order, on the way
+        if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
             slack = misses(design, Subject(design).lens_field, ()).image
-            lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=layout.rims[:0])
+            near = layout.rims[:1].copy()
+            near[0, 3] *= 1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)
+            lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=near)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
         kicked = plan.on("fap_diffraction") and not plan.on("microlens_diffraction")
@@ -416,6 +421,8 @@ def _trace(
         lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
         near_x, near_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+        # Shared ones are counted by all threads.
+        faces, indices, takes, own = table.copy(), media.copy(), takers.copy(), law.copy()
         used = 0
         for i in range(x.size):
             n = 0
@@ -507,23 +514,8 @@ def _trace(
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
                         hx, hy, ox, oy, kept = to_scene(
-                            flags,
-                            k,
-                            front,
-                            law,
-                            table,
-                            media,
-                            takers,
-                            buffer,
-                            work,
-                            d_3,
-                            d_f,
-                            kick_x,
-                            kick_y,
-                            hx,
-                            hy,
-                            ox,
-                            oy,
+                            flags, k, front, own, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
+                            ox, oy,
                         )  # fmt: skip
                         if not kept:
                             continue

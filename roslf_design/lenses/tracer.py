@@ -143,7 +143,7 @@ class SurfaceStack(NamedTuple):
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
-        compiled = _pays(kernel, total * count)
+        compiled = pays(kernel, total * count)
         if not compiled:
             arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
         (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
@@ -181,7 +181,8 @@ class SurfaceStack(NamedTuple):
         return Passed(out[:2], out[2:], state, room)
 
 
-def _pays(kernel: Any, meetings: int) -> bool:
+def pays(kernel: Any, meetings: int) -> bool:
+    """Whether the compiled kernel is to do so many meetings of rays and surfaces; counts those that it does not."""
     if kernel.ready:
         return meetings >= CALL_ABOVE
     _spent[0] += meetings

@@ -69,11 +69,21 @@ def lay_out(camera: Camera) -> Layout:
     if not camera.tilted:
         maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
     rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
+    constants = [*ones, camera.D / 2, camera.d / 2]
+    numbers, blocks, openings = (np.array(part, float) for part in (constants, maps, rims))
+    return Layout(numbers, blocks, openings, scene_side(camera), law_of(camera))
+
+
+def law_of(camera: Camera) -> Floats:
+    """`Layout.law` of one camera."""
+    return NO_LAW if camera.law is None else np.array(camera.law)
+
+
+def scene_side(camera: Camera) -> Floats:
+    """`Layout.front` of one camera."""
     end, plane = camera.front
     front = [end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean, camera.pupil_stands]
-    constants = [*ones, camera.D / 2, camera.d / 2]
-    law = NO_LAW if camera.law is None else camera.law
-    return Layout(*(np.array(part, float) for part in (constants, maps, rims, front, law)))
+    return np.array(front, float)
 
 
 def _map(pose: Frame) -> Floats:

@@ -7,7 +7,7 @@ rows of `lenses.tracer`; ideal lenses bend as they do in the closed forms, rods 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any, NamedTuple
@@ -22,8 +22,8 @@ from ..design.elements import Block, FieldLens, Grin, LensGroup
 from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..lenses.prescription import rotation, surface_table
-from ..lenses.tracer import BLOCK, CLIPPED, COLUMNS, REFLECTED, ROWS, SPHERE, pass_surfaces, turn
-from .backward import NO_LAW
+from ..lenses.tracer import BLOCK, CLIPPED, COLUMNS, MISSED, REFLECTED, ROWS, SPHERE, pass_surfaces, pays, turn
+from .backward import law_of
 from .pupil import Status
 
 Floats = NDArray[np.float64]
@@ -87,14 +87,8 @@ class FacesAhead:
             np.array(rows).reshape(-1, COLUMNS),
             np.array(media).reshape(-1, 2),
             np.array(takers, np.uint8),
-            NO_LAW if camera.law is None else np.array(camera.law),
+            law_of(camera),
         )
-
-    def until(self, distance: float) -> FacesAhead:
-        """Only what stands nearer than a distance [mm]: rays go on straight from there, be it in glass."""
-        nearer = -self.table[:, 2] < distance
-        count = len(nearer) if nearer.all() else int(np.argmin(nearer))
-        return FacesAhead(self.table[:count], self.media[:count], self.takers[:count], self.law)
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards.
@@ -110,16 +104,38 @@ class FacesAhead:
         shape = lines.shape[1:]
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
-        many = rays.shape[1] * max(len(self.table), 1) > FEW
-        (carry.compiled if many or carry.ready else carry)(
-            self.table, self.media, self.takers, self.law, rays, out, status
-        )
+        room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+        if pays(carry, rays.shape[1] * len(self.table)):
+            carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
+        else:
+            table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
+            buffer, work, lines = (_plain(part) for part in (*room, rays))
+            carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
         found = out.reshape(4, *shape)
         return Outside(found[:2], found[2:], status.reshape(shape))
 
+    def rays_at(
+        self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
+    ) -> Iterator[Outside]:
+        """The same rays past only what stands nearer than each of some growing distances [mm]; then past all.
 
-FEW = 2000
-"""Meetings of rays and faces from which compiling (or loading what was compiled) pays."""
+        They go on straight from there, be it in glass. A ray is lost from where it is lost on.
+        """
+        lost, first = np.zeros((), np.uint8), 0
+        for distance in (*distances, math.inf):
+            nearer = -self.table[:, 2] < distance
+            end = len(nearer) if nearer.all() else max(first, int(np.argmin(nearer)))
+            part = FacesAhead(self.table[first:end], self.media[first:end], self.takers[first:end], self.law)
+            (h_x, h_y), (s_x, s_y), status = part.rays(height, slope)
+            height, slope, first = (h_x, h_y), (s_x, s_y), end
+            lost = np.where(lost, lost, status)
+            yield Outside(np.stack(height), np.stack(slope), lost)
+
+
+def _plain(array: Floats) -> Any:
+    """Its numbers come out as Python's own, not as numpy's slow ones."""
+    return memoryview(array)  # type: ignore[arg-type]
+
 
 Face = tuple[Floats, float, float, int]
 
@@ -212,6 +228,29 @@ def _pair(numbers: Any, place: str) -> tuple[float, float]:
 
 def _centre(numbers: Any, part: str, z: float) -> Floats:
     return np.array([*_pair(numbers, f"{part}.decentre"), -z])
+
+
+@kernel()
+def cross_flat(
+    row: Any, scene: float, sensor: float, x: float, y: float, z: float, dx: float, dy: float, dz: float
+) -> Any:
+    """One ray through a flat face, however it is turned: position, direction, and 0 or why not."""
+    nx, ny, nz = row[10], row[13], row[16]
+    cosine = dx * nx + dy * ny + dz * nz
+    if not cosine < 0.0:
+        return x, y, z, dx, dy, dz, MISSED
+    px, py, pz = x - row[0], y - row[1], z - row[2]
+    t = -(px * nx + py * ny + pz * nz) / cosine
+    px, py, pz = px + t * dx, py + t * dy, pz + t * dz
+    x, y, z = px + row[0], py + row[1], pz + row[2]
+    if px * px + py * py + pz * pz > row[LIMIT]:
+        return x, y, z, dx, dy, dz, CLIPPED
+    mu = sensor / scene
+    square = 1.0 - mu * mu * (1.0 - cosine * cosine)
+    if square < 0.0:
+        return x, y, z, dx, dy, dz, REFLECTED
+    bend = -(sqrt(square) + mu * cosine)
+    return x, y, z, mu * dx + bend * nx, mu * dy + bend * ny, mu * dz + bend * nz, 0
 
 
 @kernel()
@@ -308,42 +347,49 @@ def outwards(
 ) -> Any:  # fmt: skip
     """Height at z = 0 and slope of one ray outside, and its status; `buffer` and `work` are room for a block."""
     shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
-    buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = hx, hy, 0.0
-    buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK] = ox * shrink, oy * shrink, shrink
-    buffer[6 * BLOCK] = 0.0
-    for s in range(table.shape[0]):
+    x, y, z, dx, dy, dz = hx, hy, 0.0, ox * shrink, oy * shrink, shrink
+    for s in range(len(table)):
         row = table[s]
-        kind, turned = int(row[KIND]), row[TURNED] != 0
-        if kind == THIN:
-            fate = bend_thin(buffer, row, media[s, 0])
-        elif kind == MAPPED:
-            fate = bend_mapped(buffer, row, law, media[s, 0])
-        elif kind == ROD:
-            if turned:
-                turn(buffer, 1, row, 0, True)
-            fate = through_rod(buffer, work, row, media[s, 0])
-            if turned:
-                turn(buffer, 1, row, 0, False)
+        kind = int(row[KIND])
+        if kind == SPHERE and row[3] == 0.0:
+            x, y, z, dx, dy, dz, fate = cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
         else:
-            pass_surfaces(buffer, 1, row, media[s], 1, True, True, work)
-            fate = int(buffer[6 * BLOCK]) % 8
+            buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
+            buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0
+            turned = row[TURNED] != 0
+            if kind == THIN:
+                fate = bend_thin(buffer, row, media[s][0])
+            elif kind == MAPPED:
+                fate = bend_mapped(buffer, row, law, media[s][0])
+            elif kind == ROD:
+                if turned:
+                    turn(buffer, 1, row, 0, True)
+                fate = through_rod(buffer, work, row, media[s][0])
+                if turned:
+                    turn(buffer, 1, row, 0, False)
+            else:
+                pass_surfaces(buffer, 1, row, media[s], 1, True, True, work)
+                fate = int(buffer[6 * BLOCK]) % 8
+            x, y, z = buffer[0], buffer[BLOCK], buffer[2 * BLOCK]
+            dx, dy, dz = buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK]
         if fate == CLIPPED:
             return 0.0, 0.0, 0.0, 0.0, int(takers[s])
         if fate == REFLECTED:
             return 0.0, 0.0, 0.0, 0.0, TOTALLY_REFLECTED
-        if fate != 0 or not buffer[5 * BLOCK] < 0.0:
+        if fate != 0 or not dz < 0.0:
             return 0.0, 0.0, 0.0, 0.0, UNTRACEABLE
-    sx, sy = buffer[3 * BLOCK] / buffer[5 * BLOCK], buffer[4 * BLOCK] / buffer[5 * BLOCK]
-    return buffer[0] - sx * buffer[2 * BLOCK], buffer[BLOCK] - sy * buffer[2 * BLOCK], sx, sy, 0
+    sx, sy = dx / dz, dy / dz
+    return x - sx * z, y - sy * z, sx, sy, 0
 
 
 TOTALLY_REFLECTED, UNTRACEABLE = int(Status.REFLECTED), int(Status.UNTRACEABLE)
 
 
 @kernel()
-def carry(table: Any, media: Any, takers: Any, law: Any, rays: Any, out: Any, status: Any) -> None:
-    """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N)."""
-    buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+def carry(
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+) -> None:
+    """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N); `buffer` and `work` are room."""
     for i in range(rays.shape[1]):
         hx, hy, ox, oy = rays[0, i], rays[1, i], rays[2, i], rays[3, i]
         if not abs(hx) + abs(hy) + abs(ox) + abs(oy) < OPEN:

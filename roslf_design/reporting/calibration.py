@@ -35,8 +35,9 @@ from ..input_files import read_bytes, read_json
 from ..pictures import calibration as pictures
 from ..pictures.picture import Picture
 from ..pictures.svg import redrawn
+from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..tolerancing.study import StrictTable
-from ..toml_files import problems_of
+from ..toml_files import nearest, problems_of
 from ..units import Angle, AnyLength, Distance, Length
 from ..words import length, rounded, sentence
 from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
@@ -53,6 +54,7 @@ SOURCES: dict[str, tuple[str, str, str]] = {
     "q": ("pixel pitch", "the data sheet's pixel pitch", "have the pixel pitch measured"),
     "d": ("microlens pitch", "the data sheet's microlens pitch", "have the microlens pitch measured"),
     "board": ("board's scale", "the board's scale", "have the board's cells measured"),
+    "elements": ("elements", "what stands before the lens", "have its glass and thicknesses measured"),
     "systematic": (
         "systematic",
         "systematic errors of the corners",
@@ -90,6 +92,13 @@ FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
 """Title, caption and what draws it, of each picture that a calibration leaves in its folder."""
 
 
+BEFORE_LENS = re.compile(
+    r"(elements\.\d+\.(distance|thickness|index|gradient|focal_length)|object_space\.index"
+    r"|(sensor\.cover|microlens_array\.substrate)\.(thickness|index))"
+)
+"""Places of numbers that a calibration takes as known, and may take as known but to an error."""
+
+
 class CalibrationPart(StrictTable):
     """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
 
@@ -111,6 +120,8 @@ class CalibrationPart(StrictTable):
     """How well the microlens pitch is known."""
     cell_sigma: str = "0.1 %"
     """How well the board's cells are known."""
+    sigma: dict[str, str | float] = Field(default_factory=dict)
+    """How well lengths and indices of elements, media and glass about the array are known, by their places."""
     white_pitch: str | None = None
     """How well the white image's pitch is known, where it is used."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -329,7 +340,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
     if result.combined.data:
         used = " and ".join(datum.what for datum in result.combined.data)
         apart = ", ".join(f"{far:.1f}" for far in result.combined.apart.values())
-        f = float(result.combined.best[-4])
+        f = result.combined.f
         sigma = float(result.draws.draws("f").std(ddof=1))
         yield Statement(
             "caution" if result.combined.warnings else "good",
@@ -480,7 +491,7 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
     try:
         captures = captures_for(design, asked)
-        sheet = data_sheet(design, captures.board, asked.f_sigma, asked.d_sigma, asked.cell_sigma)
+        sheet = data_sheet(design, captures.board, asked)
         white = None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
     except CalibrationError as error:
         return " ".join(str(error).split())
@@ -491,10 +502,29 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
         return text if why in text or "into the bore" in text else f"{text}: {why}"
 
 
-def data_sheet(design: Design, board: Board, f_sigma: str, d_sigma: str, cell_sigma: str) -> DataSheet:
-    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm"."""
-    scales = zip((f_sigma, d_sigma, cell_sigma), (design.f, design.d, board.cell), strict=True)
-    return sheet_of(design, *(relative_sigma(text, scale) for text, scale in scales))
+def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:
+    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm".
+
+    Raises
+    ------
+    CalibrationError
+        A place that is nothing before the main lens or about the array; what is no standard deviation of it.
+    """
+    scales = zip((asked.f_sigma, asked.d_sigma, asked.cell_sigma), (design.f, design.d, board.cell), strict=True)
+    f, d, cell = (relative_sigma(text, scale) for text, scale in scales)
+    kinds = {place: kind for place, kind in perturbable(design).items() if BEFORE_LENS.fullmatch(place)}
+    nominal, sigmas = nominal_values(design), {}
+    for place, told in asked.sigma.items():
+        if place not in kinds:
+            known = nearest(place, kinds) if kinds else "this design has none"
+            raise CalibrationError(
+                f"sigma of {place}: is no number of what stands before the lens or about the array; {known}"
+            )
+        try:
+            sigmas[place] = parse_tolerance(told, kinds[place], nominal[place])
+        except ValueError as error:
+            raise CalibrationError(f"sigma of {place}: {error}") from None
+    return sheet_of(design, f, d, cell, sigmas)
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
@@ -529,12 +559,13 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tu
     if asked.d_sigma == asked.cell_sigma:
         known = f"microlens pitch and board to {asked.d_sigma}"
     white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
+    elements = "".join(f", {place} to {sigma}" for place, sigma in asked.sigma.items())
     text = (
         f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
-        f"to {asked.f_sigma}, {known}{white}. Standard deviations are from the Fisher matrix, medians over "
+        f"to {asked.f_sigma}, {known}{white}{elements}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
     if SceneSide.of(design) is not None:
@@ -590,13 +621,14 @@ def _diffraction(result: Outcome, found: DiffractionCheck) -> Statement:
 
 def _method(result: Outcome) -> str:
     lattice, sheet = result.centres.lattice, result.sheet
+    elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.elements)
     return (
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
         f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
         " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
         f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
         f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
-        f" {100 * sheet.cell_sigma:.2g} %. Radial distortion coefficients fitted: {result.distortion}."
+        f" {100 * sheet.cell_sigma:.2g} %{elements}. Radial distortion coefficients fitted: {result.distortion}."
         + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
     )
 

@@ -58,7 +58,7 @@ def test_the_white_image_s_pitch_finds_a_focal_length_told_wrong(fit):
     of_A = (100 / 92) ** 2 * fit.covariance.sigma["A"]
     assert sigma == pytest.approx(math.hypot(of_A, 100 * 20 * math.sqrt(2) * 1e-5), rel=0.5)
     assert sigma < 1.0 / 3
-    assert found.best[-4] == pytest.approx(100.0, abs=3 * sigma)
+    assert found.f == pytest.approx(100.0, abs=3 * sigma)
     assert found.warnings == ()
     d_3 = found.lengths(wrong)["d_3"]
     assert abs(float(d_3) - 120) < 0.5 * abs(float(combine(fit, wrong, []).lengths(wrong)["d_3"]) - 120)

@@ -19,10 +19,12 @@ from roslf_design.calibration import (
     derived,
     expected_errors,
     laplace_draws,
+    sample_posterior,
     sheet_of,
 )
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.calibration.planning import pupil_of, random_poses
+from roslf_design.calibration.posterior import variance_shares
 from roslf_design.calibration.space import in_medium, used_in
 from roslf_design.camera import Camera
 from tests.oracles.object_space import object_side
@@ -184,6 +186,46 @@ def test_depth_errors_grow_with_the_index():
         draws = laplace_draws(fit, sheet, 4000, np.random.default_rng(0))
         both.append(depth_errors(draws, fit, sheet, np.array([design.d_f]))["from_lens"][0])
     assert both[0] / both[1] == pytest.approx(1.333, rel=1e-3)
+
+
+GLASS = {"elements.0.focal_length": 2.0, "elements.1.thickness": 0.02, "elements.1.index": 0.01}
+
+
+def test_what_is_not_known_of_elements_scatters_calibrations_as_told():
+    """Instruments whose glass, lens and liquid are off, each calibrated by the data sheet of the one that was drawn."""
+    design = DESIGNS["lens and window"].replace({"sensor.cover": COVERED, "sensor.distance": 2.15})
+    known = {**GLASS, "object_space.index": 0.002, "sensor.cover.thickness": 0.02}
+    captures = replace(Captures.for_design(design, boards=6, board=Board(4, 5, 6.0)), views=3, noise=1e-5)
+    sheet = replace(sheet_of(design, elements=known), f_sigma=1e-6, d_sigma=0.0, cell_sigma=0.0)
+    points, views, distances = captures.board.points, captures.view_grid(), np.array([300.0, 420.0])
+
+    def fitted(instrument, seed):
+        camera, rng = camera_of(instrument), np.random.default_rng([7, seed])
+        poses = random_poses(captures, pupil_of(design), rng)
+        uv = project_boards(camera.vector(), poses.vector, points, views).values
+        return calibrate(Observations(points, views, uv + 1e-5 * rng.normal(size=uv.shape)), sheet, guess=camera.A).fit
+
+    fit = fitted(design, 0)
+    off, missed, rng = [], [], np.random.default_rng(3)
+    for k in range(24):
+        drawn = {place: sheet.mean[4 + i] + sigma * rng.normal() for i, (place, sigma) in enumerate(known.items())}
+        instrument = design.replace(drawn)  # f, d_1, d_2 and the FAP stay where the ruler has them
+        found = derived(fitted(instrument, k).camera.vector(), sheet)
+        ruler, told, true = sheet.space.ruler(found), sheet.shown(found), camera_of(instrument)
+        off.append([float(ruler[name] - getattr(instrument, name)) for name in ("d_3", "d_1", "d_2")])
+        # Eq. 12: the slope that the instrument shows of a point, and what depth it is told to have.
+        z = distances - pupil_of(instrument)
+        slope = (true.m - true.A / z) * true.A * true.inverse_d_2
+        missed.append(told.A / (told.m - slope * told.d_2 / told.A) + told.pupil - distances)
+    normal = laplace_draws(fit, sheet, 4000, np.random.default_rng(0))
+    for draws in (normal, sample_posterior(fit, sheet, seed=1, chunk=200, most_steps=200)):
+        promised = sheet.space_at(draws.quantities).ruler(draws.quantities)
+        spread = [promised[name].std() for name in ("d_3", "d_1", "d_2")]
+        np.testing.assert_allclose(np.std(off, axis=0), spread, rtol=0.45)  # 24 instruments: 15 %
+        depths = depth_errors(draws, fit, sheet, distances)["from_lens"]
+        np.testing.assert_allclose(np.std(missed, axis=0), depths, rtol=0.45)
+    shares = variance_shares(fit, sheet)
+    assert all(shares[name]["elements"] > 0.99 for name in ("d_3", "d_2"))
 
 
 # --- calibrated in air, used in water ---------------------------------------------------------------------------------

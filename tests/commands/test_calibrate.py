@@ -387,6 +387,12 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         (["--plan", "paper", "--noise=-1"], "noise must be positive"),
         (["--plan", "paper", "--range=-1 mm"], '--range: "-1 mm" must not be negative'),
         (["--plan", "none.toml"], "none.toml: no such file"),
+        (["--plan", "paper", "--sigma", "elements.0.thickness=1 um"], "elements.0.thickness: is no number of what"),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thicknes=1 um"], "did you mean 'elements.1.thickness'?"),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thickness"], '--sigma: cannot read "elements.1.thickness"'),
+        (["--plan", "arthroscope", "--sigma", "elements.1.thickness=blue"], 'cannot read "blue" as a length'),
+        (["--plan", "arthroscope", "--sigma", "elements.1.index=1"], "is hardly known: 20 % at most"),
+        (["--plan", "arthroscope", *(["--sigma", "object_space.index=0.1 %"] * 2)], "is given twice; drop one"),
     ],
 )
 def test_bad_options_are_one_line_and_exit_2(capsys, tmp_path, monkeypatch, arguments, said):

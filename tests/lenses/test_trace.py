@@ -202,7 +202,7 @@ def test_interpreted_and_compiled_kernels_give_the_same_bits(monkeypatch):
     position[0, 3], direction[2, 5] = np.nan, 3.0
     runs = []
     for compiled in (False, True):
-        monkeypatch.setattr(tracer, "_pays", lambda *_, compiled=compiled: compiled)
+        monkeypatch.setattr(tracer, "pays", lambda *_, compiled=compiled: compiled)
         runs.append(trace(lens, Rays(position, direction), 5e-4, plane=40.0))
     for one, other in zip((*runs[0].rays, *runs[0][1:]), (*runs[1].rays, *runs[1][1:]), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -1,6 +1,7 @@
 """Exact rays before the main lens, against Snell's law and ray equations in mpmath."""
 
 import math
+from pathlib import Path
 
 import mpmath as mp
 import numpy as np
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design.elements import AnyElement
+from roslf_design.lenses import tracer
 from roslf_design.rays import Status
 from roslf_design.rays.object_space import FacesAhead, carry
 
@@ -191,6 +193,40 @@ def test_many_rays_are_few_rays():
     lines = rng.uniform(-0.2, 0.2, (4, 4000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     few, status = np.zeros((4, 50)), np.zeros(50, np.uint8)
-    carry(space.table, space.media, space.takers, space.law, np.ascontiguousarray(lines[:, :50]), few, status)
+    room = np.empty(tracer.ROWS * tracer.BLOCK), np.empty(tracer.BLOCK)
+    few_lines = np.ascontiguousarray(lines[:, :50])
+    carry(space.table, space.media, space.takers, space.law, *room, few_lines, few, status)
     np.testing.assert_array_equal(few[:2], many.height[:, :50])
     np.testing.assert_array_equal(few[2:], many.slope[:, :50])
+
+
+def test_rays_stage_by_stage_are_those_of_a_chain_cut_short():
+    """Between faces against the same chain without what stands farther; at the end all of it."""
+    second = {**BLOCK, "distance": 60.0, "tilt": (0.05, 0.0)}
+    lens = {"kind": "lens", "distance": 80.0, "focal_length": 70.0}
+    height, slope = (np.array([0.0, 2.0, -3.0]), np.array([1.0, 0.0, 0.5])), (np.array([0.1, -0.3, 0.0]), 0.02)
+    whole = FacesAhead.of(Camera.of(looking(BLOCK, second, lens)))
+    *part, end = whole.rays_at([10.0, 45.0, 70.0, 80.0], height, slope)
+    parts = [looking(), looking(BLOCK), looking(BLOCK, second), looking(BLOCK, second)]
+    for found, design in zip(part, parts, strict=True):
+        alone = FacesAhead.of(Camera.of(design)).rays(height, slope)
+        np.testing.assert_allclose(found.height, alone.height, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.slope, alone.slope, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(end.height, whole.rays(height, slope).height, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["upright", "tilted"])
+def test_plane_parallel_plates_are_optilands(name):
+    """Stored rays of Optiland 0.6.3, made by `oracles/optiland_plates.py`: three plates, two in contact, into water."""
+    stored = np.load(Path(__file__).parents[1] / "oracles/plate_rays.npz")
+    plates = ((30.0, 4.0, 1.5168), (60.0, 9.0, 1.7705), (69.0, 0.5, 1.4585))
+    first, *others = (
+        {"kind": "plate", "distance": at, "thickness": thickness, "material": {"index": index}}
+        for at, thickness, index in plates
+    )
+    tilt = (0.31, -0.22) if name == "tilted" else (0.0, 0.0)
+    camera = Camera.of(looking({**first, "tilt": tilt}, *others, medium=1.333))
+    found = FacesAhead.of(camera).rays(tuple(stored["height"]), tuple(-stored["slope"]))
+    assert not found.status.any()
+    np.testing.assert_allclose(found.slope, -stored[f"{name}_slope"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.height - 100 * found.slope, stored[f"{name}_end"], rtol=0, atol=1e-9)
