@@ -19,11 +19,12 @@ from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
 from ..theory.light import falloff, falloff_law, outer_slope
+from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .trace import RaySampling, Tracer
-from .transfer import CORE, Geometry, MicrolensTransfer, bands
+from .transfer import CORE, Geometry, bands
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 

@@ -43,7 +43,7 @@ from ..rays.backward import (
     posed_ray,
 )
 from ..rays.object_space import FacesAhead, outwards
-from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.light import falloff_law, falloff_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
@@ -134,7 +134,7 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
     if isinstance(texture, Sinusoid):
         wave = 2 * math.pi / texture.period
         return SINUSOID, (wave * math.cos(texture.angle), wave * math.sin(texture.angle), texture.contrast)
-    if isinstance(texture, PictureTexture):
+    if isinstance(texture, PictureTexture | Noise):
         values = texture.load()
         first = sum(map(len, pictures))
         pictures.append(values.ravel())
@@ -223,6 +223,44 @@ def radiance(
         nearest = z
         value = shade(s, u, v, pictures)
     return float(value)
+
+
+def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats) -> Floats:
+    """Distances Z of what rays meet first beyond the bore's mouth [mm]; inf where they meet nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    focal_plane : float
+        Of planes that give no distance [mm].
+    mouth : float
+        Z of the bore's mouth [mm].
+    rays : ndarray, shape (N, 4)
+        (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
+    """
+    surfaces = encode(scene, focal_plane)
+    kernel = first_distance.compiled
+    found = np.array([kernel(surfaces.rows, mouth, *map(float, ray)) for ray in rays])
+    return np.where(found < FAR, found, np.inf)
+
+
+@kernel()
+def first_distance(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> float:
+    """Distance Z at which the ray (hx - ox Z, hy - oy Z) meets the first surface beyond the mouth; FAR without one."""
+    nearest = FAR
+    for n in range(rows.shape[0]):
+        s = rows[n]
+        z = distance(s, hx, hy, ox, oy)
+        if z >= nearest or z <= mouth:
+            continue
+        if int(s[KIND]) == PLANE:
+            dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+            u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
+            v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
+            if abs(u) > s[EXTENT] or abs(v) > s[EXTENT + 1]:
+                continue
+        nearest = z
+    return float(nearest)
 
 
 @kernel()

@@ -23,8 +23,9 @@ from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import falloff_law, falloff_slope
 from ..theory.stop_images import stop_discs
+from ..theory.transfer import MicrolensTransfer
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
-from .transfer import MOST_HALO, MicrolensTransfer, fineness, pair_transfer
+from .transfer import MOST_HALO, fineness, pair_transfer
 
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
