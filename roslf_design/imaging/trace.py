@@ -44,7 +44,7 @@ from ..rays.backward import (
 )
 from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
-from ..theory.light import falloff_law, falloff_slope
+from ..theory.light import falloff_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -297,8 +297,6 @@ class Tracer:
     """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
-    falloff_law: Floats
-    """Of an objective's own fall-off; no rows where it is cos^4."""
     mouth: float
     """Z of the bore's mouth [mm]."""
     colours: tuple[FacesAhead, ...]
@@ -334,7 +332,6 @@ class Tracer:
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(falloff_slope(camera)) if plan.on("cos4") else 0.0,
-            np.array(falloff_law(camera)),
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
@@ -376,7 +373,7 @@ class Tracer:
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
                     *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
-                    self.falloff_law, self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
+                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
                     sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
@@ -440,7 +437,7 @@ def share_of_light(law: Any, slope: float) -> float:
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
     neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
-    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, falloff_law: Any,
+    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float,
     mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
     spent: Any,
 ) -> None:  # fmt: skip
@@ -473,7 +470,7 @@ def _trace(
                         continue
                     if n < MOST:
                         slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
-                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(falloff_law, slope)
+                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(law, slope)
                         near_x[n], near_y[n] = x[i] - gx, y[j] - gy
                         n += 1
             if n == 0:
