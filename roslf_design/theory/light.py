@@ -127,7 +127,7 @@ def falloff(c: Camera, slope: ArrayLike) -> Array:
 
 
 def falloff_slope(c: Camera) -> Array:
-    """Slope of chief rays per millimetre on the array, for `falloff` [1/mm]: with a mapping that before the objective."""
+    """Slope of chief rays per millimetre on the array, for `falloff` [1/mm]; with a mapping, before the objective."""
     return np.asarray(c.inverse_m / (c.gap * c.fap.scale) if c.law is None else outer_slope(c, 1.0))
 
 
