@@ -39,16 +39,39 @@ UNITS: dict[str, dict[str, Decimal]] = {
         "arcmin": _PI / 10800,
     },
     "gradient": {"/mm": Decimal(1), "1/mm": Decimal(1), "mm^-1": Decimal(1), "/m": Decimal("1e-3")},
+    "illuminance": {"lx": Decimal(1), "klx": Decimal(1000), "lux": Decimal(1)},
+    "radiance": {"W/m2/sr": Decimal(1), "W/m^2/sr": Decimal(1), "mW/mm2/sr": Decimal(1000)},
+    "time": {
+        "s": Decimal(1),
+        "ms": Decimal("1e-3"),
+        "us": Decimal("1e-6"),
+        "µs": Decimal("1e-6"),
+        "μs": Decimal("1e-6"),
+    },
 }
-"""Known units by dimension, in millimetres or radians."""
+"""Known units by dimension, in millimetres, radians, lux, watts per square metre and steradian, seconds."""
 
-FARTHEST = {"length": 1e15, "angle": 1e3, "gradient": 1e6}
-"""What no length [mm] or angle [rad] of a camera exceeds: a plane in focus at infinity may be written as 1e12 m."""
+FARTHEST = {"length": 1e15, "angle": 1e3, "gradient": 1e6, "illuminance": 1e15, "radiance": 1e15, "time": 1e9}
+"""What no quantity of a camera exceeds, in its base unit: a plane in focus at infinity may be written as 1e12 m."""
 SHORTEST = 1e-12
 """What no length that must be positive falls below [mm]: a thousandth of a proton."""
 
-_EXAMPLE = {"length": "120 mm", "angle": "2 mrad", "gradient": "0.2 /mm"}
-_BASE = {"length": "mm", "angle": "rad", "gradient": "/mm"}
+_EXAMPLE = {
+    "length": "120 mm",
+    "angle": "2 mrad",
+    "gradient": "0.2 /mm",
+    "illuminance": "1e5 lx",
+    "radiance": "10 W/m2/sr",
+    "time": "16.7 ms",
+}
+_BASE = {
+    "length": "mm",
+    "angle": "rad",
+    "gradient": "/mm",
+    "illuminance": "lx",
+    "radiance": "W/m2/sr",
+    "time": "s",
+}
 # Possessive, or a text of thousand digits that is no quantity takes ten seconds to refuse.
 _NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
 
@@ -145,7 +168,7 @@ def format_quantity(value: float, dimension: str, digits: int | None = None) -> 
     if isinstance(value, TypedQuantity):
         unit = value.unit
     elif dimension != "length":
-        unit = "mrad" if dimension == "angle" else "/mm"
+        unit = {"angle": "mrad", "time": "ms"}.get(dimension, _BASE[dimension])
     else:
         unit = "mm" if size == 0 or size >= 0.1 else "um" if size >= 1e-3 else "nm"
     exact = Decimal(repr(float(value))) / UNITS[dimension][unit]
@@ -206,3 +229,9 @@ Angle = Annotated[float, _validator("angle"), _writer("angle")]
 """An angle of either sign [rad]."""
 Gradient = Annotated[float, _validator("gradient"), _writer("gradient"), Field(gt=0)]
 """A positive inverse length [1/mm]."""
+Illuminance = Annotated[float, _validator("illuminance"), _writer("illuminance"), Field(gt=0)]
+"""[lx]."""
+Radiance = Annotated[float, _validator("radiance"), _writer("radiance"), Field(gt=0)]
+"""[W/m^2/sr]."""
+Time = Annotated[float, _validator("time"), _writer("time"), Field(gt=0)]
+"""[s]."""

@@ -19,6 +19,8 @@ WORDS = {
     "field_half_angle_deg": "half angle of view",
     "object_sample_mm": "object sample",
     "sigma_z_mm": "depth spread σ_Z",
+    "sigma_disparity_pitches": "disparity error",
+    "electrons": "electrons a pixel",
     "blur_pitches": "defocus blur",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",

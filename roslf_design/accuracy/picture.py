@@ -24,10 +24,11 @@ from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, method_of, render
 from ..imaging.trace import RaySampling
-from ..imaging.transfer import LEAST_HALO, MicrolensTransfer
+from ..imaging.transfer import LEAST_HALO
 from ..imaging.white import neighbour_interference
 from ..scenes import Scene
 from ..theory.light import object_sample
+from ..theory.transfer import MicrolensTransfer
 from .statement import Accuracy, check_accuracy
 
 Floats = NDArray[np.float64]

@@ -183,7 +183,7 @@ class Decoder:
             along = lattice.inside(self.shape) @ (1.0, 0.5)
             u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
             hexagonal = HexagonalRows(values, weight, first)
-            values, weight = _squared(values, weight, u, first)
+            values, weight = squared(values, weight, u, first)
         v = step * self.rows.astype(float)
         return LightField(values, weight, offsets, offsets.copy(), u, v, lattice.pitch, hexagonal)
 
@@ -241,7 +241,7 @@ def _gather(image: Frame, nodes: Array, along: Array, offsets: Array, values: Sa
                     inside[t, s, v, u] = 1.0
 
 
-def _squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
+def squared(values: Samples, light: Samples, u: Array, starts: Array) -> tuple[Samples, Samples]:
     """Hexagonal rows interpolated at u (all in pitches); row v's samples stand at ``starts[v] + 0, 1, 2, ...``."""
     columns = values.shape[-1]
     out, held = (np.zeros((*values.shape[:-1], len(u)), np.float32) for _ in range(2))

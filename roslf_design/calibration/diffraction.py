@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..design import Design
-from ..imaging.transfer import MicrolensTransfer
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
+from ..theory.transfer import MicrolensTransfer
 from .corners import fit_saddles, fit_window
 from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines

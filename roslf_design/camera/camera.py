@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
+from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.elements import FieldLens
 from ..design.mapping import Law, image_height, stretch
@@ -33,6 +34,14 @@ FOCAL = PATHS["f"]
 IMAGE = ".image"
 STEEPEST = 1e15
 """Slope that is taken for infinite."""
+PHOTOMETRIC = (
+    *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission")),
+    *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "bits")),
+    *(f"depth.{name}" for name in ("contrast", "window")),
+)
+"""Places of what light, sensor and texture have to do with depth errors."""
+OPTIONAL = ("light.radiance", "light.exposure", "depth.period", "depth.finest", "depth.disparity_error")
+"""The same, of what need not be given."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -660,6 +669,8 @@ class Camera(Symbols[Number]):
                     good = good & (np.asarray(value) >= 0)
                 elif name.endswith("index"):
                     good = good & (np.asarray(value) >= 1)
+                elif name == "read_noise":
+                    good = good & (np.asarray(value) >= 0)
                 elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
                     good = good & (np.asarray(value) > 0)
             good = good & (np.asarray(self.f) > 0) & (np.asarray(self.f_ml) > 0)
@@ -690,6 +701,8 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    places += PHOTOMETRIC
+    places += [place for place in OPTIONAL if at(design, place) is not None]
     if design.tube is not None:
         known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
         places += [f"tube.{name}" for name in known]

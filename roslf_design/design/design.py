@@ -17,7 +17,7 @@ from .chain import MEDIUM, chain_numbers, chain_of, materials_of
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .conjugates import CONJUGATES, followed, follower
 from .elements import AnyElement, ObjectSpace, about_elements
-from .parts import PATHS, Housing, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
+from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ class Design(Part, Symbols[float]):
     tube: Housing | None = None
     """What it is built into; None where nothing need fit."""
     light: Light = Light()
-    """Wavelength."""
+    """Wavelength, and how bright the scene is."""
+    depth: DepthSettings = DepthSettings()
+    """What depth errors are told for."""
 
     def __init__(self, **data: Any) -> None:
         try:

@@ -7,7 +7,7 @@ z by t_x about x, then by t_y about y.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..units import Angle, AnyLength, Distance, Length
+from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, parse_quantity
 from .material import Material
 from .real_lens import Lens
 
@@ -27,6 +27,8 @@ Layout = Literal["square", "hexagonal"]
 Offset = tuple[AnyLength, AnyLength]
 Tilt = tuple[Angle, Angle]
 Size = tuple[Length, Length]
+MOST_PIXELS = 1_000_000
+"""Along one side of a sensor."""
 
 
 class Part(BaseModel):
@@ -138,6 +140,33 @@ class Sensor(Part):
     """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
     cover: Cover | None = None
     """Glass before the sensor, behind the MLA; None where there is none."""
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)] = 0.7
+    """Electrons per photon; makers' EMVA 1288 sheets of CMOS sensors tell 0.55 to 0.8 in the green."""
+    full_well: Annotated[float, Field(gt=0, le=1e9)] = 10_500.0
+    """Electrons that a pixel holds; about those of 3.45 um global-shutter pixels."""
+    read_noise: Annotated[float, Field(ge=0, le=1e6)] = 2.5
+    """Rms [electrons]."""
+    bits: Annotated[int, Field(ge=1, le=24)] = 12
+    """Of the digitised full well."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _counted(cls, data: Any) -> Any:
+        """`pixels`, their count along width and height, in place of `size`."""
+        if not isinstance(data, Mapping) or "pixels" not in data:
+            return data
+        counts, rest = data["pixels"], {key: value for key, value in data.items() if key != "pixels"}
+        if "size" in data:
+            raise ValueError("has both size and pixels; give one of them")
+        whole = isinstance(counts, Sequence) and len(counts) == 2 and all(type(count) is int for count in counts)
+        if not whole or not all(0 < count <= MOST_PIXELS for count in counts):
+            raise ValueError("pixels counts them along width and height; write e.g. pixels = [4056, 3040]")
+        try:
+            pixel = parse_quantity(data.get("pixel"), "length", unit_required=False)
+        except ValueError:
+            return rest | {"size": ["1 mm", "1 mm"]}  # the pixel's own fault is told
+        return rest | {"size": [f"{count * pixel!r} mm" for count in counts]}
+
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
     decentre: Offset = (0.0, 0.0)
@@ -162,10 +191,43 @@ class Housing(Part):
 
 
 class Light(Part):
-    """The light that the design is evaluated for."""
+    """The light that the design is evaluated for.
+
+    The scene's radiance is given, or follows from illuminance and reflectance of a matt surface: ``E rho/pi`` over the
+    eye's luminous efficacy of 683 lm/W, as if all of it had the design's wavelength and that were 555 nm.
+    """
 
     wavelength: Length = 550e-6
     """lambda [mm]."""
+    illuminance: Illuminance = 1e5
+    """On the scene [lx]; about what a surgical light gives (IEC 60601-2-41 allows 40 000 to 160 000)."""
+    reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
+    """Of the scene, on average."""
+    radiance: Radiance | None = None
+    """Of the scene, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
+    exposure: Time | None = None
+    """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
+    transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
+    """Of all optics together."""
+
+
+class DepthSettings(Part):
+    """What depth is told for: the scene's texture, and how disparity is found.
+
+    A texture with the same contrast in every octave of detail, as natural scenes have it, or one of a single period.
+    """
+
+    contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Rms contrast of the texture: in each octave of detail, or of the one `period`."""
+    period: Length | None = None
+    """Of a texture with only one period, in every direction [mm]; None has detail of every size."""
+    finest: Length | None = None
+    """Period of the texture's finest detail [mm]; None has all that single views can show, down to two microlenses."""
+    window: Annotated[int, Field(ge=1, le=1001)] = 5
+    """Microlenses along each side of the square in which disparity is taken to be the same."""
+    disparity_error: Annotated[float, Field(gt=0, le=1e3)] | None = None
+    """Standard error of the disparity between the FAP's rims [microlens pitches], whatever light and texture; None
+    predicts it from them."""
 
 
 PATHS: dict[str, str] = {

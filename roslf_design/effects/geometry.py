@@ -10,7 +10,7 @@ from ..camera import Camera, Number
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
-from ..theory.light import falloff, falloff_law, outer_slope
+from ..theory.light import falloff, falloff_slope, outer_slope
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -103,7 +103,7 @@ def object_defocus(s: Subject) -> Estimate:
 
 
 def cos4(s: Subject) -> Estimate:
-    """Loss at the field's rim [fraction of full scale]: cos^4, or as the mapping of an objective behind the FAP has it.
+    """Loss at the field's rim [fraction of full scale]: cos^4, or as the mapping of an objective has it.
 
     Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
     the size of the microlens images there, which are traced (etendue is conserved).
@@ -111,8 +111,8 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    slope = s.x_ml * float(s.camera.inverse_m) / float(s.camera.gap * s.camera.fap.scale)
-    if len(falloff_law(s.camera)) == 0:
+    slope = s.x_ml * float(falloff_slope(s.camera))
+    if s.camera.law is None:
         loss = _loss(slope)
         return Estimate(loss, f"{loss:.2%} darker {s.at}")
     loss = 1 - float(falloff(s.camera, slope))

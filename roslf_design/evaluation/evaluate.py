@@ -22,15 +22,17 @@ from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
 from ..lenses.glass import AIR
 from ..theory import exit_pupil
+from ..theory.disparity_error import view_gradient
 from ..theory.light import field_angle, outer_slope
-from ..theory.light_field import SIGMA_DISPARITY
-from ..theory.quantities import QUANTITIES
+from ..theory.photometry import exposure
+from ..theory.quantities import QUANTITIES, seen_at
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
 from .result import (
     Depth,
+    DepthAssumptions,
     Diffraction,
     Evaluation,
     ExitPupil,
@@ -143,7 +145,7 @@ def evaluate(
         microlens_image=_numbers(MicrolensImage, camera, "image_"),
         fields=images,
         sampling=sampling,
-        depth=_numbers(Depth, camera, sigma_disparity_pitches=SIGMA_DISPARITY),
+        depth=_numbers(Depth, camera, assumes=_assumed(design, camera)),
         diffraction=_numbers(Diffraction, camera),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
@@ -151,6 +153,23 @@ def evaluate(
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain is None else _looked_through(design, camera, axes),
+    )
+
+
+def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:
+    """What a predicted disparity error comes of."""
+    if design.depth.disparity_error is not None:
+        return None
+    across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
+    return DepthAssumptions(
+        electrons=float(QUANTITIES["electrons"](camera)),
+        exposure_s=float(exposure(camera)),
+        contrast=design.depth.contrast,
+        period_mm=design.depth.period,
+        gradient_per_pitch=float(view_gradient(camera, seen_at(camera, None))),
+        views=math.pi / 4 * across**2,
+        window=design.depth.window,
+        sigma_disparity_pitches=float(QUANTITIES["sigma_disparity_pitches"](camera)),
     )
 
 

@@ -21,6 +21,7 @@ from ..shapes.discs import ClipStatus, intersect
 from ..shapes.lattice import cell_polygon
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import on_array, sensor_field
+from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages, stop_discs
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
@@ -124,6 +125,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
         shares = [_counted_shares(camera, axis, points) for axis in axes]
         middle = np.stack(np.broadcast_arrays(images.outline.x, images.outline.y, images.x)[:2], -1)[:, 0]
         offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
+    depth_error = np.broadcast_to(np.asarray(QUANTITIES["sigma_z_mm"].at_fields(images)), shape.area.shape)[:, 0]
     centroid, lit, ratio = shape.centroid[:, 0] + offset, shape.lit[:, 0], shape.axis_ratio[:, 0]
     return tuple(
         Field(
@@ -135,6 +137,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
             centroid_mm=_pair(centroid[i]) if lit[i] else None,
             axis_ratio=float(ratio[i]) if lit[i] else None,
             ray_budget=_budget(camera, *shares[i]),
+            sigma_z_mm=float(depth_error[i]) if np.isfinite(depth_error[i]) else None,
             rays=None if design.aligned else rays,
         )
         for i, axis in enumerate(axes)

@@ -129,6 +129,8 @@ class Field:
     axis_ratio: float | None
     """Minor over major axis of the image's second moments; 1 for a disc."""
     ray_budget: RayBudget
+    sigma_z_mm: float | None
+    """Standard error of depth at the focal plane, as far as this image's own cut goes; None where nothing tells it."""
     rays: int | None
     """Rays that these numbers were counted from, where something is tilted; None for exact areas."""
 
@@ -150,13 +152,36 @@ class Sampling:
 
 
 @dataclass(frozen=True)
+class DepthAssumptions:
+    """Light, texture and matching that a disparity error is predicted for."""
+
+    electrons: float
+    """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
+    exposure_s: float
+    contrast: float
+    """Rms, in each octave of detail or of the one period."""
+    period_mm: float | None
+    """Of the texture; None has detail of every size."""
+    gradient_per_pitch: float
+    """Rms gradient that views show, after all blurs [contrast per microlens pitch]."""
+    views: float
+    """Independent ones in a microlens image, in its two directions."""
+    window: float
+    """Microlenses along each side of the square in which disparity is taken to be the same."""
+    sigma_disparity_pitches: float
+
+
+@dataclass(frozen=True)
 class Depth:
     """Depth precision at the focal plane."""
 
     disparity_pitches_per_mm: float
     sigma_z_mm: float
+    """On the axis; infinite where neither light nor texture tells anything."""
     sigma_disparity_pitches: float
-    """The disparity error that sigma_z assumes."""
+    """The disparity error that sigma_z comes of."""
+    assumes: DepthAssumptions | None
+    """What that comes of; None where the design gives it."""
 
 
 @dataclass(frozen=True)

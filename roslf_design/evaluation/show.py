@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
-from ..words import fixed, number, place, spaced
+from ..words import fixed, length, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import Evaluation, RealLens, SeenPart
+    from .result import Depth, DepthAssumptions, Evaluation, RealLens, SeenPart
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -33,7 +33,6 @@ def fact_tables(result: Evaluation) -> list[Table]:
     sampling, depth, wave = result.sampling, result.depth, result.diffraction
     exit_pupil = "image-space telecentric" if pupil.telecentric else f"diameter {number(pupil.diameter_mm)} mm"
     rim = f"pencil to the rim of the {field.limited_by}"
-    sigma = f"1 sigma, for {depth.sigma_disparity_pitches:g} pitch of disparity error"
     facts = {
         "Pupils": [
             ("aperture constant H", number(result.aperture_constant), "Eq. 3: d_f/(d_f - d_3)"),
@@ -70,12 +69,35 @@ def fact_tables(result: Evaluation) -> list[Table]:
         ],
         "Depth at the focal plane": [
             ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
-            ("depth precision", f"{number(depth.sigma_z_mm)} mm", sigma),
+            ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
+            *(() if depth.assumes is None else _light_facts(depth.assumes)),
         ],
     }  # fmt: skip
     if result.real_lens is not None:
         facts["Real main lens, traced"] = _lens_facts(result.real_lens)
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in facts.items()]
+
+
+def depth_remark(depth: Depth) -> str:
+    """What a depth precision is told for."""
+    error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
+    return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
+
+
+def _light_facts(assumed: DepthAssumptions) -> list[tuple[str, str, str]]:
+    detail = (
+        "in each octave of detail" if assumed.period_mm is None else f"with a period of {length(assumed.period_mm)}"
+    )
+    lenses = f"{assumed.window:g} x {assumed.window:g}"
+    return [
+        (
+            "light",
+            f"{number(assumed.electrons, 4)} e-",
+            f"a pixel, in {number(1e3 * assumed.exposure_s, 3)} ms",
+        ),
+        ("texture, rms contrast", f"{assumed.contrast:.3g}", detail),
+        ("microlenses matched", lenses, f"of {number(assumed.views, 2)} independent views"),
+    ]
 
 
 def _lens_facts(lens: RealLens) -> list[tuple[str, str, str]]:

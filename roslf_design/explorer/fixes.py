@@ -16,7 +16,7 @@ from ..pictures.theme import short
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
-from ..theory.light_field import depth_sigma
+from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import corner_room, field_limit, undistorted_radii
 
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ def facts(design: Design) -> Facts:
         fill_factor=float(fill_factor(camera)),
         undistorted_mm=limit.radius,
         room_mm=limit.room,
-        sigma_mm=float(depth_sigma(camera, camera.gap)),
+        sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
         views=float(geometric_views(camera)),
     )
 

@@ -18,12 +18,13 @@ from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
-from ..theory.light import falloff, falloff_law, outer_slope
+from ..theory.light import falloff, outer_slope
+from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .trace import RaySampling, Tracer
-from .transfer import CORE, Geometry, MicrolensTransfer, bands
+from .transfer import CORE, Geometry, bands
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 
@@ -248,10 +249,8 @@ class _Job:
                     share, seen = self._mapped(*position)
                     light *= share
                 x, y, distance = (float(number) for number in seen)
-                if self.plan.on("cos4"):
-                    tangent = (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2
-                    cos4 = len(falloff_law(camera)) == 0
-                    light *= float((1 + tangent) ** -2.0 if cos4 else falloff(camera, np.sqrt(tangent)))
+                if self.plan.on("cos4") and camera.law is None:
+                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
                 if light == 0:  # outside what the objective images
                     continue
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)
@@ -286,7 +285,8 @@ class _Job:
         pupil = camera.pupil_stands
         focus = pupil + (z - pupil) * 2 / (1 / along + 1 / across)
         (u, v), _ = camera.straight_ray(x, y, z, plane=focus)
-        return 1 / (along * across), camera.first_order_image(u, v, focus)
+        shown = float(falloff(camera, p)) if self.plan.on("cos4") else 1.0
+        return shown / (along * across), camera.first_order_image(u, v, focus)
 
     @property
     def colours(self) -> tuple[float, ...]:

@@ -43,9 +43,9 @@ from ..rays.backward import (
     posed_ray,
 )
 from ..rays.object_space import FacesAhead, outwards
-from ..scenes import Checkerboard, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.light import falloff_law, falloff_slope
+from ..theory.light import falloff_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -137,7 +137,7 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
     if isinstance(texture, Sinusoid):
         wave = 2 * math.pi / texture.period
         return SINUSOID, (wave * math.cos(texture.angle), wave * math.sin(texture.angle), texture.contrast)
-    if isinstance(texture, PictureTexture):
+    if isinstance(texture, PictureTexture | Noise):
         values = texture.load()
         first = sum(map(len, pictures))
         pictures.append(values.ravel())
@@ -228,6 +228,44 @@ def radiance(
     return float(value)
 
 
+def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats) -> Floats:
+    """Distances Z of what rays meet first beyond the bore's mouth [mm]; inf where they meet nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    focal_plane : float
+        Of planes that give no distance [mm].
+    mouth : float
+        Z of the bore's mouth [mm].
+    rays : ndarray, shape (N, 4)
+        (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
+    """
+    surfaces = encode(scene, focal_plane)
+    kernel = first_distance.compiled
+    found = np.array([kernel(surfaces.rows, mouth, *map(float, ray)) for ray in rays])
+    return np.where(found < FAR, found, np.inf)
+
+
+@kernel()
+def first_distance(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> float:
+    """Distance Z at which the ray (hx - ox Z, hy - oy Z) meets the first surface beyond the mouth; FAR without one."""
+    nearest = FAR
+    for n in range(rows.shape[0]):
+        s = rows[n]
+        z = distance(s, hx, hy, ox, oy)
+        if z >= nearest or z <= mouth:
+            continue
+        if int(s[KIND]) == PLANE:
+            dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+            u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
+            v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
+            if abs(u) > s[EXTENT] or abs(v) > s[EXTENT + 1]:
+                continue
+        nearest = z
+    return float(nearest)
+
+
 @kernel()
 def refocused(d_3: float, d_f: float, hx: float, hy: float, ox: float, oy: float) -> Any:
     """The ray from the FAP's middle to where a ray (height on the lens, slope) crosses the focal plane."""
@@ -262,8 +300,6 @@ class Tracer:
     """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
-    falloff_law: Floats
-    """Of an objective's own fall-off; no rows where it is cos^4."""
     mouth: float
     """Z of the bore's mouth [mm]."""
     colours: tuple[FacesAhead, ...]
@@ -301,7 +337,6 @@ class Tracer:
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(falloff_slope(camera)) if plan.on("cos4") else 0.0,
-            np.array(falloff_law(camera)),
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )
@@ -343,7 +378,7 @@ class Tracer:
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
                     *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
-                    self.falloff_law, self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
+                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
                     sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
@@ -407,7 +442,7 @@ def share_of_light(law: Any, slope: float) -> float:
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
     neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
-    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, falloff_law: Any,
+    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float,
     mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
     spent: Any,
 ) -> None:  # fmt: skip
@@ -442,7 +477,7 @@ def _trace(
                         continue
                     if n < MOST:
                         slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
-                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(falloff_law, slope)
+                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(law, slope)
                         near_x[n], near_y[n] = x[i] - gx, y[j] - gy
                         n += 1
             if n == 0:

@@ -21,10 +21,11 @@ from ..effects.waves import pixel_box
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.light import falloff_law, falloff_slope
+from ..theory.light import falloff_slope
 from ..theory.stop_images import stop_discs
+from ..theory.transfer import MicrolensTransfer
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
-from .transfer import MOST_HALO, MicrolensTransfer, fineness, pair_transfer
+from .transfer import MOST_HALO, fineness, pair_transfer
 
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""
@@ -128,13 +129,13 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     this differs by less than the change over half a pitch.
     """
     lattice = ImageLattice.of(camera)
-    scale, law = float(falloff_slope(camera)), falloff_law(camera)
+    scale = float(falloff_slope(camera))
     shift = lattice.offset - lattice.image_origin / lattice.grow
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
-        if len(law):
-            image[row] *= illumination(law, np.sqrt(along[row] + across, dtype=np.float64))
+        if camera.law is not None:
+            image[row] *= illumination(camera.law, np.sqrt(along[row] + across, dtype=np.float64))
             continue
         slope = 1 + along[row] + across
         image[row] /= slope * slope

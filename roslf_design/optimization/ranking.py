@@ -208,7 +208,8 @@ class Boxes:
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if not quantity.monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
+    monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
+    if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
     chain = problem.base.chain
     if chain is not None and (chain.bends or any(name.startswith(REFRACTING) for name in names)):

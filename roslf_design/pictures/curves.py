@@ -11,7 +11,8 @@ import numpy as np
 from ..camera import Camera
 from ..design import PATHS
 from ..theory.f_number import matched, mismatch_px
-from ..theory.light_field import SIGMA_DISPARITY, depth_sigma, rim_disparity
+from ..theory.light_field import rim_disparity
+from ..theory.quantities import depth_at, depth_error
 from ..theory.vignetting import corner_room
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
 from .picture import Panel, Picture, Scale, legend_height, one_panel
@@ -46,9 +47,8 @@ def depth_curve(design: Design, points: int = 241) -> DepthCurve:
     distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
 
     def precision(at: Floats | float) -> tuple[Floats, Floats]:
-        plane = camera.plane(at)
-        depth = plane.distance - camera.d_3
-        return np.abs(depth_sigma(camera, depth) * plane.depth), np.abs(rim_disparity(camera, depth))
+        ahead = np.asarray(at - camera.tip)
+        return np.abs(depth_error(camera, ahead)), np.abs(rim_disparity(camera, depth_at(camera, ahead)))
 
     return DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
 
@@ -60,7 +60,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     """
     distance, sigma, blur, focus = depth_curve(design, 121)
     keys = [
-        line_key(f"σ_Z for {SIGMA_DISPARITY:g} pitch of disparity error", "blue", 2.2),
+        line_key("σ_Z, standard error of depth", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
     across, up = Scale(float(distance[0]), float(distance[-1])), Scale(0.0, 1.08 * float(np.max(sigma)))

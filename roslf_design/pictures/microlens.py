@@ -13,13 +13,14 @@ from ..effects import plan
 from ..errors import InputError, Problem
 from ..evaluation.fields import axes_in_space, field_discs
 from ..imaging.camera import ImageLattice, planned_camera
-from ..imaging.transfer import MicrolensTransfer, encircled
+from ..imaging.transfer import encircled
 from ..imaging.white import harmonic_series, white_patch
 from ..shapes.cells import area_in_rectangle
 from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline
 from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.transfer import MicrolensTransfer
 from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, legend_height
 from .theme import PLAIN, SMALL, short, stop_colour

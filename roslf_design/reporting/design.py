@@ -161,7 +161,7 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     front = max(0.0, float(Camera.of(design).tip))
     openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
-    error = f"at the focal plane, for {depth.sigma_disparity_pitches:g} pitches of disparity error"
+    error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
     rows = (
         ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),

@@ -18,7 +18,7 @@ from ..pictures.microlens import microlens_images, rays_and_waves
 from ..pictures.picture import PAGE
 from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
 from ..pictures.solid import NoViewerError, instrument_scene, library, outlines, scene_data
-from ..words import number, spaced
+from ..words import length, number, spaced
 from .blocks import Figure
 
 if TYPE_CHECKING:
@@ -174,11 +174,20 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 
 
 def _depth_sheet(design: Design, result: Evaluation) -> Figure:
-    depth = result.depth
+    depth, assumed = result.depth, result.depth.assumes
+    basis = "as the design gives it"
+    if assumed is not None:
+        basis = (
+            f"for {number(assumed.electrons, 3)} electrons a pixel, a texture of {assumed.contrast:.0%} rms contrast "
+            f"in each octave of detail, and {assumed.window:g} x {assumed.window:g} microlenses matched"
+        )
+        if assumed.period_mm is not None:
+            basis = basis.replace("in each octave of detail", f"with a period of {length(assumed.period_mm)}")
     caption = (
-        f"One standard deviation of depth for {depth.sigma_disparity_pitches:g} microlens pitches of disparity error "
-        f"between the FAP's rims: {number(depth.sigma_z_mm, 3)} mm at the focal plane, growing with the square of the "
-        f"distance from the FAP (at Z = {design.d_3:.4g} mm). The dashed curve tells how many microlenses an object "
+        f"One standard deviation of depth: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
+        f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
+        f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
+        "blur. Errors of calibration come on top. The dashed curve tells how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
     return Figure.of("depth", "Depth precision over distance", caption, depth_precision(design, (PAGE, 330)))

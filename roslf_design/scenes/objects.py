@@ -105,12 +105,56 @@ def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     return array
 
 
-Texture = Annotated[Uniform | Checkerboard | Sinusoid | PictureTexture, Field(discriminator="kind")]
+class Noise(Part):
+    """Random texture with the same contrast in each octave of detail, as natural scenes have it; repeats itself.
+
+    Six octaves, from `finest` to 64 times that.
+    """
+
+    kind: Literal["noise"] = "noise"
+    finest: Length
+    """Period of its finest detail [mm]."""
+    contrast: Annotated[float, Field(ge=0, le=0.3)] = 0.1
+    """Rms contrast in each octave."""
+    mean: Level = 0.5
+    """Radiance."""
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Another seed, another texture."""
+
+    @property
+    def width(self) -> float:
+        """After which it repeats itself [mm]."""
+        return self.finest * _TILE / _PER_PERIOD
+
+    def load(self) -> NDArray[np.float32]:
+        """Radiances of one tile, shape (rows, columns)."""
+        return _noise(self.contrast, self.mean, self.seed)
+
+
+_TILE, _PER_PERIOD, _OCTAVES = 2048, 8, 6
+"""Samples across a tile of noise, and across a period of its finest detail: interpolated, that keeps 95 % of it."""
+
+
+@functools.lru_cache(maxsize=4)
+def _noise(contrast: float, mean: float, seed: int) -> NDArray[np.float32]:
+    rng, finest = np.random.default_rng(seed), _TILE / _PER_PERIOD
+    order = np.hypot(np.fft.fftfreq(_TILE)[:, None], np.fft.rfftfreq(_TILE)) * _TILE
+    inside = (order >= finest / 2**_OCTAVES) & (order <= finest)
+    amplitude = np.divide(inside, order, out=np.zeros_like(order), where=inside)
+    field = np.fft.irfft2(amplitude * np.exp(2j * math.pi * rng.random(order.shape)), s=(_TILE, _TILE))
+    field *= contrast * math.sqrt(_OCTAVES) / max(float(np.sqrt(np.mean(field**2))), 1e-300)
+    array = np.maximum(mean * (1 + field), 0.0).astype(np.float32)
+    array.setflags(write=False)
+    return array
+
+
+Texture = Annotated[Uniform | Checkerboard | Sinusoid | Noise | PictureTexture, Field(discriminator="kind")]
 
 TEXTURES: dict[str, type[Part]] = {
     "uniform": Uniform,
     "checkerboard": Checkerboard,
     "sinusoid": Sinusoid,
+    "noise": Noise,
     "image": PictureTexture,
 }
 """Kinds of texture by the name that a file gives them."""
@@ -207,6 +251,8 @@ def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
     texture, period, jumps = thing.texture, math.inf, False
     if isinstance(texture, Checkerboard | Sinusoid):
         period, jumps = texture.period, isinstance(texture, Checkerboard) and texture.high != texture.low
+    elif isinstance(texture, Noise):
+        period = texture.finest
     elif isinstance(texture, PictureTexture):
         period = 2 * texture.width / texture.load().shape[1]  # two of its pixels
     if isinstance(thing, Plane):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera
-from ..design.mapping import Law, angle_in_air, illumination
+from ..design.mapping import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -110,34 +110,25 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
 
 
 def falloff(c: Camera, slope: ArrayLike) -> Array:
-    """Light on the array against its middle, where the chief ray crosses the FAP with a slope: cos^4 of its angle.
+    """Light on the array against its middle: cos^4 of the chief ray's angle, or what the objective's mapping says.
 
-    The etendue through the FAP is what arrives, and its area times ``cos(theta) dOmega`` is that: cos^4 for the slopes
-    of the closed forms, which lie even over the array. It is told where the FAP stands; lossless optics before it hand
-    on radiance, and change nothing whatever they map: the entrance pupil that they show to the scene is then no opening
-    of one size. An objective with a mapping behind the FAP, or touching it, takes each part of its image from that
-    part of the scene's angles which its law says, through the FAP itself (`..design.mapping.illumination`).
+    Of an objective with a mapping the entrance pupil, the FAP's image before it, counts as an opening of one size, and
+    each part of the image gets what comes through it from the angles that the mapping gives it
+    (`..design.mapping.illumination`, which is cos^4 for f tan).
 
     Parameters
     ----------
     c : Camera
     slope : array_like
-        Where the FAP stands, times index, to first order.
+        Index times slope of the chief ray to first order, as `falloff_slope` gives it.
     """
-    slope, law = np.abs(slope), falloff_law(c)
-    return np.asarray((1 + slope * slope) ** -2.0 if len(law) == 0 else illumination(law, slope))
-
-
-def falloff_law(c: Camera) -> Law:
-    """The mapping that `falloff` follows; no rows where it is cos^4."""
-    if c.law is None or c.chain is None or np.any(c.fap.stands < c[f"elements.{c.chain.mapped}.distance"]):
-        return np.zeros((0, 5))
-    return c.law
+    slope = np.abs(slope)
+    return np.asarray((1 + slope * slope) ** -2.0 if c.law is None else illumination(c.law, slope))
 
 
 def falloff_slope(c: Camera) -> Array:
-    """Slope of chief rays at the FAP per millimetre on the array, for `falloff` [1/mm]."""
-    return np.asarray(c.inverse_m / (c.gap * c.fap.scale))
+    """Slope of chief rays per millimetre on the array, for `falloff` [1/mm]; with a mapping, before the objective."""
+    return np.asarray(c.inverse_m / (c.gap * c.fap.scale) if c.law is None else outer_slope(c, 1.0))
 
 
 class SensorField(NamedTuple):

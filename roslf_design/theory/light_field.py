@@ -33,9 +33,6 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, floats, product, ratio
 from ..camera import Camera
 
-SIGMA_DISPARITY = 0.1
-"""Disparity error that depth precision is told for [microlens pitches]: what careful matching of views reaches."""
-
 
 def pixel_to_pupil(c: Camera, pixel: ArrayLike) -> Array:
     """Coordinate S' [mm] on the FAP that the pixel s' looks at, ``-(q A/d_2) s'``; inf at d_2 = 0. Eqs. 1, 2."""
@@ -113,7 +110,7 @@ def disparity_rate(c: Camera, depth: ArrayLike) -> Array:
     return product(c.D_F / c.d, ratio(ratio(c.A, z), z))
 
 
-def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike = SIGMA_DISPARITY) -> Array:
+def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Array:
     """Standard deviation of depth from that of the rim disparity, to first order.
 
     Parameters

@@ -18,9 +18,9 @@ from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
-from . import exit_pupil, f_number, light, light_field, tube, vignetting
+from . import exit_pupil, f_number, light, light_field, photometry, tube, vignetting
+from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
 from .light import SensorField
-from .light_field import SIGMA_DISPARITY
 from .stop_images import MicrolensImages
 
 Depth = float | None
@@ -51,6 +51,10 @@ class Quantity:
     monotone: bool = True
     """Whether `of` rises or falls in each single design length throughout, the others held, f excepted where
     `bent_in_f`: its extremes over a box then lie at corners."""
+    monotone_with: str = ""
+    """A place of a design: where something stands there the quantity is monotone all the same."""
+    numeric: bool = False
+    """Whether it is summed or tabulated, and so has no derivative by complex numbers."""
     bent_in_f: bool = False
     signed: Callable[[Camera, Depth], Array] | None = None
     """Of the magnitude of something of either sign: that something."""
@@ -71,10 +75,23 @@ class Quantity:
         values = self.of(camera, at)
         return values if self.worst is None else self.worst(values)
 
+    def at_fields(self, images: MicrolensImages) -> Number:
+        """Its values at the fields of builds, shape (fields, builds).
+
+        Raises
+        ------
+        ValueError
+            It belongs to the whole camera.
+        """
+        if self.local is None:
+            raise ValueError(f"{self.name} belongs to a whole camera")
+        return self.local(images)
+
     @property
     def analytic(self) -> bool:
         """Whether complex numbers in a camera give its derivatives: no absolute value, no worst of several."""
-        return self.of is not None and self.signed is None and self.worst is None and self.at != "needed"
+        closed = self.signed is None and self.worst is None and not self.numeric
+        return self.of is not None and closed and self.at != "needed"
 
     @property
     def length(self) -> bool:
@@ -117,16 +134,16 @@ def quantity_named(name: str) -> Quantity:
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 
-def depth_at(c: Camera, at: Depth) -> Array:
+def depth_at(c: Camera, at: Depth | Array) -> Array:
     """Z_F of a point `at` [mm] ahead of the bore's tip, or of the focal plane, as the main lens sees it [mm]."""
     return c.gap if at is None else np.asarray(_plane_at(c, at).distance - c.d_3)
 
 
-def _plane_at(c: Camera, at: Depth) -> ImagedPlane:
+def _plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
     return c.focus if at is None else c.plane(at + c.tip)
 
 
-def _object_scale(c: Camera, at: Depth) -> Array:
+def _object_scale(c: Camera, at: Depth | Array) -> Array:
     """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
     if at is None:
         return light.object_scale(c)
@@ -137,6 +154,29 @@ def _on_object(c: Camera, at: Depth, place: Array) -> Array:
     """From the axis to where the chief ray of a place on the array meets a plane [mm]."""
     straight = place * _object_scale(c, at)
     return straight if c.law is None else product(straight, c.stretch(light.outer_slope(c, place)))
+
+
+def seen_at(c: Camera, at: Depth | Array) -> Seen:
+    """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
+    focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
+    return Seen(focus, _object_scale(c, at))
+
+
+def depth_error(c: Camera, at: Depth | Array) -> Array:
+    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm]."""
+    sigma = axial_disparity_sigma(c, seen_at(c, at))
+    return light_field.depth_sigma(c, depth_at(c, at), sigma) * _plane_at(c, at).depth
+
+
+def _local_depth_sigma(images: MicrolensImages) -> Number:
+    c = images.camera
+    sigma = light_field.depth_sigma(c, c.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
+    if c.law is None:
+        return sigma
+    # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
+    p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
+    told = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
+    return sigma * np.sqrt(2 / told)
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -315,10 +355,32 @@ register(
     Quantity(
         "sigma_z_mm",
         "mm",
-        f"depth spread for a disparity error of {SIGMA_DISPARITY} pitch, at a distance ahead of the tip or at the "
-        "focal plane",
-        lambda c, at: light_field.depth_sigma(c, depth_at(c, at)) * _plane_at(c, at).depth,
+        "standard error of depth, at a distance ahead of the tip or at the focal plane: of light, noise and texture, "
+        "or of a given disparity error",
+        depth_error,
+        _local_depth_sigma,
         at="optional",
+        monotone=False,
+        monotone_with="depth.disparity_error",
+        numeric=True,
+    ),
+    Quantity(
+        "sigma_disparity_pitches",
+        "pitches",
+        "standard error of the disparity between the FAP's rims, at a distance ahead of the tip or at the focal plane",
+        lambda c, at: axial_disparity_sigma(c, seen_at(c, at)),
+        lambda images: disparity_sigma(images, seen_at(images.camera, None)),
+        at="optional",
+        monotone=False,
+        monotone_with="depth.disparity_error",
+        numeric=True,
+    ),
+    Quantity(
+        "electrons",
+        "e-",
+        "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average",
+        _whole(photometry.electrons),
+        monotone=False,
     ),
     Quantity(
         "blur_pitches",

@@ -102,7 +102,7 @@ class Job:
     def inverse_depth(self) -> tuple[float, float]:
         """1/Z_F [1/mm] and its standard deviation."""
         c = self.design
-        sigma = depth_sigma(Camera.of(c), 1.0)
+        sigma = depth_sigma(Camera.of(c), 1.0, SIGMA_DISPARITY)
         return 1 / self.depth, float(sigma)
 
     @cached_property

@@ -24,7 +24,7 @@ from roslf_design.shapes.discs import intersect
 from roslf_design.theory.light_field import depth_sigma
 from roslf_design.traced.camera import camera_of
 
-from .jobs import LENS, RAYS, Job, microlens_rays
+from .jobs import LENS, RAYS, SIGMA_DISPARITY, Job, microlens_rays
 
 Floats = NDArray[np.float64]
 
@@ -373,7 +373,7 @@ def _depth_range(job: Job, level: int, seed: int) -> Floats:
 
 
 def _depth_sigma(job: Job, level: int, seed: int) -> Floats:
-    return np.array([float(depth_sigma(Camera.of(job.design), job.depth))])
+    return np.array([float(depth_sigma(Camera.of(job.design), job.depth, SIGMA_DISPARITY))])
 
 
 def _measured_depths(kind: Kind, job: Job, count: int, seed: int) -> Floats:

@@ -20,8 +20,9 @@ from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling, Tracer
-from roslf_design.imaging.transfer import MicrolensTransfer, bands, halo
+from roslf_design.imaging.transfer import bands, halo
 from roslf_design.scenes import Scene, make_scene
+from roslf_design.theory.transfer import MicrolensTransfer
 
 RAYS = ("-microlens_diffraction", "-fap_diffraction", "-microlens_defocus", "+object_defocus")
 WAVES = ("+microlens_diffraction", "-microlens_defocus", "+object_defocus")

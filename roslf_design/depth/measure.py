@@ -1,0 +1,383 @@
+"""What a camera measures of a scene: its picture with noise, decoded, disparity and depth of every microlens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arrays import product, ratio
+from ..calibration.decoding import Decoder, LightField
+from ..calibration.lattice import CentreLattice
+from ..camera import Camera
+from ..design import Design
+from ..effects import Budget, plan
+from ..effects.waves import add_noise
+from ..errors import InputError, Problem
+from ..imaging.camera import ImageLattice, Region
+from ..imaging.render import RawImage, render
+from ..imaging.trace import RaySampling, seen_distances
+from ..scenes import Noise, Plane, Scene
+from ..theory.disparity_error import Seen, disparity_sigma
+from ..theory.light_field import depth_sigma, rim_disparity
+from ..theory.photometry import dark_variance, electrons
+from ..theory.quantities import QUANTITIES
+from ..theory.stop_images import MicrolensImages
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
+from .unmixing import places_on_array, unmixed
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+RAYS = 128
+"""For each pixel of a textured scene: what they scatter is far below shot noise."""
+DETAIL = 2.5
+"""Period of the finest detail of the scene that is looked at where none is given [microlenses]."""
+SLANT = 0.5
+"""Half the range of disparities over the width of that scene [pitches]."""
+MARGIN = 0.5
+"""Disparities searched beyond those of the scene [pitches]."""
+STRIP = 32
+"""Microlenses across the strip that is looked at where no part of the sensor is named."""
+PREDICTED = 8
+"""Fields along each axis at which the error is predicted."""
+
+
+class Prediction(NamedTuple):
+    """Standard errors as light, noise and texture allow them, at some microlenses."""
+
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+    disparity: Array
+    """[pitches]"""
+    depth: Array
+    """[mm]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Depths:
+    """Depth of every microlens. Arrays have the shape (v, u) of the light field's views."""
+
+    design: Design
+    field: LightField
+    pupil: NDArray[np.floating]
+    """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
+    disparities: DisparityMap
+    x_ml: Array
+    """Places of the microlenses on the array, shape (v, u, 2) [mm]."""
+    depth: Array
+    """Z from the main lens, along its axis [mm]; NaN where `disparities` has none."""
+    sigma: Array
+    """Standard error [mm]; inf there."""
+
+    @property
+    def measured(self) -> Flags:
+        """Where there is a depth."""
+        return np.asarray(self.disparities.measured & np.isfinite(self.depth))
+
+    def unknown(self) -> dict[str, float]:
+        """Shares of the microlenses without a depth, by reason."""
+        return {
+            status.reason: share
+            for status, share in self.disparities.shares().items()
+            if status is not DisparityStatus.MEASURED
+        }
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How estimates compare with the truth and with prediction, over all microlenses measured."""
+
+    bias_mm: float | None
+    """Mean error."""
+    spread_mm: float | None
+    """Rms of errors about each microlens's mean over exposures; of one exposure about the mean error."""
+    predicted_mm: float | None
+    """Rms of the standard errors predicted from light, noise and texture."""
+    told_mm: float | None
+    """Rms of the standard errors told with the estimates."""
+    inside_68: float | None
+    """Share of the errors below the standard errors told: 0.68 where these are right."""
+    measured: float
+    """Share of the microlenses with a depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A simulated measurement: every exposure's depths, the truth and the prediction."""
+
+    scene: Scene
+    region: Region
+    runs: tuple[Depths, ...]
+    """One an exposure."""
+    true: Array
+    """Z that each microlens's chief ray meets, shape (v, u) [mm]; NaN where it meets nothing."""
+    prediction: Prediction
+    electrons: float
+    """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
+    raw: RawImage
+    """The picture without noise."""
+
+    @property
+    def first(self) -> Depths:
+        """Of the first exposure."""
+        return self.runs[0]
+
+    @property
+    def compared(self) -> Flags:
+        """Where every exposure gave a depth and there is a truth, away from the edge; shape (v, u)."""
+        half = self.first.disparities.window // 2
+        inside = np.zeros(self.true.shape, bool)
+        inside[half : inside.shape[0] - half, half : inside.shape[1] - half] = True
+        return np.asarray(inside & np.isfinite(self.true) & np.all([run.measured for run in self.runs], axis=0))
+
+    @property
+    def errors(self) -> Array:
+        """Depth less truth, shape (exposures, v, u) [mm]."""
+        return np.stack([run.depth for run in self.runs]) - self.true
+
+    def summary(self) -> Summary:
+        """Over all microlenses compared."""
+        share = float(np.mean([run.measured.mean() for run in self.runs]))
+        some = self.compared
+        if not some.any():
+            return Summary(None, None, None, None, None, share)
+        errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
+        if len(self.runs) > 1:
+            own = errors - errors.mean(0)
+            spread = math.sqrt(float((own**2).sum()) * len(self.runs) / (len(self.runs) - 1) / own.size)
+        else:
+            spread = float(errors.std())
+        here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
+        predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
+        told = math.sqrt(float((sigma**2).mean()))
+        inside = float((np.abs(errors) < sigma).mean())
+        return Summary(float(errors.mean()), spread, predicted, told, inside, share)
+
+
+def lattice_of(camera: Camera, region: Region) -> CentreLattice:
+    """Where a camera's microlens images lie in a region of its sensor [px]."""
+    lattice, (width, height), q = ImageLattice.of(camera), camera.pixels, float(camera.q)
+    origin = lattice.image_origin / q + [width / 2 - 0.5 - region.column, height / 2 - 0.5 - region.row]
+    first, second = (axis / q for axis in lattice.image_axes.T)
+    return CentreLattice(
+        (float(origin[0]), float(origin[1])),
+        (float(first[0]), float(first[1])),
+        (float(second[0]), float(second[1])),
+        camera.layout,
+    )
+
+
+def depth_of(camera: Camera, disparity: Array) -> Array:
+    """Z from the main lens of what has a disparity between the FAP's rims [mm]; NaN beyond infinity.
+
+    The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        seen = camera.A / (camera.m + disparity * camera.d / camera.D_F)
+        z = np.asarray(camera.plane_seen_at(seen + camera.d_3), float)
+    return np.where(seen > 0, z, np.nan)
+
+
+def disparity_of(camera: Camera, z: Array) -> Array:
+    """Disparity between the FAP's rims of what stands at Z from the main lens [pitches]."""
+    return np.asarray(rim_disparity(camera, camera.plane(z).distance - camera.d_3))
+
+
+def sigma_of(camera: Camera, z: Array, disparity_error: Array) -> Array:
+    """Standard error of depth at Z from the main lens for that of the disparity [mm]."""
+    plane = camera.plane(z)
+    with np.errstate(invalid="ignore"):
+        return np.abs(depth_sigma(camera, plane.distance - camera.d_3, disparity_error) * plane.depth)
+
+
+def measure(
+    design: Design,
+    field: LightField,
+    noise: PixelNoise,
+    *,
+    search: tuple[float, float],
+) -> Depths:
+    """Depth of every microlens of a decoded light field, with its standard error.
+
+    Parameters
+    ----------
+    design : Design
+        The camera that took it.
+    field : LightField
+    noise : PixelNoise
+        Of its samples.
+    search : tuple of float
+        Least and largest disparity [pitches].
+    """
+    camera = Camera.of(design.thin_twin)
+    field, pupil = unmixed(camera, field)
+    window = design.depth.window | 1
+    found = estimate_disparity(field, pupil, noise, search=search, window=max(3, window))
+    z = depth_of(camera, found.disparity)
+    sigma = np.where(np.isfinite(z), sigma_of(camera, np.where(np.isfinite(z), z, design.d_f), found.sigma), np.inf)
+    return Depths(design, field, pupil, found, places_on_array(camera, field), z, sigma)
+
+
+def default_scene(design: Design) -> Scene:
+    """A slanted wall with texture at the focal plane, which runs through the disparities that it can tell best."""
+    camera = Camera.of(design.thin_twin)
+    half = float(QUANTITIES["field_half_width_mm"](camera))
+    nearest = float(camera.tip) + 0.2 * (design.d_f - float(camera.tip))
+    ends = [float(depth_of(camera, np.asarray(b))) for b in (SLANT, -SLANT)]
+    slope = min(
+        abs(end - design.d_f) / half if math.isfinite(end) else math.inf for end in (max(ends[0], nearest), ends[1])
+    )
+    texture = Noise(
+        finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=design.depth.contrast, seed=1
+    )
+    return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(min(slope, 3.0))), texture=texture),))
+
+
+def default_region(design: Design) -> Region:
+    """A strip of microlenses through the middle, all of the sensor's width."""
+    camera = Camera.of(design.thin_twin)
+    width, height = camera.pixels
+    rows = min(height, math.ceil(STRIP * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
+    return Region(0, (height - rows) // 2, width, rows)
+
+
+def simulate(
+    design: Design,
+    scene: Scene | None = None,
+    *,
+    region: tuple[int, int, int, int] | None = None,
+    seed: int = 0,
+    exposures: int = 1,
+    rays: int = RAYS,
+    believed: Design | None = None,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> Trial:
+    """Take pictures of a scene, with noise, and measure depth in them.
+
+    Parameters
+    ----------
+    design : Design
+        The camera, its light and sensor.
+    scene : Scene, optional
+        Brightness is relative: on average it is as bright as the design's light says. None is `default_scene`.
+    region : (column, row, columns, rows), optional
+        Of the sensor; None is `default_region`.
+    seed : int
+        Of the noise.
+    exposures : int
+        Pictures, which differ by noise alone.
+    rays : int
+        For each pixel.
+    believed : Design, optional
+        The camera that depth is computed for, where that is not the one that takes the pictures.
+    progress : callable
+        Told what is being done, and how much of it is done.
+
+    Raises
+    ------
+    InputError
+        A scene that the design cannot see; a region without microlenses.
+    """
+    believed = design if believed is None else believed
+    scene = default_scene(design) if scene is None else scene
+    camera = Camera.of(design.thin_twin)
+    part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
+    lines = plan(design, scene, Budget(), ["-noise"])
+    sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed)
+    quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
+    picture = render(
+        design, quiet, effects=lines, region=part, sampling=sampling, progress=lambda share: progress("picture", share)
+    )
+    white = render(design, None, effects=lines, region=part, sampling=sampling)
+    level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
+    if not level > 0:
+        raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
+    mean = float(electrons(camera))
+    full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
+    saturation = float(camera["sensor.full_well"])
+    try:
+        decoder = Decoder.of(lattice_of(Camera.of(believed.thin_twin), part), picture.pixels.shape, white=white.pixels)
+    except ValueError as error:
+        raise InputError((Problem("--region", f"{error}; name a larger part of the sensor"),)) from None
+    even = decoder(white.pixels)
+    brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98)
+    true = _truth(camera, scene, even)
+    disparities = disparity_of(camera, true[np.isfinite(true)])
+    low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
+    reach = MARGIN + 0.1 * (high - low)
+    search = (low - reach, high + reach)
+    runs = []
+    for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
+        progress("depth", number / exposures)
+        taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
+        field = decoder(taken)
+        field = replace(field, values=field.values / np.float32(brightest))
+        runs.append(measure(believed, field, noise, search=search))
+    prediction = predict(design, scene, even, true, runs[0].disparities.window)
+    return Trial(scene, part, tuple(runs), true, prediction, mean, picture)
+
+
+def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
+    """Z that the chief ray of each microlens meets [mm]."""
+    places = places_on_array(camera, field).reshape(-1, 2)
+    x, y = MicrolensImages(camera, places).from_lens.T
+    # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
+    slopes = [np.asarray(at * camera.inverse_m / camera.gap) for at in (x, y)]
+    near, _ = camera.front
+    far = 2 * camera.d_f if camera.chain is None else camera["main_lens.focal_plane"] + 1.0
+    points = []
+    for z in (near, far):
+        plane = camera.plane(z)
+        seen = [-slope * (plane.distance - camera.d_3) for slope in slopes]
+        lens = [camera[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        points.append(
+            [at * plane.magnification + off + aside for at, off, aside in zip(seen, lens, plane.aside, strict=True)]
+        )
+    along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
+    heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
+    rays = np.stack([*heights, *along], -1)
+    z = seen_distances(scene, float(camera["main_lens.focal_plane"]), float(camera.tip), rays)
+    return np.where(np.isfinite(z), z, np.nan).reshape(len(field.v), len(field.u))
+
+
+def predict(design: Design, scene: Scene, field: LightField, true: Array, window: int) -> Prediction:
+    """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
+    textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
+    settings: dict[str, Any] = {"depth.window": window}
+    if len(textures) == 1 and isinstance(textures[0], Noise):
+        settings |= {"depth.contrast": max(textures[0].contrast, 1e-9), "depth.finest": textures[0].finest}
+    camera = Camera.of(design.replace(settings).thin_twin)
+    rows, columns = (
+        np.unique(np.linspace(0, n - 1, min(n, PREDICTED) + 2)[1:-1].round().astype(int)) for n in true.shape
+    )
+    row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    places = places_on_array(camera, field)[row, column]
+    disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
+    for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
+        if math.isfinite(z):
+            b, plane = disparity_of(camera, z), camera.plane(z)
+            ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
+            seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0])
+            depth[n] = float(sigma_of(camera, z, disparity[n]))
+    return Prediction(row, column, disparity, depth)
+
+
+def sampled(depths: Depths, true: Array | None, most: int) -> Iterator[dict[str, Any]]:
+    """Microlenses with a depth, at most so many, evenly over the field: place, truth, depth, error."""
+    rows, columns = np.nonzero(depths.measured)
+    step = max(1, math.ceil(rows.size / most))
+    for row, column in zip(rows[::step], columns[::step], strict=True):
+        z = math.nan if true is None else float(true[row, column])
+        yield {
+            "x_ml_mm": depths.x_ml[row, column].tolist(),
+            "true_mm": z if math.isfinite(z) else None,
+            "depth_mm": float(depths.depth[row, column]),
+            "sigma_mm": float(depths.sigma[row, column]),
+        }

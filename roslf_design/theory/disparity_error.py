@@ -1,0 +1,448 @@
+"""The standard error of disparity that light, noise and texture leave: from first principles, per microlens.
+
+A pixel p of a microlens image shows the scene's texture T at ``u - B s_p``: u counts microlenses, B is the disparity
+between the FAP's rims [microlens pitches] and s_p the place on the FAP, in units of its diameter, that the pixel's
+light comes from, on average. With the texture itself unknown, M microlenses tell B to
+
+    ``sigma_B = 1/(G sqrt(M J))``,  ``J = sum over pixels of N^2 (X - s_mean A)^2/(N A_all + r^2)``, mean of both axes
+
+with N electrons in a fully lit pixel, r^2 its variance without light, A the light of one microlens in each pixel (1
+where it lights it fully), A_all that with its neighbours', X the first moment ``s A`` and G the rms gradient of what
+the views show, in contrast per pitch. Without diffraction J is ``N n <(s - s_mean)^2>``, n the pixels of the image:
+1/16 for a full disc.
+
+That holds for detail far above a pitch. Here it is taken detail by detail: for a wave of kappa periods per pitch
+neighbours' light in a pixel comes with its own phase, out of focus B turns phases over the FAP, and A and X become
+``sum over microlenses k of exp(2 pi i kappa k) A(p - k)``: by Poisson's formula a Fourier sum over one cell of the
+lattice, finite because diffraction bounds it. The waves of the texture's spectrum add up to the information of B.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arrays import Array, magnitude, ratio
+from ..camera import Camera
+from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .light import microlens_defocus
+from .photometry import dark_variance, electrons
+from .stop_images import MicrolensImages
+from .transfer import MicrolensTransfer, line_transfer
+
+ROWS = 32
+"""Gauss-Legendre rows across a cut microlens image."""
+SHARPEST = 8
+"""Periods of the finest detail that diffraction passes, in one pitch, beyond which information is extrapolated in its
+inverse: that grows as the blur shrinks, nearly in proportion. Right to 1 %."""
+WIDEST = 8
+"""Pitches across a microlens image beyond which images overlap so often that they tell nothing."""
+NODES = 3
+"""Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
+|B| is 1 or less."""
+FINEST_PLACES = 12
+"""Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
+REACH = 3
+"""Steps of the lattice to the farthest neighbours in `image_parts`."""
+APART = 9
+"""Pitches after which images that are taken to stand alone repeat themselves."""
+BLOCK = 128
+"""Images at a time, for memory's sake."""
+
+
+class Seen(NamedTuple):
+    """A plane of the scene, as disparity errors depend on it."""
+
+    disparity: Array
+    """B there [microlens pitches]; 0 is the focal plane."""
+    scale: Array
+    """Millimetres on it per millimetre of the array."""
+
+
+class Spectrum(NamedTuple):
+    """What a texture has at some waves, each with its mirror image; shape (..., K), leading axes broadcast."""
+
+    x: Array
+    """kappa along the lattice's x [periods per microlens pitch]."""
+    y: Array
+    power: Array
+    """Variance of contrast, as single views show it."""
+
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+Spectra = tuple[Complex, Complex, Complex]
+
+
+class _Images(NamedTuple):
+    """Many microlens images in one row; lengths in mm."""
+
+    width: Array
+    distance: Array
+    wavelength: Array
+    defocus: Array
+    pixel: Array
+    light: Array
+    dark: Array
+    pitch: Array
+    bend: Array
+    """B over the image's diameter, in pitches."""
+    apart: Array
+    """Centres of the discs that stops cut out from that of the FAP's, shape (N, K, 2), along the lattice [pitches]."""
+    radii: Array
+    """Shape (N, K) [pitches]."""
+    x: Array
+    """Of the spectrum, shape (N, W)."""
+    y: Array
+    power: Array
+
+    def at(self, index: NDArray[np.intp]) -> _Images:
+        return _Images(*(value[index] for value in self))
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """Which of them no stop but the FAP cuts."""
+        off = np.hypot(self.apart[..., 0], self.apart[..., 1])
+        return np.asarray((off + self.radii[:, :1] - self.radii)[:, 1:].max(1, initial=-1.0) <= 0)
+
+    @property
+    def finest(self) -> Array:
+        """Periods in a pitch of the finest detail that diffraction passes."""
+        return self.pitch * self.width / (self.wavelength * self.distance)
+
+
+def texture(c: Camera, seen: Seen, quarter: bool = True) -> Spectrum:
+    """Spectrum that single views show of the texture which a design assumes.
+
+    Blurred by the microlenses' width and by diffraction at the FAP. Detail finer than two microlenses (in hexagonal
+    arrays root three) is not counted: single views show it as something else.
+
+    Parameters
+    ----------
+    c : Camera
+    seen : Seen
+        The plane looked at.
+    quarter : bool
+        Whether waves in a quarter of all directions stand for all; else in half of them.
+
+    Returns
+    -------
+    Spectrum
+        Leading axes are those of builds and of the plane.
+    """
+    limit = 1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    shape = np.broadcast_shapes(np.shape(seen.disparity), np.shape(seen.scale), c.shape)
+    contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
+    finest = np.broadcast_to(ratio(c.d * seen.scale, period or c.numbers.get("depth.finest", 0.0)), shape)[..., None]
+    angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
+    if period is None:
+        at = np.minimum(finest, limit) * (nodes + 1) / 2
+        # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
+        radial = weights / (nodes + 1) / math.log(2) + 0 * at
+    else:
+        at, radial = finest, np.where(finest <= limit, 1.0, 0.0)
+    x, y, power = (
+        (at[..., None] * np.broadcast_to(part, angle.shape)).reshape(*shape, -1)
+        for part, at in ((np.cos(angle), at), (np.sin(angle), at), (turn, radial))
+    )
+    blur = np.broadcast_to(c.wavelength * ratio(np.abs(c.A), np.abs(c.D_F)) / c.d, shape)[..., None]
+    power = power * np.broadcast_to(np.square(contrast), shape)[..., None]
+    power = power * (_footprint(c, x, y) * _chat(np.hypot(x, y) * blur)) ** 2
+    x, y = (np.broadcast_to(values, power.shape) for values in (x, y))
+    if quarter:
+        return Spectrum(x, y, power)
+    return Spectrum(np.concatenate([x, -x], -1), np.concatenate([y, y], -1), np.concatenate([power, power], -1) / 2)
+
+
+def view_gradient(c: Camera, seen: Seen) -> Array:
+    """G, the rms gradient that single views show [contrast per microlens pitch]."""
+    waves = texture(c, seen)
+    return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
+
+
+def _footprint(c: Camera, x: Array, y: Array) -> Array:
+    """What the microlens's own width passes of detail of so many periods per pitch."""
+    if c.lens_shape == "square":
+        return np.asarray(np.sinc(x) * np.sinc(y))
+    from scipy.special import j1
+
+    k = math.pi * np.hypot(x, y)
+    safe = np.where(k > 0, k, 1.0)
+    return np.asarray(np.where(k > 0, 2 * j1(safe) / safe, 1.0))
+
+
+def _chat(k: Array) -> Array:
+    """Incoherent transfer of a round pupil; k is 1 where it ends."""
+    k = np.clip(k, 0.0, 1.0)
+    return np.asarray(2 / math.pi * (np.arccos(k) - k * np.sqrt((1 - k) * (1 + k))))
+
+
+def disparity_information(images: MicrolensImages, seen: Seen) -> Array:
+    """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
+
+    Parameters
+    ----------
+    images : MicrolensImages
+        At the fields asked for; their tilts are left out.
+    seen : Seen
+        The plane looked at; it broadcasts with the builds.
+
+    Returns
+    -------
+    ndarray, shape (fields, builds)
+        With the texture unknown. 0 without light, beyond the full well, and where images overlap many times.
+    """
+    c, rows = images.camera, _rows_of(images, seen)
+    builds = _builds(images, seen)
+    shape = (len(images.fields), *builds)
+    fill, whole = 2 * rows.radii[:, 0], rows.whole
+    usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
+    usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
+    usable &= np.isfinite(rows.power).all(-1)
+    level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
+    build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
+    for detail, uncut in sorted({(int(a), bool(b)) for a, b in zip(level, whole, strict=True) if a}):
+        mine = np.flatnonzero((level == detail) & (whole == uncut))
+        # Whole images of one build are all alike.
+        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if uncut else (..., ...)
+        own = mine[alike]
+        parts = [own[start : start + BLOCK] for start in range(0, own.size, BLOCK)]
+        found[mine] = np.concatenate([_sharpened(rows.at(part), c, detail, uncut) for part in parts])[back]
+    return found.reshape(shape)
+
+
+def _builds(images: MicrolensImages, seen: Seen) -> tuple[int, ...]:
+    return np.broadcast_shapes(images.camera.shape or (1,), np.shape(seen.disparity), np.shape(seen.scale))
+
+
+def _rows_of(images: MicrolensImages, seen: Seen) -> _Images:
+    """Every field of every build, one after the other."""
+    c = images.camera
+    centres, radii = images.discs
+    builds = _builds(images, seen)
+    shape, stops = (radii.shape[0], *builds), radii.shape[-1]
+    pitch = magnitude(microlens_image_pitch(c))
+    waves = texture(c, seen, quarter=False)
+    bend = ratio(seen.disparity * pitch, magnitude(microlens_image_diameter(c)))
+    defocus = -microlens_defocus(c) / c.d_2
+    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, electrons(c), dark_variance(c), pitch, bend)
+    per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
+    turn = np.asarray(c["microlens_array.rotation"])[..., None]
+    apart = centres - centres[..., :1, :]
+    cos, sin = np.cos(turn), np.sin(turn)
+    apart = np.stack([apart[..., 0] * cos + apart[..., 1] * sin, apart[..., 1] * cos - apart[..., 0] * sin], -1)
+    apart = np.broadcast_to(apart * per_pitch[..., None, None], (*shape, stops, 2))
+    across = np.broadcast_to(radii * per_pitch[..., None], (*shape, stops))
+    spectrum = [np.broadcast_to(part, (*shape, part.shape[-1])).reshape(-1, part.shape[-1]) for part in waves]
+    shapes = [apart.reshape(-1, stops, 2), across.reshape(-1, stops)]
+    return _Images(*[np.broadcast_to(np.asarray(value, float), shape).ravel() for value in optics], *shapes, *spectrum)
+
+
+def _sharpened(images: _Images, c: Camera, level: int, whole: bool) -> Array:
+    """Information; where blur is far below a pitch, extrapolated from broader ones."""
+    finest = images.finest
+    if whole:
+        half = images.x.shape[1] // 2  # the other half is the mirror image
+        images = images._replace(x=images.x[:, :half], y=images.y[:, :half], power=2 * images.power[:, :half])
+    if (finest <= SHARPEST).all():
+        return _information(images, c, level, whole)
+    at = np.array([1.0, 1.5, 2.25]) / SHARPEST
+    blurred = [images._replace(wavelength=images.wavelength * finest * x) for x in at]
+    values = np.stack([_information(some, c, level, whole) for some in blurred])
+    x = np.minimum(1 / finest, at[0])
+    weights = [np.prod([(x - b) / (a - b) for b in at if b != a], axis=0) for a in at]
+    return np.asarray(sum(weight * value for weight, value in zip(weights, values, strict=True)))
+
+
+def _information(images: _Images, c: Camera, level: int, whole: bool) -> Array:
+    hexagonal = c.layout == "hexagonal"
+    side = 2 * math.ceil(level * (1.4 if hexagonal else 1.0)) + 2
+    cell = math.sqrt(3) / 2 if hexagonal else 1.0
+    n = np.fft.fftfreq(side, 1 / side)
+    count = len(images.pitch)
+    # Waves 1 to W of the texture, and none: what all of the light is divided over.
+    kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in (images.x, images.y))
+    fx = kx + n[:, None] + 0 * n
+    fy = ky + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
+    bend = images.bend[:, None, None, None]
+    spectra = (_whole if whole else _cut)(images, fx - bend * kx, fy - bend * ky)
+    passed = _transfer(images, c, fx, fy) * (side * side / cell)
+    light, along, across = (np.fft.ifft2(part * passed) for part in spectra)
+    lit = images.light[:, None, None]
+    variance = lit * np.maximum(light[:, 0].real, 0.0) + images.dark[:, None, None]
+    area = cell / side**2 * (images.pitch / images.pixel) ** 2
+    weight = (lit * lit / np.maximum(variance, 1e-300))[:, None] * area[:, None, None, None]
+    turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / (2 * images.radii[:, 0, None, None, None])
+    light = light[:, 1:]
+    own, free = ((weight * (part.real**2 + part.imag**2)).sum((2, 3)) for part in (turned, light))
+    mixed = np.abs((weight * turned * light.conj()).sum((2, 3))) ** 2
+    return np.asarray(((own - ratio(mixed, free)) * images.power).sum(1))
+
+
+def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
+    """Fourier transforms of a whole disc and of its first moments along x and y [pitches]."""
+    from scipy.special import j0, j1
+
+    radius, height = images.radii[:, 0, None, None, None], np.hypot(fx, fy)
+    z = 2 * math.pi * height * radius
+    safe = np.where(z > 0, z, 1.0)
+    first = np.where(z > 0, j1(safe) / safe, 0.5)
+    # The moment is i/(2 pi) times the derivative; J_2(z)/z = 2 J_1(z)/z^2 - J_0(z)/z.
+    bent = np.where(z > 0.02, (2 * first - j0(safe)) / safe, z / 8) / np.where(height > 0, height, 1.0)
+    moment = -2j * math.pi * radius**3 * bent
+    return 2 * math.pi * radius**2 * first + 0j, moment * fx, moment * fy
+
+
+def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
+    """The same of a disc that others cut, row by row."""
+    y, weight, middle, half = _rows(images)
+    # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
+    x = 2 * math.pi * fx[..., :1]
+    middle, half, at = (value[:, None, None, :] for value in (middle, half, y))
+    phase = x * half
+    turn = np.exp(-1j * (x * middle + 2 * math.pi * fy[..., :1] * at)) * weight[:, None, None, :]
+    size = np.abs(phase)
+    safe = np.where(size > 0.02, phase, 1.0)
+    flat = 2 * half * np.where(size > 0.02, np.sin(safe) / safe, 1 - phase**2 / 6)
+    bent = np.where(size > 0.02, (np.sin(safe) - safe * np.cos(safe)) / safe**2, phase / 3 - phase**3 / 30)
+    moment = middle * flat - 2j * half**2 * bent
+    steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])[:, None]
+    return (turn * flat) @ steps, (turn * moment) @ steps, (turn * flat * at) @ steps
+
+
+def _rows(images: _Images) -> tuple[Array, Array, Array, Array]:
+    """Rows across each image [pitches]: y, weight of a row, middle and half-width of what is lit of it."""
+    nodes, weights = np.polynomial.legendre.leggauss(ROWS)
+    centre, radius = images.apart, images.radii
+    low, high = (centre[..., 1] - radius).max(1), (centre[..., 1] + radius).min(1)
+    half = np.maximum(high - low, 0.0)[:, None] / 2
+    angle = nodes * (math.pi / 2)
+    y = (low + high)[:, None] / 2 + half * np.sin(angle)
+    weight = half * np.cos(angle) * weights * (math.pi / 2)
+    off = y[:, None] - centre[..., 1, None]
+    chord = np.sqrt(np.maximum((radius[..., None] - off) * (radius[..., None] + off), 0.0))
+    left, right = (centre[..., :1] - chord).max(1), (centre[..., :1] + chord).min(1)
+    return y, weight, (left + right) / 2, np.maximum(right - left, 0.0) / 2
+
+
+def _transfer(images: _Images, c: Camera, fx: Array, fy: Array) -> Array:
+    """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
+    per_mm = (1 / images.pitch)[:, None, None, None]
+    box = images.pixel[:, None, None, None] * per_mm
+    pixel = np.sinc(fx * box) * np.sinc(fy * box)
+    own = (images.width, images.distance, images.defocus, images.wavelength)
+    if c.lens_shape == "circular":
+        parts = []
+        for n, scale in enumerate(per_mm):
+            width, distance, defocus, wavelength = (float(v[n]) for v in own)
+            lens = MicrolensTransfer(width, distance, defocus, (wavelength,), True)
+            parts.append(lens(fx[n] * scale, fy[n] * scale))
+        return np.asarray(pixel * np.stack(parts))
+    wide, far, blurred, wave = (value[:, None, None, None] for value in own)
+    x, y = (line_transfer(wide, far, blurred, wave, f * per_mm) for f in (fx, fy))
+    return np.asarray(pixel * x * y)
+
+
+class ImageParts(NamedTuple):
+    """What the microlenses around a place add to its light; the first axis counts lattice steps.
+
+    The place belongs to the microlens of step (0, 0), the middle one.
+    """
+
+    steps: tuple[tuple[int, int], ...]
+    """Along the lattice's first and second direction, to the microlens that the light comes from."""
+    light: Array
+    """1 where the FAP lights the place fully, shape (steps, fields, T, S)."""
+    x: Array
+    """Where on the FAP it comes from, on average, in FAP diameters from its centre; of the same shape."""
+    y: Array
+
+
+def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
+    """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
+
+    Parameters
+    ----------
+    images : MicrolensImages
+        Of one build, at the fields asked for; neighbours are taken to be like them.
+    x, y : ndarray, shape (S,), (T,)
+        Places from the image's centre, along the lattice's axes [microlens-image pitches].
+    """
+    c = images.camera
+    hexagonal = c.layout == "hexagonal"
+    cell = math.sqrt(3) / 2 if hexagonal else 1.0
+    # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
+    some = (np.arange(APART) - APART // 2) / APART
+    first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
+    kx, ky = first, (2 * second - first) / math.sqrt(3) if hexagonal else second
+    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())))
+    sharp = rows.finest > FINEST_PLACES
+    rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
+    side = 2 * math.ceil((1.4 if hexagonal else 1.0) * float(rows.finest.max(initial=1.0))) + 2
+    n = np.fft.fftfreq(side, 1 / side)
+    fx = kx[:, None, None] + n[:, None] + 0 * n
+    fy = ky[:, None, None] + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
+    fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in (fx, fy))
+    passed = _transfer(rows, c, fx, fy) / (cell * APART**2)
+    reach = range(-REACH, REACH + 1)
+    steps = tuple((a, b) for a in reach for b in reach)
+    turns = np.exp(-2j * math.pi * (np.outer([a for a, _ in steps], first) + np.outer([b for _, b in steps], second)))
+    along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x)[:, :, :], np.exp(2j * math.pi * fy[0, ..., None] * y)
+    found = []
+    for part in (_whole if rows.whole.all() else _cut)(rows, fx, fy):
+        waves = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
+        found.append(np.einsum("aw,wnts->ants", turns, waves, optimize=True).real)
+    light, *moments = found
+    unit = 1 / (2 * rows.radii[:, 0, None, None])
+    lit = light > 1e-3
+    # The microlens turns the FAP round.
+    s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
+    return ImageParts(steps, np.where(lit, light, 0.0), s_x, s_y)
+
+
+def disparity_sigma(images: MicrolensImages, seen: Seen) -> Array:
+    """Standard error of the disparity between the FAP's rims [microlens pitches]; inf where nothing tells it.
+
+    Parameters
+    ----------
+    images : MicrolensImages
+        At the fields asked for; their tilts are left out.
+    seen : Seen
+        The plane looked at.
+
+    Returns
+    -------
+    ndarray, shape (fields, builds)
+        Of ``depth.window`` by as many microlenses; as ``depth.disparity_error`` has it where that is given, wherever
+        there is light.
+    """
+    c = images.camera
+    fixed = c.numbers.get("depth.disparity_error")
+    if fixed is not None:
+        lit = images.shapes.lit
+        return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
+    total = disparity_information(images, seen) * c["depth.window"] ** 2
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
+
+
+def axial_disparity_sigma(c: Camera, seen: Seen) -> Array:
+    """`disparity_sigma` of a microlens whose image nothing cuts, shape of the builds; tilts left out."""
+    if "depth.disparity_error" in c.numbers:
+        return np.asarray(c["depth.disparity_error"])
+    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), seen)[0]
+    return np.asarray(sigma if c.shape or np.ndim(seen.scale) else sigma[0])
+
+
+class _Uncut(MicrolensImages):
+    """The microlens on the axis and the FAP as its only stop."""
+
+    @property
+    def discs(self) -> tuple[Array, Array]:
+        """The FAP's alone."""
+        shape = (1, *(self.camera.shape or (1,)), 1)
+        radius = np.broadcast_to(magnitude(microlens_image_diameter(self.camera)) / 2, shape[1:-1])
+        return np.zeros((*shape, 2)), np.broadcast_to(radius[..., None], shape)

@@ -1,0 +1,63 @@
+"""How many electrons a pixel gets, from the scene's light, and how far they scatter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._arrays import Array, product, ratio
+from ..camera import Camera
+
+PLANCK = 6.62607015e-34
+"""[J s]; exact by the SI."""
+LIGHT_SPEED = 299_792_458e3
+"""[mm/s]; exact by the SI."""
+EFFICACY = 683.0
+"""Luminous efficacy at 555 nm [lm/W]; exact by the SI to 3e-5 (540 THz)."""
+LONGEST_EXPOSURE = 1 / 60
+"""Where none is given [s]: a frame of video."""
+LARGEST_FILL = 0.5
+"""Part of the full well that the scene's mean fills at most where no exposure is given."""
+
+
+def radiance(c: Camera) -> Array:
+    """Of the scene, on average [W/m^2/sr]: as given, or of a matt surface, ``E rho/(683 pi)``."""
+    given = c.numbers.get("light.radiance")
+    if given is not None:
+        return np.asarray(given)
+    return np.asarray(c["light.illuminance"] * c["light.reflectance"] / (math.pi * EFFICACY))
+
+
+def electron_rate(c: Camera) -> Array:
+    """Electrons per second in a pixel that its microlens lights fully, where the scene is as bright as on average.
+
+    ``L q^2 Omega tau QE lambda/(h c)``: the pixel, as it stands behind a relay, sees its microlens under the solid
+    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array.
+    """
+    solid = ratio(c.d, c.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
+    watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]
+    return np.asarray(watts * c["sensor.quantum_efficiency"] * c.wavelength / (PLANCK * LIGHT_SPEED))
+
+
+def exposure(c: Camera) -> Array:
+    """Exposure [s]: as given, or the longest that leaves half of the full well free, 1/60 s at most."""
+    given = c.numbers.get("light.exposure")
+    if given is not None:
+        return np.asarray(given)
+    filled = ratio(LARGEST_FILL * c["sensor.full_well"], electron_rate(c))
+    return np.asarray(np.where(np.real(filled) < LONGEST_EXPOSURE, filled, LONGEST_EXPOSURE))[()]
+
+
+def electrons(c: Camera) -> Array:
+    """Electrons of an exposure in a pixel that its microlens lights fully, where the scene is as bright as on average.
+
+    More than the full well where the exposure given is too long: the sensor then tells nothing.
+    """
+    return np.asarray(product(electron_rate(c), exposure(c)))
+
+
+def dark_variance(c: Camera) -> Array:
+    """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
+    step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
+    return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)

@@ -1,0 +1,126 @@
+"""What a microlens's own aperture and defocus pass of the pupil's image behind it: a transfer function."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array as Floats
+from ..camera import Camera, Number
+from .light import microlens_defocus
+
+
+class Switches(Protocol):
+    """A plan of effects."""
+
+    def on(self, name: str) -> bool:
+        """Whether an effect is on."""
+
+
+NODES = 64
+"""Gauss-Legendre nodes across a circular aperture's overlap, and four more for each cycle of defocus across it."""
+
+TABULATE_FROM = 20_000
+"""Frequencies from which a circle's transfer is read from a table along the radius, to about 1e-7."""
+
+
+def line_transfer(
+    width: Number, sensor_distance: Number, defocus: Number, wavelength: Number, frequency: Floats
+) -> Floats:
+    """Transfer of a square microlens along one of its axes, all broadcast.
+
+    The overlap ``d - a`` of the aperture with itself shifted by ``a = lambda d_2 nu``, and the defocus across it.
+    Parameters are those of `MicrolensTransfer`.
+    """
+    overlap = np.maximum(width - wavelength * sensor_distance * np.abs(frequency), 0.0)
+    return np.asarray(overlap / width * np.sinc(defocus * sensor_distance * frequency * overlap))
+
+
+@dataclass(frozen=True)
+class MicrolensTransfer:
+    """Transfer function of a microlens, diffraction and defocus as switched on; 1 at zero frequency."""
+
+    width: float
+    """d, the aperture's width [mm]."""
+    sensor_distance: float
+    """d_2 [mm]."""
+    defocus: float
+    """1/f_ml - 1/d_2 - 1/L [1/mm]; 0 leaves it out."""
+    wavelengths: tuple[float, ...]
+    """Equal parts of light at each [mm]; empty leaves diffraction out."""
+    circular: bool
+    """Shape of the aperture."""
+    rotation: float = 0.0
+    """Of the square aperture's sides [rad]."""
+    beyond_rays: bool = False
+    """Whether this is only what it has beyond diffraction in focus of the rays' own blur."""
+
+    @classmethod
+    def of(cls, camera: Camera, plan: Switches, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
+        """As a plan has it; no `wavelengths` [mm] are the camera's own."""
+        return cls(
+            float(camera.d),
+            float(camera.d_2),
+            -float(microlens_defocus(camera) / camera.d_2) if plan.on("microlens_defocus") else 0.0,
+            (tuple(wavelengths) or (float(camera.wavelength),)) if plan.on("microlens_diffraction") else (),
+            camera.lens_shape == "circular",
+            float(camera["microlens_array.rotation"]) if plan.on("mla_rotation") else 0.0,
+        )
+
+    @property
+    def trivial(self) -> bool:
+        """True where the microlens image stays as geometry has it."""
+        return not self.wavelengths and self.defocus == 0
+
+    @property
+    def cutoff(self) -> float:
+        """Frequency along x or y beyond which nothing passes, d/(lambda d_2) [1/mm]; inf without diffraction."""
+        if not self.wavelengths:
+            return math.inf
+        reach = self.width / (min(self.wavelengths) * self.sensor_distance)
+        turned = abs(math.cos(self.rotation)) + abs(math.sin(self.rotation))
+        return reach if self.circular else reach * turned
+
+    def __call__(self, frequency_x: ArrayLike, frequency_y: ArrayLike) -> Floats:
+        """Transfer at spatial frequencies on the sensor [1/mm], which broadcast; real, as the aperture is symmetric."""
+        x, y = (np.asarray(values, float) for values in (frequency_x, frequency_y))
+        if self.trivial:
+            return np.ones(np.broadcast_shapes(x.shape, y.shape))
+        if self.beyond_rays:
+            whole = replace(self, beyond_rays=False)
+            return np.asarray(whole(x, y) - replace(whole, defocus=0.0)(x, y) * replace(whole, wavelengths=())(x, y))
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        if not self.circular and s != 0:
+            x, y = c * x + s * y, c * y - s * x
+        parts = [self._at(x, y, wavelength) for wavelength in self.wavelengths or (0.0,)]
+        return np.asarray(sum(parts) / len(parts))
+
+    def _at(self, x: Floats, y: Floats, wavelength: float) -> Floats:
+        if self.circular:
+            radius = np.hypot(x, y)
+            if radius.size <= TABULATE_FROM:
+                return self._circle(radius, wavelength)
+            grid = np.linspace(0, float(radius.max()), TABULATE_FROM)
+            return np.interp(radius, grid, self._circle(grid, wavelength))
+        return self._line(x, wavelength) * self._line(y, wavelength)
+
+    def _line(self, frequency: Floats, wavelength: float) -> Floats:
+        return line_transfer(self.width, self.sensor_distance, self.defocus, wavelength, frequency)
+
+    def _circle(self, frequency: Floats, wavelength: float) -> Floats:
+        """Overlap of two circles, column by column along the shift; x = L sin^2 removes the rim's square root."""
+        shift = wavelength * self.sensor_distance * frequency / self.width
+        half = np.maximum(1.0 - shift, 0.0)[..., None] / 2
+        cycles = abs(self.defocus) * self.sensor_distance * self.width * float(frequency.max(initial=0.0))
+        nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * min(1000, math.ceil(cycles)))
+        angle = (nodes + 1) * (math.pi / 4)
+        x = half * np.sin(angle) ** 2
+        chord = np.sqrt((half - x) * (half + x + shift[..., None]))
+        ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
+        turns = np.cos(2 * math.pi * self.defocus * self.sensor_distance * self.width * frequency[..., None] * x)
+        return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
