@@ -410,9 +410,7 @@ class _Fit:
         near = _Plane.of(true, pulled, raw, moment, disparity, window)
         wide = _Plane.of(true, pulled, raw, moment, disparity, 3 * window)
         trusted = wide.sound & (wide.strain < 2)
-        plane = _Plane(
-            *(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True))
-        )
+        plane = _Plane(*(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True)))
         rows, columns = (a.astype(float) for a in np.indices(value.shape, sparse=True))
         across = np.where(enough & plane.sound, _box(true * columns, window) / share - columns, 0)
         down = np.where(enough & plane.sound, _box(true * rows, window) / share - rows, 0)
@@ -564,14 +562,7 @@ class _Plane:
         square = _box(raw * own * own, window) - 2 * b / s * _box(raw * own, window) + (b / s) ** 2 * _box(raw, window)
         square = np.maximum(square - across * cub - down * cvb, 0)
         return cls(
-            across,
-            down,
-            cvv / whole,
-            -cuv / whole,
-            cuu / whole,
-            square / np.maximum(spare, 1),
-            np.maximum(spare, 0),
-            sound,
+            across, down, cvv / whole, -cuv / whole, cuu / whole, square / np.maximum(spare, 1), np.maximum(spare, 0), sound
         )
 
     def variance(self, across: Array, down: Array) -> Array:

@@ -144,6 +144,14 @@ def _about_conjugates(values: Mapping[str, float | None]) -> Iterator[Problem]:
     near = [key for key in given if FOCAL in given and key != FOCAL and given[key] <= given[FOCAL]]
     for key in near:
         focal = f"the focal length {_shown(given[FOCAL])}"
+        if key == DISTANCE and given[key] == given[FOCAL]:
+            yield Problem(
+                key,
+                f"{_shown(given[key])} is the focal length: what is in focus would be seen at infinity, as behind an "
+                "ocular in collimated light, and all that counts from there (H, m, d_f as seen) has no finite value; "
+                "make it a little longer",
+            )
+            continue
         yield Problem(key, f"{_shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
     if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
         ways = " or ".join(f"{key} (it would become {_shown(followed(given, key))})" for key in (DISTANCE, PLANE))

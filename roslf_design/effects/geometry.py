@@ -10,7 +10,7 @@ from ..camera import Camera, Number
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
-from ..theory.light import falloff, falloff_slope, outer_slope
+from ..theory.light import chief_slope, falloff, outer_slope
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -111,7 +111,7 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    slope = s.x_ml * float(falloff_slope(s.camera))
+    slope = s.x_ml * float(chief_slope(s.camera))
     if s.camera.law is None:
         loss = _loss(slope)
         return Estimate(loss, f"{loss:.2%} darker {s.at}")

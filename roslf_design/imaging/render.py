@@ -18,7 +18,7 @@ from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
-from ..theory.light import falloff, outer_slope
+from ..theory.light import chief_spread, falloff, outer_slope
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
@@ -250,7 +250,8 @@ class _Job:
                     light *= share
                 x, y, distance = (float(number) for number in seen)
                 if self.plan.on("cos4") and camera.law is None:
-                    light *= float((1 + (x * x + y * y) / ((distance - camera.d_3) * camera.fap.scale) ** 2) ** -2.0)
+                    away = (distance - camera.d_3) / chief_spread(camera)
+                    light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
                 if light == 0:  # outside what the objective images
                     continue
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance)

@@ -45,7 +45,7 @@ from ..rays.backward import (
 from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.light import falloff_slope
+from ..theory.light import chief_slope
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -336,7 +336,7 @@ class Tracer:
             np.array(flags),
             encode(scene, design.d_f),
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
-            float(falloff_slope(camera)) if plan.on("cos4") else 0.0,
+            float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
         )

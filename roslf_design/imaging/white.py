@@ -21,7 +21,7 @@ from ..effects.waves import pixel_box
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.light import falloff_slope
+from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
 from ..theory.transfer import MicrolensTransfer
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
@@ -129,7 +129,7 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     this differs by less than the change over half a pitch.
     """
     lattice = ImageLattice.of(camera)
-    scale = float(falloff_slope(camera))
+    scale = float(chief_slope(camera))
     shift = lattice.offset - lattice.image_origin / lattice.grow
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2

@@ -31,7 +31,7 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import Distance, Length, format_quantity, parse_quantity
+from ..units import AnyLength, Length, format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 
@@ -53,11 +53,14 @@ DERIVED = {
 
 
 class Variable(StrictTable):
-    """Bounds [mm] of a length that may change: ``["0.5 mm", "8 mm"]`` for short."""
+    """Bounds [mm] of a length that may change: ``["0.5 mm", "8 mm"]`` for short.
 
-    min: Distance
-    max: Length
-    start: Distance | None = None
+    Below 0 are those of the focal length of an element that diverges.
+    """
+
+    min: AnyLength
+    max: AnyLength
+    start: AnyLength | None = None
     """Where one of the searches starts."""
 
     @model_validator(mode="before")
@@ -74,6 +77,10 @@ class Variable(StrictTable):
         if self.min > self.max:
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
             raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
+        if self.min < 0 <= self.max:
+            raise ValueError(f"bounds {self.min:g} and {self.max:g} mm hold 0 between them; keep to one sign")
+        if self.max == 0:
+            raise ValueError("max must be greater than zero")
         return self
 
     @property

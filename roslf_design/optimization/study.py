@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -40,6 +41,8 @@ from .solve import (
 )
 
 SCHEMA = "roslf.optimization/1"
+DIVERGES = re.compile(r"elements\.\d+\.focal_length")
+"""Places that may be below 0."""
 
 
 class StudyTable(StrictTable):
@@ -90,6 +93,8 @@ class StudyTable(StrictTable):
         for name, variable in self.variables.items():
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
                 yield Problem(f"variables.{name}", "min must be greater than zero")
+            if variable.min < 0 and not DIVERGES.fullmatch(name):
+                yield Problem(f"variables.{name}", "min must not be negative; only an element's focal length may be")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         goals = [goal.quantity.name for goal in self.goals]

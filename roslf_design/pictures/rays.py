@@ -356,6 +356,8 @@ def _glass(design: Design, section: SectionLayout) -> list[Mark]:
             for left, right in profiles(element, (low, high), _thick(radius, section))
         )
         marks.append(Area(*xy(outline), *GLASS, "sky", 1.2, testid=f"element-{number}"))
+        if isinstance(element, Prism) and element.length > 2 * VIEW * section.panel.per_px[0]:
+            marks += _view(element, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
         if isinstance(element, Grin):  # the denser, the darker
             marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in (0.35, 0.7)]
     mla, plates = design.microlens_array, [(design.d_1 + a, design.d_1 + b) for a, b in _behind_array(design)]
@@ -363,6 +365,25 @@ def _glass(design: Design, section: SectionLayout) -> list[Mark]:
         plates.append((design.d_1 - mla.substrate.thickness, design.d_1))
     (x, _), height = mla.decentre, mla.size[0] / 2
     return marks + [_block(*plate, x - height, x + height, *GLASS, edge="sky", width=0.8) for plate in plates]
+
+
+VIEW = 46.0
+"""Length of the arrow that shows where a prism looks, in the ray picture [px]."""
+
+
+def _view(prism: Prism, start: tuple[float, float], size: float, per_px: tuple[float, float]) -> list[Mark]:
+    """Where a prism, drawn unfolded, really turns the view: the axis goes on, an arrow leaves it by the deviation."""
+    if not prism.deviation:
+        return []
+    (mm, up), (z, x), angle = per_px, start, prism.deviation
+    tip = z - size * math.cos(angle) * mm, x + size * math.sin(angle) * up
+    arc = np.linspace(0.0, angle, 20)
+    return [
+        Line([z, z - size * mm], [x, x], "grey", 0.8, "3 3"),
+        Line(z - 0.6 * size * np.cos(arc) * mm, x + 0.6 * size * np.sin(arc) * up, "grey", 0.8),
+        Line([z, tip[0]], [x, tip[1]], "ink", 1.4, ends=">", testid="view"),
+        Text(*tip, f"view {math.degrees(angle):.3g}°", "ink", SMALL, "middle", 0, -6 if angle > 0 else 14, plate=True),
+    ]
 
 
 def _thick(radius: float, section: SectionLayout) -> float:
@@ -579,6 +600,8 @@ def dimensions(design: Design) -> Picture:
         for k, line in enumerate(reversed(element.says)):
             words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
         highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
+        if isinstance(element.glass, Prism):
+            marks += _view(element.glass, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
     for told, start, stop_at in _dimension_lines(design):
@@ -645,6 +668,10 @@ def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
         return [_block(x - THICK, x + THICK, -half, half, *GLASS, edge="sky", width=1.2)]
     if element.name in ("main lens", "MLA") or element.glass is not None:
         count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
+        if isinstance(element.glass, FieldLens) and element.glass.focal_length < 0:
+            up = np.linspace(-half, half, 25)
+            edge = 0.04 + 0.1 * (up / half) ** 2
+            return [Area([*(x - edge), *(x + edge)[::-1]], [*up, *up[::-1]], "sky", 0.6, "blue", 1.0)]
         turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
         middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
         xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)

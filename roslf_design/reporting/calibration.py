@@ -579,7 +579,8 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tu
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
-    command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}" -o calibration'
+    told = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
+    command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{told} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")

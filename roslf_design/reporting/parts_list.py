@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..design.elements import LensGroup, element_name, made_of
-from ..optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, load_catalogue
+from ..design.elements import LensGroup, Plate, element_name, made_of
+from ..optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, WindowPart, load_catalogue
 from ..words import length
 from .blocks import Bullets, Section, Table
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 ALIKE = 0.01
 """Relative difference up to which a length of a part counts as the design's."""
+ANOTHER = math.log(1.2)
+"""What another material counts for, as logarithm of a ratio."""
 FAR = math.log(2)
 """Sum of logarithms of ratios beyond which a part is not worth naming."""
 
@@ -36,10 +38,12 @@ def parts_section(design: Design) -> Section:
     rows += [
         (f"stop {k}", f"opening {length(stop.diameter)}", "made to drawing") for k, stop in enumerate(design.stops, 1)
     ]
-    rows += [
-        (_part_name(element, k), ", ".join(made_of(element)), _bought(element))
-        for k, element in enumerate(design.elements, 1)
-    ]
+    for k, element in enumerate(design.elements, 1):
+        bought, entry = f"{element.lens.name}, as prescribed" if isinstance(element, LensGroup) else OWN, None
+        if isinstance(element, Plate):
+            bought, entry = catalogue_match(design, known, "windows", element)
+        entries = (*entries, *([entry] if entry is not None and entry not in entries else []))
+        rows.append((_part_name(element, k), ", ".join(made_of(element)), bought))
     for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
         if plate is not None:
             rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
@@ -65,6 +69,8 @@ def parts_section(design: Design) -> Section:
     return Section("Parts list", (table, Bullets(notes)) if notes else (table,))
 
 
+OWN = "to be made or bought"
+"""What is said of an element that the catalogue has no kind for."""
 NAMES = {"plate": "window", "grin": "gradient-index rod", "prescription": "lens group"}
 """What a part is called where it is bought."""
 
@@ -73,18 +79,16 @@ def _part_name(element: AnyElement, number: int) -> str:
     return f"{NAMES.get(element.kind, element.kind)} ({element_name(element, number)})"
 
 
-def _bought(element: AnyElement) -> str:
-    return f"{element.lens.name}, as prescribed" if isinstance(element, LensGroup) else "to be made or bought"
-
-
-def catalogue_match(design: Design, catalogue: Catalogue, kind: Kind) -> tuple[str, Entry | None]:
-    """What to say of a part of the design, and the catalogue's where it is the same or near.
+def catalogue_match(
+    design: Design, catalogue: Catalogue, kind: Kind, window: Plate | None = None
+) -> tuple[str, Entry | None]:
+    """What to say of a part of the design (of windows, of one), and the catalogue's where it is the same or near.
 
     The same is one whose lengths agree and that lacks nothing; the nearest has the ratios to what is wanted least.
     """
     if kind == "lenses" and design.lens is not None:
         return f"{design.lens.name}, as prescribed", None
-    unlike = {part.part: _unlike(design, part) for part in catalogue.of(kind)}
+    unlike = {part.part: _unlike(design, part, window) for part in catalogue.of(kind)}
     same = [part for part in catalogue.of(kind) if not unlike[part.part][0]]
     best = min(same or catalogue.of(kind), key=lambda part: unlike[part.part][1], default=None)
     if best is None:
@@ -97,7 +101,7 @@ def catalogue_match(design: Design, catalogue: Catalogue, kind: Kind) -> tuple[s
     return f"to be made; nearest is {_name(best)}: {', '.join(words)}", best
 
 
-def _unlike(design: Design, part: Entry) -> tuple[list[str], float]:
+def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str], float]:
     """What of a part is not as the design wants it, and how far apart they are: a sum of logarithms of ratios."""
     lengths: tuple[tuple[str, float, float], ...] = ()  # name, the part's, the design's
     lacks: list[str] = []
@@ -118,6 +122,14 @@ def _unlike(design: Design, part: Entry) -> tuple[list[str], float]:
             short = sum(max(0.0, math.log(n / have)) for have, n in zip(part.pixels, design.pixels, strict=True))
             if short:
                 lacks.append(f"only {part.pixels[0]} x {part.pixels[1]} px")
+        case WindowPart():
+            assert window is not None
+            lengths = (("thickness", part.thickness, window.thickness),)
+            if window.diameter is not None:
+                lengths += (("clear aperture", part.aperture, window.diameter),)
+            if part.material.name != window.material.name:
+                lacks.append(f"of {part.material.name}")
+                short = ANOTHER
     words = [f"{name} {length(have)}" for name, have, wanted in lengths if abs(have / wanted - 1) > ALIKE]
     return [*words, *lacks], short + sum(abs(math.log(have / wanted)) for _, have, wanted in lengths)
 

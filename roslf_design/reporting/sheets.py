@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..camera import Camera
+from ..design.elements import Prism
 from ..evaluation import default_fields
 from ..imaging.transfer import encircled
 from ..pictures.curves import depth_precision, matching_plane
@@ -42,11 +43,11 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
         if is_centred(design)
         else "Drawn in the plane x-z, as decentres and tilts make the sides differ."
     )
-    through = (
-        ""
-        if result.object_space is None
-        else " Glass before the lens and about the array is light blue, where a ruler finds it; rays bend at its faces."
-    )
+    through = ""
+    if result.object_space is not None:
+        folds = any(isinstance(element, Prism) and element.deviation for element in design.elements)
+        bend = "prisms unfolded" if folds else "rays bend at its faces"
+        through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design.mapping import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
@@ -78,6 +78,21 @@ def object_scale(c: Camera) -> Array:
     return product(c.inverse_m, np.abs(c.focus.magnification))
 
 
+def chief_spread(c: Camera) -> Number:
+    """Slope of a chief ray before all that bends light, over its slope where the main lens sees it; 1 in air.
+
+    Flat glass leaves it; an objective before the FAP does not. cos^4 is of the angle there: what the FAP takes of a
+    Lambertian surface through its image, the entrance pupil, wherever that lies.
+    """
+    _, front = c.front
+    return np.abs(front.d - front.c * c.d_3)
+
+
+def chief_slope(c: Camera) -> Array:
+    """That slope for a microlens a millimetre off the axis [1/mm]."""
+    return ratio(c.inverse_m * chief_spread(c), c.gap)
+
+
 def outer_slope(c: Camera, place: ArrayLike) -> Array:
     """Index times slope, to first order, at which the chief ray of a microlens comes out of the bore.
 
@@ -87,8 +102,7 @@ def outer_slope(c: Camera, place: ArrayLike) -> Array:
     place : array_like
         Of the microlens, from the main lens's axis [mm].
     """
-    _, front = c.front
-    slope = product(c.inverse_m, ratio(front.d - front.c * c.d_3, c.gap)) * np.asarray(place)
+    slope = chief_slope(c) * np.asarray(place)
     return np.asarray(np.sqrt(slope * slope))
 
 
@@ -120,15 +134,10 @@ def falloff(c: Camera, slope: ArrayLike) -> Array:
     ----------
     c : Camera
     slope : array_like
-        Index times slope of the chief ray to first order, as `falloff_slope` gives it.
+        Index times slope of the chief ray to first order, as `chief_slope` gives it.
     """
     slope = np.abs(slope)
     return np.asarray((1 + slope * slope) ** -2.0 if c.law is None else illumination(c.law, slope))
-
-
-def falloff_slope(c: Camera) -> Array:
-    """Slope of chief rays per millimetre on the array, for `falloff` [1/mm]; with a mapping, before the objective."""
-    return np.asarray(c.inverse_m / (c.gap * c.fap.scale) if c.law is None else outer_slope(c, 1.0))
 
 
 class SensorField(NamedTuple):

@@ -126,8 +126,9 @@ def test_a_measured_f_tan_is_f_tan():
     a, b = Camera.of(simple("f tan")), Camera.of(measured)
     for name in ("field_half_width_mm", "field_half_diagonal_mm", "field_half_angle_deg", "object_sample_mm"):
         assert float(QUANTITIES[name](b)) == pytest.approx(float(QUANTITIES[name](a)), rel=1e-6), name
-    one, other = (Subject(simple(mapping, 12.0)) for mapping in ("f tan", measured.elements[0].mapping))
-    assert cos4(other).value == pytest.approx(cos4(one).value, rel=1e-5)
+    for fap in (2.0, 12.0):  # behind the objective and before it
+        one, other = (Subject(simple(mapping, fap)) for mapping in ("f tan", measured.elements[0].mapping))
+        assert cos4(other).value == pytest.approx(cos4(one).value, rel=1e-5)
 
 
 # --- the same as before -----------------------------------------------------------------------------------------------

@@ -177,3 +177,30 @@ def test_field_curvature_is_told_before_and_after_refocusing():
     reason = next(line.reason for line in plan(design) if line.name == "field_curvature")
     assert f"{before:.3g} pitches, {after:.3g} after refocusing" in reason
     assert after < before / 3
+
+
+def matrix_to(design, plane):
+    """Ray matrix of height and index times slope, outwards from the main lens to a plane; elements to first order."""
+    whole, at = np.eye(2), 0.0
+    for e in sorted(design.elements, key=lambda e: e.distance):
+        if e.distance > plane:
+            break
+        whole = np.array([[1, -(e.distance - at)], [0, 1]]) @ whole
+        if e.kind == "lens":
+            whole = np.array([[1, 0], [1 / e.focal_length, 1]]) @ whole
+        else:
+            whole = np.array([[1, -e.length / float(e.material.index(design.wavelength))], [0, 1]]) @ whole
+        at = e.distance + e.length
+    return np.array([[1, -(plane - at)], [0, 1]]) @ whole
+
+
+def test_light_falls_off_by_the_angle_before_the_objective():
+    """The cystoscope's stop is in its relay, where chief rays are flat; before the objective they are not."""
+    scope = load("cystoscope")
+    line = plan(scope, SceneBrief(field_radius=2.0))["cos4"]
+    # The ray through the FAP's middle that comes, behind the lens, to 2 mm on the array.
+    (a, b), _ = matrix_to(scope, scope.d_3)
+    height, slope = np.linalg.solve([[a, b], [1 - scope.d_1 / scope.f, scope.d_1]], [0.0, 2.0])
+    outside = (matrix_to(scope, 95.0) @ [height, slope])[1]  # between objective and window, in air
+    assert line.estimate == pytest.approx(1 - math.cos(math.atan(outside)) ** 4, rel=1e-9)
+    assert 20 < math.degrees(math.atan(abs(outside))) < 40

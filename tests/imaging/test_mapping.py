@@ -15,7 +15,7 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.rays import fans
 from roslf_design.scenes import make_scene
-from roslf_design.theory.light import falloff, falloff_slope
+from roslf_design.theory.light import chief_slope, falloff
 
 LENS = {"kind": "lens", "distance": 2.0, "focal_length": -4.0, "mapping": "f sin"}
 BASE = {
@@ -120,8 +120,8 @@ def test_white_fields_darken_by_the_law_and_rays_agree_with_coverage():
     camera = Camera.of(design)
     effects = plan(design, None, None, ["none", "+cos4"])
     x = np.linspace(-1.0, 1.0, 5)
-    shares = falloff(camera, falloff_slope(camera) * x)
-    slope = float(falloff_slope(camera)) * 1.0
+    shares = falloff(camera, chief_slope(camera) * x)
+    slope = float(chief_slope(camera)) * 1.0
     assert shares[-1] == pytest.approx(math.sin(slope) * math.cos(slope) / slope, rel=1e-12)
     assert shares[-1] < 0.99
     region = (300, 300, 60, 60)

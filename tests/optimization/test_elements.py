@@ -247,3 +247,40 @@ def test_a_study_says_what_does_not_vary(windowed, tmp_path, capsys):
 def test_glass_in_one_another_is_refused(windowed):
     with pytest.raises(InputError):
         windowed.replace({"elements.1.distance": 118.5})
+
+
+def test_a_lens_that_diverges_may_vary(windowed):
+    """Its focal length against a scan of Camera's own numbers; towards 0 from below it is the strongest lens."""
+    problem = posed(
+        {"elements.1.focal_length": (-900, -150), "d_2": (1.9, 2.1)},
+        (),
+        goal("field_half_width_mm", "max"),
+        design=windowed,
+    )
+    values = np.linspace(-900, -150, 400)
+    changes = {"elements.1.focal_length": values, "d_1": windowed.d_1}
+    cameras = Camera.of(windowed, changes)
+    widths = np.where(cameras.valid, roslf.quantity("field_half_width_mm")(cameras), -np.inf)
+    answer = solve(problem, QUICK, lambda _: None)
+    assert answer.feasible
+    chosen = problem.named(answer.unit)["elements.1.focal_length"]
+    assert chosen < 0
+    width = float(roslf.quantity("field_half_width_mm")(problem.cameras(answer.unit)))
+    assert width >= widths.max() * (1 - 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("place", "bounds", "said"),
+    [
+        ("f", '["-80 mm", "-20 mm"]', "min must not be negative; only an element's focal length may be"),
+        ("elements.1.focal_length", '["-80 mm", "20 mm"]', "hold 0 between them; keep to one sign"),
+        ("elements.1.focal_length", '["0 mm", "20 mm"]', "min must be greater than zero"),
+        ("elements.1.focal_length", '["-20 mm", "-80 mm"]', "min -20 mm is above max -80 mm; swap them"),
+    ],
+)
+def test_bounds_that_no_lens_has_are_refused(capsys, tmp_path, windowed, place, bounds, said):
+    save(windowed, tmp_path / "design.toml")
+    text = f'design = "design.toml"\n[variables]\n"{place}" = {bounds}\n[[goals]]\nquantity = "sigma_z_mm"\n'
+    (tmp_path / "study.toml").write_text(f'name = "x"\nquestion = "x"\n{text}direction = "min"\n')
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err

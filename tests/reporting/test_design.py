@@ -313,3 +313,21 @@ def test_a_report_lists_what_stands_before_the_lens(name):
     tip = max(design.d_3, *(e.distance + e.length for e in design.elements))
     assert float(key["working distance"].split()[0]) == pytest.approx(design.d_f - tip, rel=1e-4)
     assert render_html(report)
+
+
+def test_windows_are_looked_for_in_the_catalogue():
+    """One that is sold is found by its sizes and material; of other glass, or too thick, it is only the nearest."""
+    known, scope = load_catalogue(), load("video-otoscope")
+    part = known.of("windows")[0]
+    glass = {"kind": "plate", "distance": 3.0, "thickness": part.thickness, "material": part.material.name}
+
+    def told(**changes):
+        window = type(scope.elements[-1]).model_validate({**glass, **changes}, context={"from_file": False})
+        return catalogue_match(scope, known, "windows", window)
+
+    assert told(diameter=part.aperture)[0].startswith("the same as")
+    assert told(diameter=part.aperture)[1].thickness == part.thickness
+    assert told(diameter=part.aperture, material="SF5")[0].startswith("to be made")
+    assert told(diameter=0.01) == ("to be made; the catalogue has nothing near", None)
+    rows = parts_section(load("arthroscope")).blocks[0].rows
+    assert any("window" in row[1] and row[3] != "to be made or bought" for row in rows)
