@@ -35,6 +35,7 @@ from roslf_design.explorer.state import (
     show,
     value_at,
 )
+from roslf_design.explorer.view import controls
 
 PAPER = load("paper")
 START = State.of(PAPER)
@@ -393,6 +394,21 @@ def test_only_the_outermost_plate_is_the_window():
     state = State.of(design).choose("window", "yes")
     assert [element.kind for element in state.design.elements] == ["lens", "plate"]
     assert state.choose("window", "no").design.elements == design.elements
+
+
+def test_the_objectives_mapping_is_chosen_by_name():
+    lens = {"kind": "lens", "distance": 130.0, "focal_length": 500.0}
+    state = State.of(PAPER.replace({"elements": (lens,)}))
+    assert controls(State.of(PAPER))["bore"]["mapping"] == ""
+    assert controls(state)["bore"]["mapping"] == "f tan"
+    bent = state.choose("mapping", "f theta")
+    assert controls(bent)["bore"]["mapping"] == "f theta"
+    before, after = (evaluate(s.design).non_distortion.field_half_width_mm for s in (state, bent))
+    assert after > before
+    assert bent.choose("window", "yes").design.elements[1].diameter is None  # a rim there is refused
+    wrong = state.choose("window", "yes").choose("mapping", "f sin")
+    assert "would cut rays" in wrong.fault("mapping").message
+    assert bent.choose("mapping", "f tan").design == state.design
 
 
 @pytest.mark.parametrize(

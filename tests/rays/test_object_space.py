@@ -194,7 +194,8 @@ def test_many_rays_are_few_rays():
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     few, status = np.zeros((4, 50)), np.zeros(50, np.uint8)
     room = np.empty(tracer.ROWS * tracer.BLOCK), np.empty(tracer.BLOCK)
-    carry(space.table, space.media, space.takers, *room, np.ascontiguousarray(lines[:, :50]), few, status)
+    few_lines = np.ascontiguousarray(lines[:, :50])
+    carry(space.table, space.media, space.takers, space.law, *room, few_lines, few, status)
     np.testing.assert_array_equal(few[:2], many.height[:, :50])
     np.testing.assert_array_equal(few[2:], many.slope[:, :50])
 
