@@ -113,7 +113,8 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        if pays(carry, rays.shape[1] * len(self.table)):
+        # Angles from sines come out of numpy and of the compiler a bit apart.
+        if len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
             carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
         else:
             table, media = ([_plain(row) for row in part] for part in (self.table, self.media))

@@ -462,6 +462,14 @@ def test_what_cannot_stand_before_a_mapped_objective_is_refused():
         assert [problem.key for problem in refused.value.problems] == [key]
 
 
+def test_a_real_main_lens_behind_a_mapped_objective_is_refused():
+    lens = {"kind": "lens", "distance": 150.0, "focal_length": 800.0}
+    design = roslf.load("paper-singlet").replace({"elements": [lens]})
+    with pytest.raises(DesignError, match="a real main lens is not traced together with a mapping") as refused:
+        design.replace({"elements": [{**lens, "mapping": "f theta"}]})
+    assert [problem.key for problem in refused.value.problems] == ["elements.1.mapping"]
+
+
 def test_an_object_side_telecentric_objective_has_no_angles_to_map():
     lens = {"kind": "lens", "distance": 150.0, "focal_length": 33.0, "mapping": "f sin"}
     near = {"elements": [lens], "aperture.distance": 117.01, "main_lens.focal_plane": 160.0}

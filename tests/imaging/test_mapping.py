@@ -108,6 +108,23 @@ def test_a_point_lands_where_its_chief_ray_does(mapping, waves):
     assert np.hypot(*(middle - target)) < (0.3 if waves else 0.1) * design.d
 
 
+def test_exact_rays_through_a_mapped_objective_alone_leave_a_point_where_it_is():
+    """So small an opening that one focus stands for all of it; slopes are drawn out thirtyfold there."""
+    lens = {**LENS, "focal_length": -1.5}
+    changes = {"elements": [lens], "aperture.diameter": 0.08, "sensor.size": (4.0, 4.0)}
+    scene = make_scene({"objects": [{"kind": "points", "positions": [[30.0, 9.0, 12.0]]}]})
+    ideal, exact = (
+        render(scope(**changes), scene, overrides=["none", *effects]).pixels.astype(float)
+        for effects in ([], ["+plate_aberration"])
+    )
+    assert ideal.sum() > 0
+    assert exact.sum() == pytest.approx(ideal.sum(), rel=1e-3)
+    for axis in (0, 1):
+        across = np.arange(ideal.shape[1 - axis])
+        middles = [image.sum(axis) @ across / image.sum() for image in (ideal, exact)]
+        assert middles[0] == pytest.approx(middles[1], abs=0.1)  # pixels
+
+
 def test_points_that_the_mapping_draws_out_are_refused():
     scene = make_scene({"objects": [{"kind": "points", "positions": [[2.5, 0.0, 5.0]]}]})
     with pytest.raises(InputError, match=r"drawn out by .* pitches by the objective's mapping"):
