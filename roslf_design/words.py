@@ -19,6 +19,7 @@ WORDS = {
     "field_half_angle_deg": "half angle of view",
     "object_sample_mm": "object sample",
     "sigma_z_mm": "depth spread σ_Z",
+    "sigma_z_at_field_mm": "depth spread σ_Z at the field",
     "sigma_disparity_pitches": "disparity error",
     "electrons": "electrons a pixel",
     "blur_pitches": "defocus blur",

@@ -125,7 +125,8 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
         shares = [_counted_shares(camera, axis, points) for axis in axes]
         middle = np.stack(np.broadcast_arrays(images.outline.x, images.outline.y, images.x)[:2], -1)[:, 0]
         offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
-    depth_error = np.broadcast_to(np.asarray(QUANTITIES["sigma_z_mm"].at_fields(images)), shape.area.shape)[:, 0]
+    spreads = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
+    depth_error = np.broadcast_to(spreads, shape.area.shape)[:, 0]
     centroid, lit, ratio = shape.centroid[:, 0] + offset, shape.lit[:, 0], shape.axis_ratio[:, 0]
     return tuple(
         Field(

@@ -19,6 +19,7 @@ lattice, finite because diffraction bounds it. The waves of the texture's spectr
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -49,6 +50,10 @@ REACH = 3
 """Steps of the lattice to the farthest neighbours in `image_parts`."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
+MANY = 32
+"""Whole images from which loading Bessel functions pays; rows give the same to 1e-12."""
+NEARLY_ALIKE, CELL = 256, 0.05
+"""Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 BLOCK = 128
 """Images at a time, for memory's sake."""
 
@@ -74,6 +79,13 @@ class Spectrum(NamedTuple):
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 Spectra = tuple[Complex, Complex, Complex]
+
+
+class _Array(NamedTuple):
+    """Of a microlens array what its images hang on beside lengths."""
+
+    layout: str
+    lens_shape: str
 
 
 class _Images(NamedTuple):
@@ -194,6 +206,7 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     rows = _rows_of(images, seen, texture(c, seen, quarter=False) if waves is None else waves)
     builds = _builds(images, seen)
     shape = (len(images.fields), *builds)
+    array = _Array(c.layout, c.lens_shape)
     fill, whole = 2 * rows.radii[:, 0], rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
@@ -205,9 +218,7 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
         mine = np.flatnonzero((level == detail) & (whole == uncut))
         # Whole images of one build are all alike.
         alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if uncut else (..., ...)
-        own = mine[alike]
-        parts = [own[start : start + BLOCK] for start in range(0, own.size, BLOCK)]
-        found[mine] = np.concatenate([_sharpened(rows.at(part), c, detail, uncut) for part in parts])[back]
+        found[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
     return found.reshape(shape)
 
 
@@ -237,7 +248,72 @@ def _rows_of(images: MicrolensImages, seen: Seen, waves: Spectrum) -> _Images:
     return _Images(*[np.broadcast_to(np.asarray(value, float), shape).ravel() for value in optics], *shapes, *spectrum)
 
 
-def _sharpened(images: _Images, c: Camera, level: int, whole: bool) -> Array:
+def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
+    parts = [np.arange(start, min(start + BLOCK, images.pitch.size)) for start in range(0, images.pitch.size, BLOCK)]
+    return np.concatenate([_sharpened(images.at(part), c, level, whole) for part in parts])
+
+
+def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
+    """Information of whole images; where many are nearly alike, by second-order series about some in their midst.
+
+    Up to the light, it hangs on five ratios: the image's diameter, the detail that diffraction passes, defocus and the
+    pixel, all against the pitch, and dark noise against light; and on how far the plane is out of focus.
+    """
+    scale = images.light * images.power[:, 0]
+    per = images.power / images.power[:, :1]
+    same = all(np.ptp(part, axis=0).max() < 1e-12 for part in (images.x, images.y, per))
+    if images.pitch.size < NEARLY_ALIKE or not same:
+        return _each(images, c, level, whole)
+    about = np.stack([
+        np.log(2 * images.radii[:, 0]), np.log(images.finest), images.defocus * images.distance * images.width
+        / images.pitch, np.log(images.pixel / images.pitch), np.log(images.dark / images.light + 1e-6), images.bend,
+    ], -1)  # fmt: skip
+    free = np.flatnonzero(np.ptp(about, axis=0) > 1e-12)
+    index, member, counts = np.unique(
+        np.floor(about[:, free] / CELL).astype(int), axis=0, return_inverse=True, return_counts=True
+    )
+    found, member = np.empty(images.pitch.size), member.ravel()
+    first, second = np.triu_indices(free.size, 1)
+    ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
+    offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
+    few = counts[member] < 2 * len(offsets)
+    if few.any():
+        alone = np.flatnonzero(few)
+        found[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
+    for cell in np.flatnonzero(counts >= 2 * len(offsets)):
+        mine = np.flatnonzero(member == cell)
+        nodes = np.repeat(about[mine[:1]], len(offsets), axis=0)
+        nodes[:, free] = (index[cell] + 0.5 + offsets) * CELL
+        spectrum = np.stack([images.x[0], images.y[0], per[0]])
+        values = _series(c, level, whole, nodes.tobytes(), spectrum.tobytes())
+        middle, up, down = values[0], values[1 : 1 + free.size], values[1 + free.size : 1 + 2 * free.size]
+        away = about[mine][:, free] / CELL - (index[cell] + 0.5)
+        slope, bow = up - down, 2 * (up + down - 2 * middle)
+        series = middle + away @ slope + away**2 @ bow
+        cross = (
+            4 * (values[1 + 2 * free.size :] - middle) - 2 * (slope[first] + slope[second]) - bow[first] - bow[second]
+        )
+        series += (away[:, first] * away[:, second]) @ cross
+        found[mine] = np.exp(series)
+    return found * scale
+
+
+@functools.lru_cache(maxsize=4096)
+def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -> Array:
+    """Logarithm of information at the nodes of a cell, for a pitch of 1 and one electron."""
+    about = np.frombuffer(nodes).reshape(-1, 6)
+    wide, fine, blurred, pixel, dark, bend = about.T
+    one = np.ones(len(about))
+    waves = [np.tile(part, (len(about), 1)) for part in np.frombuffer(spectrum).reshape(3, -1)]
+    dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
+    apart, radii = np.zeros((len(about), 1, 2)), np.exp(wide)[:, None] / 2
+    images = _Images(one, one, 1 / np.exp(fine), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, *waves)
+    values = np.log(_each(images, c, level, whole))
+    values.setflags(write=False)
+    return values
+
+
+def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
     finest = images.finest
     if whole:
@@ -253,7 +329,7 @@ def _sharpened(images: _Images, c: Camera, level: int, whole: bool) -> Array:
     return np.asarray(sum(weight * value for weight, value in zip(weights, values, strict=True)))
 
 
-def _information(images: _Images, c: Camera, level: int, whole: bool) -> Array:
+def _information(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     hexagonal = c.layout == "hexagonal"
     side = 2 * math.ceil(level * (1.4 if hexagonal else 1.0)) + 2
     cell = math.sqrt(3) / 2 if hexagonal else 1.0
@@ -264,7 +340,7 @@ def _information(images: _Images, c: Camera, level: int, whole: bool) -> Array:
     fx = kx + n[:, None] + 0 * n
     fy = ky + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
     bend = images.bend[:, None, None, None]
-    spectra = (_whole if whole else _cut)(images, fx - bend * kx, fy - bend * ky)
+    spectra = (_whole if whole and count >= MANY else _cut)(images, fx - bend * kx, fy - bend * ky)
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
     light, along, across = (np.fft.ifft2(part * passed) for part in spectra)
     lit = images.light[:, None, None]
@@ -324,7 +400,7 @@ def _rows(images: _Images) -> tuple[Array, Array, Array, Array]:
     return y, weight, (left + right) / 2, np.maximum(right - left, 0.0) / 2
 
 
-def _transfer(images: _Images, c: Camera, fx: Array, fy: Array) -> Array:
+def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
     """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
@@ -383,7 +459,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     fx = kx[:, None, None] + n[:, None] + 0 * n
     fy = ky[:, None, None] + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
     fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in (fx, fy))
-    passed = _transfer(rows, c, fx, fy) / (cell * APART**2)
+    passed = _transfer(rows, _Array(c.layout, c.lens_shape), fx, fy) / (cell * APART**2)
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.outer([a for a, _ in steps], first) + np.outer([b for _, b in steps], second)))

@@ -358,7 +358,6 @@ register(
         "standard error of depth, at a distance ahead of the tip or at the focal plane: of light, noise and texture, "
         "or of a given disparity error",
         depth_error,
-        _local_depth_sigma,
         at="optional",
         monotone=False,
         monotone_with="depth.disparity_error",
@@ -369,10 +368,17 @@ register(
         "pitches",
         "standard error of the disparity between the FAP's rims, at a distance ahead of the tip or at the focal plane",
         lambda c, at: axial_disparity_sigma(c, seen_at(c, at)),
-        lambda images: disparity_sigma(images, seen_at(images.camera, None)),
         at="optional",
         monotone=False,
         monotone_with="depth.disparity_error",
+        numeric=True,
+    ),
+    Quantity(
+        "sigma_z_at_field_mm",
+        "mm",
+        "standard error of depth at the focal plane, as the field's own microlens image is cut",
+        None,
+        _local_depth_sigma,
         numeric=True,
     ),
     Quantity(
