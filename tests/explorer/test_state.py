@@ -425,8 +425,11 @@ def test_a_material_that_is_none_is_told_beside_its_field(what, text, said):
     assert "lies inside" in inside.fault("window_distance").message
 
 
-def test_what_refuses_a_window_is_told_beside_it_and_forgotten_without_one():
-    refused = State.of(SINGLET).choose("window", "yes")
-    assert "real main lens" in refused.fault("window").message
-    assert refused.design == SINGLET
-    assert refused.choose("window", "no").faults == ()
+def test_a_real_lens_gets_a_window_and_what_is_refused_of_it_is_forgotten_without_one():
+    glazed = State.of(SINGLET).choose("window", "yes")
+    assert (len(glazed.design.elements), glazed.faults) == (1, ())
+    refused = glazed.edit("window_distance", "119.9 mm")
+    assert "lies inside" in refused.fault("window_distance").message
+    assert refused.design == glazed.design
+    without = refused.choose("window", "no")
+    assert (without.design, without.faults) == (SINGLET, ())
