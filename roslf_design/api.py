@@ -13,6 +13,7 @@ from .calibration import Outcome
 from .commands.calibrate import calibrated
 from .commands.decode import decoded
 from .depth.decoded import Decoded
+from .depth.measure import Trial, simulate
 from .design import Design, load
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
@@ -92,6 +93,46 @@ def render(
     """
     look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
     return render_image(_design(design), look, overrides=overrides, **more)
+
+
+def measure_depth(
+    design: Design | str | Path,
+    scene: Scene | str | Path | None = None,
+    *,
+    believed: Design | str | Path | None = None,
+    **more: Any,
+) -> Trial:
+    """What depth a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
+
+    Parameters
+    ----------
+    design : Design, str or Path
+        The camera, its light and sensor.
+    scene : Scene, str or Path, optional
+        What is looked at; None is a slanted wall with texture at the focal plane.
+    believed : Design, str or Path, optional
+        The camera that depth is computed for, where that is another.
+    **more
+        As `roslf_design.depth.measure.simulate` takes them: region, seed, exposures, rays, progress.
+
+    Returns
+    -------
+    Trial
+        ``summary()`` tells bias and spread; ``first.depth`` and ``first.sigma`` are the maps [mm], shape (v, u).
+
+    Raises
+    ------
+    InputError
+        A scene that the design cannot see; a region with too few microlenses.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> trial = roslf.measure_depth("paper", region=(2240, 1480, 110, 110))  # doctest: +SKIP
+    >>> trial.summary().spread_mm  # doctest: +SKIP
+    """
+    look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
+    return simulate(_design(design), look, believed=None if believed is None else _design(believed), **more)
 
 
 def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:

@@ -38,6 +38,10 @@ COMMANDS = {
         "The raw light-field image that the sensor would record, with only the physics it needs.",
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
+    "depth": Command(
+        "What depth the camera measures of a scene, simulated with noise: its map, its errors, and those predicted.",
+        "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
+    ),
     "report": Command(
         "A report on a design, a study or a story: one self-contained HTML page, and a PDF.",
         "roslf report designs/paper.toml -o reports/paper",

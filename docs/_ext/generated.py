@@ -21,7 +21,7 @@ from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.design.elements import FieldLens, Grin, LensGroup, ObjectSpace, Plate, Prism
 from roslf_design.design.mapping import MappingTable
-from roslf_design.design.parts import Cover, Substrate
+from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
 from roslf_design.optimization import bore, robust
@@ -57,6 +57,7 @@ DESIGN: tuple[Table, ...] = (
     ("`[sensor]`", Sensor),
     ("`sensor.cover`", Cover),
     ("`[light]`", Light),
+    ("`[depth]`", DepthSettings),
 )
 SCENE: tuple[Table, ...] = (
     ("The file", Scene),

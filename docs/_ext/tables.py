@@ -17,9 +17,20 @@ from roslf_design.design.material import Material
 from roslf_design.design.real_lens import Lens
 from roslf_design.lenses.glass import Glass
 from roslf_design.tolerancing.study import FieldPlace
-from roslf_design.units import Angle, AnyLength, Distance, Gradient, Length, format_quantity
+from roslf_design.units import (
+    Angle,
+    AnyLength,
+    Distance,
+    Gradient,
+    Illuminance,
+    Length,
+    Radiance,
+    Time,
+    format_quantity,
+)
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
+OTHERS = ((Angle, "angle"), (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"))
 
 
 class UndescribedError(ValueError):
@@ -63,7 +74,7 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
         needed = field.is_required() or field.validate_default
         default = "**needed**" if needed else _default(field.get_default(call_default_factory=True), hints[name])
         # In a file a length carries its own unit.
-        meaning = re.sub(r" ?\[(mm|rad)\]", "", re.sub(r"\bNone\b", "left out", told[name])).strip(" .")
+        meaning = re.sub(r" ?\[(mm|rad|lx|s|W/m\^2/sr)\]", "", re.sub(r"\bNone\b", "left out", told[name])).strip(" .")
         meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
         rows.append((code(name), takes(hints[name]), default, plain(meaning)))
     return markdown(("key", "takes", "default", "meaning"), rows)
@@ -135,7 +146,7 @@ def _json_type(hint: Any) -> str:
 
 def takes(hint: Any) -> str:
     """What a key may hold, in words."""
-    for known, words in (*LENGTHS, (Angle, "angle")):
+    for known, words in (*LENGTHS, *OTHERS):
         if hint == known:
             return words
     others = (
@@ -198,9 +209,9 @@ def _default(value: Any, hint: Any) -> str:
             f'"{format_quantity(v, unit)}"' if isinstance(v, float) and "le" in takes(hint) else repr(v) for v in value
         ]
         return code("[" + ", ".join(texts).replace("'", '"') + "]")
-    for known, words in (*LENGTHS, (Angle, "angle")):
+    for known, words in (*LENGTHS, *OTHERS):
         if hint == known:
-            return code(f'"{format_quantity(value, "angle" if words == "angle" else "length")}"')
+            return code(f'"{format_quantity(value, words.partition(chr(0xA0))[0])}"')
     if isinstance(value, Glass):
         return code(f'"{value.name}"')
     return code(f'"{value}"' if isinstance(value, str) and value else '""' if value == "" else f"{value:g}")

@@ -84,7 +84,7 @@ def render(
     px, intensity = _number("--budget-px", budget_px or "0.1"), _number("--budget-intensity", budget_intensity or "1%")
     budget = Budget(px=px, intensity=intensity, pitch=px)
     overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
-    piece = None if region is None else _region(region)
+    piece = None if region is None else parse_region(region)
     check_options(seed)
     targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
     for target in targets:
@@ -147,7 +147,8 @@ def _number(option: str, text: str) -> float:
     return value
 
 
-def _region(text: str) -> tuple[int, int, int, int]:
+def parse_region(text: str) -> tuple[int, int, int, int]:
+    """Read "column,row,columns,rows"; refused where it is anything else."""
     try:
         column, row, columns, rows = (int(part) for part in text.split(","))
     except ValueError:

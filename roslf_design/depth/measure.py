@@ -18,9 +18,11 @@ from ..design import Design
 from ..effects import Budget, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
+from ..evaluation import evaluate
 from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
+from ..json_data import plain
 from ..scenes import Noise, Plane, Scene
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.light_field import depth_sigma, rim_disparity
@@ -43,8 +45,18 @@ MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 STRIP = 32
 """Microlenses across the strip that is looked at where no part of the sensor is named."""
+POINTS = 2000
+"""Microlenses that a result tells one by one."""
+LEAST = 5
+"""Microlenses along each side of the smallest light field that is measured."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
+
+
+BEYOND = 100
+"""Among `REASONS`: a disparity that nothing at a distance has."""
+REASONS = {status.value: status.reason for status in DisparityStatus} | {BEYOND: "behind infinity, by its disparity"}
+"""Why a microlens has a depth (0) or none."""
 
 
 class Prediction(NamedTuple):
@@ -79,13 +91,16 @@ class Depths:
         """Where there is a depth."""
         return np.asarray(self.disparities.measured & np.isfinite(self.depth))
 
+    @property
+    def status(self) -> NDArray[np.uint8]:
+        """Why each microlens has a depth or none, a number of `REASONS`, shape (v, u)."""
+        return np.where(self.disparities.measured & ~self.measured, BEYOND, self.disparities.status).astype(np.uint8)
+
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason."""
-        return {
-            status.reason: share
-            for status, share in self.disparities.shares().items()
-            if status is not DisparityStatus.MEASURED
-        }
+        codes, counts = np.unique(self.status[~self.measured], return_counts=True)
+        shares = zip(codes.tolist(), (counts / self.depth.size).tolist(), strict=True)
+        return {REASONS[code]: share for code, share in shares}
 
 
 @dataclass(frozen=True)
@@ -158,6 +173,38 @@ class Trial:
         told = math.sqrt(float((sigma**2).mean()))
         inside = float((np.abs(errors) < sigma).mean())
         return Summary(float(errors.mean()), spread, predicted, told, inside, share)
+
+    def unknown(self) -> dict[str, float]:
+        """Shares of the microlenses without a depth, by reason; over all exposures."""
+        each = [run.unknown() for run in self.runs]
+        reasons = [reason for reason in REASONS.values() if any(reason in shares for shares in each)]
+        return {reason: sum(shares.get(reason, 0.0) for shares in each) / len(each) for reason in reasons}
+
+    def assumes(self) -> dict[str, Any]:
+        """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
+        design, window = self.raw.design, self.first.disparities.window
+        light = evaluate(assumed(design, self.scene, window).thin_twin, [(0.0, 0.0)]).depth.assumes
+        given = {"sigma_disparity_pitches": design.depth.disparity_error, "window": window}
+        texture = "the scene's" if texture_of(self.scene) is not None else "the design's, not the scene's"
+        return (given if light is None else plain(light)) | {"texture": texture}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object of `roslf depth`: microlenses of the first exposure, and what all of them say."""
+        first = self.first
+        return {
+            "schema": "roslf.depth/1",
+            "design": self.raw.design.name,
+            "believed": first.design.name,
+            "scene": self.scene.name,
+            "seed": self.raw.seed,
+            "exposures": len(self.runs),
+            "region_px": list(self.region),
+            "microlenses": [self.true.shape[1], self.true.shape[0]],
+            "searched_pitches": list(first.disparities.search),
+            "summary": plain(self.summary()) | {"unknown": self.unknown()},
+            "assumes": self.assumes(),
+            "points": list(sampled(first, self.true, POINTS)),
+        }
 
 
 def lattice_of(camera: Camera, region: Region) -> CentreLattice:
@@ -275,7 +322,8 @@ def simulate(
     rays : int
         For each pixel.
     believed : Design, optional
-        The camera that depth is computed for, where that is not the one that takes the pictures.
+        The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
+        images are those of the white image all the same.
     progress : callable
         Told what is being done, and how much of it is done.
 
@@ -288,23 +336,26 @@ def simulate(
     scene = default_scene(design) if scene is None else scene
     camera = Camera.of(design.thin_twin)
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
+    lattice = lattice_of(camera, part)
+    inside = lattice.inside((part.rows, part.columns))
+    if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
+        message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
+        raise InputError((Problem("region", message),))
     lines = plan(design, scene, Budget(), ["-noise"])
     sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed)
     quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
     picture = render(
-        design, quiet, effects=lines, region=part, sampling=sampling, progress=lambda share: progress("picture", share)
-    )
-    white = render(design, None, effects=lines, region=part, sampling=sampling)
+        design, quiet, effects=lines, seed=seed, region=part, sampling=sampling,
+        progress=lambda share: progress("picture", share),
+    )  # fmt: skip
+    white = render(design, None, effects=lines, seed=seed, region=part, sampling=sampling)
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     mean = float(electrons(camera))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    try:
-        decoder = Decoder.of(lattice_of(Camera.of(believed.thin_twin), part), picture.pixels.shape, white=white.pixels)
-    except ValueError as error:
-        raise InputError((Problem("--region", f"{error}; name a larger part of the sensor"),)) from None
+    decoder = Decoder.of(lattice, picture.pixels.shape, white=white.pixels)
     even = decoder(white.pixels)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
     noise = PixelNoise(full * brightest, dark, saturation * 0.98)
@@ -347,13 +398,26 @@ def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
     return np.where(np.isfinite(z), z, np.nan).reshape(len(field.v), len(field.u))
 
 
+def texture_of(scene: Scene) -> Noise | None:
+    """The noise that all of a scene shows, of one kind; None for other textures, which the design's stands for."""
+    textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
+    noise = [texture for texture in textures if isinstance(texture, Noise)]
+    kinds = {(texture.finest, texture.contrast) for texture in noise}
+    return noise[0] if len(kinds) == 1 and len(noise) == len(textures) else None
+
+
+def assumed(design: Design, scene: Scene, window: int) -> Design:
+    """The design with the texture that errors are predicted for: the scene's where that is known, else its own."""
+    settings: dict[str, Any] = {"depth.window": window}
+    texture = texture_of(scene)
+    if texture is not None:
+        settings |= {"depth.contrast": max(texture.contrast, 1e-9), "depth.finest": texture.finest}
+    return design.replace(settings)
+
+
 def predict(design: Design, scene: Scene, field: LightField, true: Array, window: int) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
-    textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
-    settings: dict[str, Any] = {"depth.window": window}
-    if len(textures) == 1 and isinstance(textures[0], Noise):
-        settings |= {"depth.contrast": max(textures[0].contrast, 1e-9), "depth.finest": textures[0].finest}
-    camera = Camera.of(design.replace(settings).thin_twin)
+    camera = Camera.of(assumed(design, scene, window).thin_twin)
     rows, columns = (
         np.unique(np.linspace(0, n - 1, min(n, PREDICTED) + 2)[1:-1].round().astype(int)) for n in true.shape
     )

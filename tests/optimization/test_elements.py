@@ -16,7 +16,7 @@ from roslf_design.optimization.problem import name_faults
 from roslf_design.optimization.ranking import _bound, prunable
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.study import load_study
-from tests.optimization.posing import goal, limit, posed
+from tests.optimization.posing import PAPER, goal, limit, posed
 
 QUICK = Settings(starts=4, check=False, isres=False)
 
@@ -24,7 +24,7 @@ QUICK = Settings(starts=4, check=False, isres=False)
 @pytest.fixture(scope="module")
 def windowed():
     """A FAP and a window before it, in water."""
-    return roslf.load("paper").replace(
+    return PAPER.replace(
         {
             "aperture.distance": 116.0,
             "elements": [

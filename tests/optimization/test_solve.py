@@ -82,7 +82,8 @@ def scope(*goals, **more):
         limit("views_independent", 6.0),
         limit("blur_pitches", None, 8.0, 20.0),
     ]
-    return posed(bounds, limits, *goals, design=roslf.load("rigid-scope"), **more)
+    design = roslf.load("rigid-scope").replace({"depth.disparity_error": 0.1})
+    return posed(bounds, limits, *goals, design=design, **more)
 
 
 DEPTH, LENGTH = goal("sigma_z_mm", "min", 40.0), goal("total_length_mm", "min", None, 0.2)

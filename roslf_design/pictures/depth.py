@@ -1,0 +1,242 @@
+"""What a simulated measurement of depth gave: map, profile, errors against prediction, epipolar-plane image."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .marks import Area, Dots, Floats, Image, Line, Mark, box_key, dot_key, line_key, stairs
+from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
+from .theme import short
+
+if TYPE_CHECKING:
+    from ..depth.estimate import EpipolarPlane
+    from ..depth.measure import Trial
+
+UNKNOWN = {
+    1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 100: "pale",
+}  # fmt: skip
+"""Colours of microlenses without a depth, by the number of their reason."""
+LEFT, TOP, RIGHT, BELOW = 62.0, 28.0, 84.0, 42.0
+"""Margins of a map [px]."""
+FLATTEST, HIGHEST = 70.0, 420.0
+"""Height of a map [px]."""
+TALL = 0.4
+"""Height over width from which maps stand side by side."""
+STRETCH = 60
+"""Microlenses along an epipolar-plane image."""
+LINES = 14
+"""Fitted lines drawn on it."""
+FITTED = "#ff9a3c"
+"""Their colour, on grey in any theme."""
+REACH = 4.0
+"""Standard errors that a histogram shows; what is beyond counts at its ends."""
+
+
+def depth_map(trial: Trial, reasons: dict[int, str]) -> Picture:
+    """Draw depth and its standard error at every microlens of the first exposure.
+
+    Parameters
+    ----------
+    trial : Trial
+    reasons : dict
+        Words for the numbers of `Depths.status`.
+    """
+    run = trial.first
+    x, y = run.x_ml[0, :, 0], run.x_ml[:, 0, 1]
+    dx, dy = (float(at[1] - at[0]) / 2 for at in (x, y))
+    box = float(x[0]) - dx, float(x[-1]) + dx, float(y[0]) - dy, float(y[-1]) + dy
+    across, up = Scale(*box[:2]), Scale(*box[2:])
+    ratio = (up.high - up.low) / (across.high - across.low)
+    down = ratio < TALL
+    page = PAGE if down else PAGE / 2
+    width = page - LEFT - RIGHT
+    height = width * ratio
+    if height > HIGHEST:
+        width, height = width * HIGHEST / height, HIGHEST
+    stretched = height < FLATTEST
+    codes = [code for code in np.unique(run.status).tolist() if code]
+    marks = [Image(np.where(run.status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
+    known = run.measured
+    pictures = []
+    for title, values, label in (
+        ("depth", run.depth, "Z [mm]"), ("its standard error", run.sigma, "σ [mm]"),
+    ):  # fmt: skip
+        some = values[known]
+        low, high = (0.0, 1.0) if not some.size else (float(q) for q in np.quantile(some, (0.005, 0.995)))
+        high = max(high, low + 1e-6 * max(abs(low), 1e-6))
+        shades = Image(np.where(known, values, np.nan), box, "cividis", low, high)
+        note = ", stretched upwards" if stretched else ""
+        panel = Panel(
+            (LEFT, TOP, width, max(height, FLATTEST)), across, up, (shades, *marks), "microlens x on the array [mm]",
+            "y [mm]", title + note, grid="", equal=not stretched,
+        )  # fmt: skip
+        size = page, panel.bottom + BELOW
+        pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
+    shares = run.unknown()
+    keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.2g} %", UNKNOWN[n], edge="grey") for n in codes]
+    title = f"Depth of {known.sum()} of {known.size} microlenses and its standard error"
+    return beside("depth-map", title, pictures, keys, down=down)
+
+
+def profile(trial: Trial) -> Picture:
+    """Draw depth along the middle row: estimate with its error, truth and prediction; below, what it is off by."""
+    run, row = trial.first, trial.true.shape[0] // 2
+    x, true, known = run.x_ml[row, :, 0], trial.true[row], run.measured[row]
+    depth, sigma = (np.where(known, values[row], np.nan) for values in (run.depth, run.sigma))
+    error = depth - true
+    at, predicted = _predicted_along(trial, row)
+    across = Scale(float(x[0]), float(x[-1]))
+    size = 1.5 if x.size > 100 else 3.0
+    estimate: list[Mark] = [Line(x, true, "ink", 1.6), Dots(x, depth, "blue", size=size, opacity=0.8, clip=True)]
+    above = Panel(
+        (0, 0, 1, 1), across, Scale.around([*true, *depth]), tuple(estimate), "", "depth Z [mm]",
+        f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} mm",
+    )  # fmt: skip
+    shown = [*error, *predicted, *-predicted, *(2 * sigma[known])]
+    reach = float(np.nanquantile(np.abs(shown), 0.99)) * 1.15 if np.isfinite(shown).any() else 1.0
+    marks: list[Mark] = [
+        Area(*_band(x, -sigma, sigma), "sky", 0.45),
+        Line([across.low, across.high], [0.0, 0.0], "ink", 1.2),
+        Dots(x, error, "blue", size=size, opacity=0.8, clip=True),
+        Line(at, predicted, "vermillion", 1.8, "7 4"), Line(at, -predicted, "vermillion", 1.8, "7 4"),
+    ]  # fmt: skip
+    under = Panel(
+        (0, 0, 1, 1), across, Scale(-reach, reach), tuple(marks), "microlens x on the array [mm]", "off by [mm]"
+    )
+    keys = [
+        line_key("truth", "ink"), dot_key("measured", "blue", size=2.2),
+        box_key("± standard error told with it", "sky", 0.45),
+        line_key("± predicted from light, noise and texture", "vermillion", 1.8, "7 4"),
+    ]  # fmt: skip
+    parts = (
+        one_panel("above", "", (PAGE, 230.0), above, left=68, top=TOP, foot=24),
+        one_panel("under", "", (PAGE, 210.0), under, left=68),
+    )
+    return beside(
+        "depth-profile", "Depth along the middle row beside the truth, and its errors", parts, keys, down=True
+    )
+
+
+def _predicted_along(trial: Trial, row: int) -> tuple[Floats, Floats]:
+    """Predicted standard error along the predicted row nearest to another: places [mm], errors [mm]."""
+    rows = trial.prediction.row
+    mine = rows == rows[np.abs(rows - row).argmin()]
+    values = trial.prediction.depth[mine]
+    return trial.first.x_ml[row, trial.prediction.column[mine], 0], np.where(np.isfinite(values), values, np.nan)
+
+
+def _band(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Areas between two lines, parted where they are not known."""
+    known = np.isfinite(low) & np.isfinite(high)
+    runs = np.split(np.flatnonzero(known), np.flatnonzero(np.diff(np.flatnonzero(known)) > 1) + 1)
+    gap = np.array([np.nan])
+    xs = [np.concatenate([x[own], x[own[::-1]], gap]) for own in runs if own.size]
+    ys = [np.concatenate([low[own], high[own[::-1]], gap]) for own in runs if own.size]
+    return np.concatenate([*xs, gap]), np.concatenate([*ys, gap])
+
+
+def errors(trial: Trial) -> Picture:
+    """Draw errors in units of the standard error told, and their rms over the field against prediction."""
+    some = trial.compared
+    sigma = np.stack([run.sigma[some] for run in trial.runs])
+    ratio = (trial.errors[:, some] / sigma).ravel()
+    cuts = np.linspace(-REACH, REACH, 33)
+    heights = np.histogram(np.clip(ratio, -REACH, REACH), cuts)[0] / max(ratio.size, 1) / (cuts[1] - cuts[0])
+    at = np.linspace(-REACH, REACH, 121)
+    normal = np.exp(-(at**2) / 2) / math.sqrt(2 * math.pi)
+    outline = stairs(cuts, heights)
+    inside = f"{100 * float((np.abs(ratio) < 1).mean()):.0f} % within ±1" if ratio.size else "nothing to compare"
+    marks = (Area(*outline, "blue", 0.35), Line(*outline, "blue", 1.2), Line(at, normal, "vermillion", 1.8, "7 4"))
+    top = 1.12 * max(float(heights.max(initial=0.0)), float(normal.max()))
+    left = Panel(
+        (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error told",
+        "share per unit", f"{inside}; 68 % where errors are right",
+    )  # fmt: skip
+    keys = [box_key("errors of all microlenses", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
+    predicted, off = _by_place(trial)
+    ends = np.concatenate([predicted, off])
+    scale = Scale(float(ends.min()) / 1.25, float(ends.max()) * 1.25, log=True) if ends.size else Scale(0.1, 1, True)
+    diagonal = np.array([scale.low, scale.high])
+    lines = (
+        Line(diagonal, diagonal, "ink", 1.2), Line(diagonal, 1.3 * diagonal, "grey", 1.2, "6 4"),
+        Dots(predicted, off, "blue", size=3.5, opacity=0.8, clip=True),
+    )  # fmt: skip
+    right = Panel(
+        (0, 0, 1, 1), scale, scale, lines, "predicted standard error [mm]", "rms error [mm]",
+        "over the field, each dot a patch",
+    )  # fmt: skip
+    more = [line_key("as predicted", "ink", 1.2), line_key("1.3 times that", "grey", 1.2, "6 4")]
+    each = PAGE / 2, 340.0
+    parts = (
+        one_panel("normalised", "", each, left, keys, left=60, top=TOP),
+        one_panel("against", "", each, right, more, left=66, top=TOP),
+    )
+    return beside("depth-errors", "Errors of depth against the errors told and predicted", parts)
+
+
+def _by_place(trial: Trial) -> tuple[Floats, Floats]:
+    """Predicted standard error, and rms error of the microlenses nearest to each place of the prediction."""
+    rows, columns = (np.unique(index) for index in (trial.prediction.row, trial.prediction.column))
+    table = np.full((len(rows), len(columns)), np.nan)
+    table[np.searchsorted(rows, trial.prediction.row), np.searchsorted(columns, trial.prediction.column)] = (
+        trial.prediction.depth
+    )
+    places = zip(trial.true.shape, (rows, columns), strict=True)
+    near = [np.abs(np.arange(size)[:, None] - own).argmin(1) for size, own in places]
+    patch: NDArray[np.intp] = near[0][:, None] * len(columns) + near[1]
+    some = trial.compared
+    if np.bincount(patch[some]).max(initial=0) < trial.first.disparities.window**2:
+        # Less than a window each: all of them are one.
+        patch, table = np.zeros_like(patch), np.array([math.sqrt(np.nanmean(table**2))])
+    square = np.bincount(patch[some], (trial.errors[:, some] ** 2).mean(0), table.size)
+    count = np.bincount(patch[some], minlength=table.size)
+    shown = (count > 0) & np.isfinite(table.ravel()) & (square > 0)
+    return table.ravel()[shown], np.sqrt(square[shown] / count[shown])
+
+
+def epipolar(plane: EpipolarPlane) -> Picture:
+    """Draw the stretch of an epipolar-plane image with the steepest slopes, and those fitted to it."""
+    steep = np.nan_to_num(np.abs(plane.disparity))
+    length = min(STRETCH, steep.size)
+    first = int(np.convolve(steep, np.ones(length), "valid").argmax())
+    part = np.s_[first : first + STRETCH]
+    lit, where = plane.lit[:, part], plane.pupil[:, part]
+    shown = lit.any(axis=1)
+    heights = np.array([own[light].mean() for own, light in zip(where[shown], lit[shown], strict=True)])
+    values = np.where(lit, plane.values[:, part], np.nan)[shown]
+    u = plane.u[part]
+    step = float(u[1] - u[0])
+    box_u = float(u[0]) - step / 2, float(u[-1]) + step / 2
+    if not heights.size:
+        heights, values = np.zeros(1), np.full((1, len(u)), np.nan)
+    spacing = float(np.diff(np.sort(heights)).mean()) if heights.size > 1 else 0.1
+    low, high = float(heights.min()) - spacing / 2, float(heights.max()) + spacing / 2
+    fine = low + (np.arange(160) + 0.5) / 160 * (high - low)
+    rows = np.abs(fine[:, None] - heights).argmin(1)
+    bright = values[np.isfinite(values)]
+    dark, light = (float(q) for q in np.quantile(bright, (0.01, 0.99))) if bright.size else (0.0, 1.0)
+    shades = Image(values[rows], (*box_u, low, high), "grey", dark, max(light, dark + 1e-9))
+    measured = np.flatnonzero(np.isfinite(plane.disparity[part])) + first
+    every = max(1, math.ceil(measured.size / LINES))
+    chosen = measured[every // 2 :: every].tolist()
+    marks: list[Mark] = [shades, *(Line(*plane.line(index), FITTED, 2.0) for index in chosen)]
+    keys = [line_key("slope fitted at a microlens: its disparity", FITTED, 2.0)]
+    panel = Panel(
+        (0, 0, 1, 1), Scale(*box_u), Scale(low, high), tuple(marks), "microlens u [pitches from the array's centre]",
+        "place on the FAP [D_F]", grid="",
+    )  # fmt: skip
+    return one_panel("depth-epi", "Epipolar-plane image with fitted slopes", (PAGE, 300.0), panel, keys, left=66)
+
+
+def depth_pictures(trial: Trial, plane: EpipolarPlane, reasons: dict[int, str]) -> dict[str, Picture]:
+    """All of them, by name."""
+    return {
+        "map": depth_map(trial, reasons),
+        "profile": profile(trial),
+        "errors": errors(trial),
+        "epi": epipolar(plane),
+    }

@@ -1,0 +1,236 @@
+"""A measurement of depth, simulated, as a page; the terminal shares its words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ..depth.estimate import epipolar_plane
+from ..depth.measure import REASONS, Summary, Trial
+from ..pictures.depth import depth_pictures
+from ..pictures.picture import Picture
+from ..words import length, listed, number
+from .blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
+
+RIGHT = (0.61, 0.75)
+"""Shares of errors within the standard error told, of right ones: 68 % in the long run."""
+NEAR = (0.9, 1.3)
+"""Spread over prediction where prediction holds."""
+ENOUGH = 30
+"""Windows from which bias and spread are told well."""
+FEW = 0.98
+"""Share of measured microlenses below which what is missing is a caution."""
+FIGURES = {
+    "map": (
+        "Depth and its standard error at every microlens",
+        "Of the first exposure. Coloured microlenses have no depth, for the reason that the legend gives; nothing is "
+        "filled in there.",
+    ),
+    "profile": (
+        "Along the middle row",
+        "Above, depth and the truth that the chief ray of each microlens meets. Below, the difference: most dots lie "
+        "in the band where the errors told are right; the dashed lines are what light, noise and texture allow. "
+        "Neighbours share a window and err alike, so dots wander together.",
+    ),
+    "errors": (
+        "Errors against prediction",
+        "Left: errors in units of the standard error told with each. Wider than the normal law: errors told are too "
+        "small. Right: rms error around places of the field over what was predicted there, bias included; in a small "
+        "part of the sensor each dot is only a few windows, and scatters.",
+    ),
+    "epi": (
+        "Epipolar-plane image",
+        "One row of microlenses, seen through the row of pixels behind the middle of each. A point of the scene is a "
+        "line; its slope is the disparity. The stretch with the steepest lines is shown.",
+    ),
+}
+"""Title and caption of each picture."""
+
+
+def trial_pictures(trial: Trial) -> dict[str, Picture]:
+    """Every picture of a trial."""
+    run = trial.first
+    plane = epipolar_plane(run.field, run.pupil, run.disparities, trial.true.shape[0] // 2)
+    return depth_pictures(trial, plane, REASONS)
+
+
+def depth_report(trial: Trial, pictures: dict[str, Picture], command: str) -> Report:
+    """The page: what was measured, how good it is, what that rests on, what is unknown and why, how to run it again."""
+    columns, rows = trial.true.shape[::-1]
+    figures = [Figure.of(f"depth-{name}", *FIGURES[name], picture) for name, picture in pictures.items()]
+    return Report(
+        f"Depth that {trial.raw.design.name} measures",
+        f"{trial.scene.name or 'a scene'}, seen by {columns} x {rows} microlenses; simulated with noise",
+        (
+            Section("Answers", (*answers(trial), *figures[:1]), "answers"),
+            Section("What it rests on", basis(trial), "basis"),
+            Section("Evidence", tuple(figures[1:]), "evidence"),
+            Section("How it was done", (Paragraph(_method(trial)), Code(command, "Run again")), "how"),
+        ),
+    )
+
+
+def answers(trial: Trial) -> tuple[Block, ...]:
+    """What was measured, the verdicts, the numbers behind them."""
+    return Paragraph(_what(trial)), Statements(tuple(statements(trial))), summary_table(trial)
+
+
+def _what(trial: Trial) -> str:
+    run, count = trial.first, len(trial.runs)
+    known = run.depth[run.measured]
+    between = f", between {known.min():.5g} and {known.max():.5g} mm from the main lens" if known.size else ""
+    other = "" if run.design is trial.raw.design else f" Depth is computed for another camera, {run.design.name}."
+    times = "one exposure" if count == 1 else f"{count} exposures that differ by noise"
+    return (
+        f"The camera took {times} of {trial.scene.name or 'the scene'}; depth was measured in each, and compared with "
+        f"the truth{between}.{other}"
+    )
+
+
+def statements(trial: Trial) -> Iterator[Statement]:
+    """A verdict for each question."""
+    found = trial.summary()
+    yield _known(trial, found)
+    if found.bias_mm is None or found.spread_mm is None or found.told_mm is None or found.inside_68 is None:
+        yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
+        return
+    bias, spread = found.bias_mm, found.spread_mm
+    windows = max(1.0, trial.compared.sum() * len(trial.runs) / trial.first.disparities.window**2)
+    if windows < ENOUGH:
+        text = f"Only {windows:.0f} windows without common microlenses are compared: much below is chance."
+        yield Statement("caution", text, "Name a larger --region, or more --exposures.")
+    text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
+    yield Statement("plain", text)
+    small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * found.told_mm / math.sqrt(windows)
+    text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} of the scatter"
+    if small or chance:
+        yield Statement("good", f"{text}{'.' if small else ', which may be chance.'}")
+    else:
+        remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
+        yield Statement("bad", f"{text}.", remedy)
+    if found.predicted_mm is None:
+        text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
+        yield Statement("caution", text, "Believe the errors told with each depth, where there is one.")
+    else:
+        ratio, room = spread / found.predicted_mm, math.sqrt(2 / windows)
+        near = NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
+        text = f"Is it as predicted? Predicted were {_mm(found.predicted_mm)}; it scatters by {ratio:.2f} times that."
+        yield Statement("good" if near else "caution", text, "" if near else _believe(trial, ratio))
+    room = 2 * math.sqrt(0.68 * 0.32 / windows)
+    text = (
+        f"Are the errors told with each depth right? {100 * found.inside_68:.0f} % of the depths lie within theirs, "
+        "68 % would be right."
+    )
+    if found.inside_68 < RIGHT[0] - room:
+        remedy = f"They are too small: for this scene believe {_mm(math.hypot(spread, bias))} instead."
+        yield Statement("caution", text, remedy)
+    elif found.inside_68 > RIGHT[1] + room:
+        yield Statement("caution", text, "They are larger than need be: depths are better than told.")
+    else:
+        yield Statement("good", text)
+
+
+def _known(trial: Trial, found: Summary) -> Statement:
+    reasons = trial.unknown()
+    why = listed([f"{_percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
+    text = f"How much of the field has a depth? {_percent(found.measured)} of the microlenses."
+    remedy = f"The rest is unknown, not guessed: {why}." if why else ""
+    tone: Tone = "good" if found.measured >= FEW else "caution" if found.measured > 0 else "bad"
+    return Statement(tone, text, remedy)
+
+
+def _believe(trial: Trial, ratio: float) -> str:
+    if trial.assumes()["texture"] != "the scene's":
+        return "The prediction is for the design's texture, not for that of this scene: believe what was measured."
+    if ratio < 1:
+        return "Believe the prediction for other places: this part of the scene has more texture, or luck."
+    return (
+        "Believe what was measured: the prediction is a bound, for texture that is alike everywhere and with nothing "
+        "lost in matching."
+    )
+
+
+def summary_table(trial: Trial) -> Table:
+    """The same in numbers."""
+    found = trial.summary()
+    rows = [
+        ("bias", found.bias_mm, "mean error"),
+        ("spread", found.spread_mm, _spread_note(trial)),
+        ("predicted", found.predicted_mm, "from light, noise and texture, over the field"),
+        ("told", found.told_mm, "with each depth, from what its window shows"),
+    ]
+    lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
+    inside = "-" if found.inside_68 is None else f"{100 * found.inside_68:.1f}"
+    lines.append(("within the error told", inside, "%", "68 where it is right"))
+    lines.append(("microlenses with a depth", f"{100 * found.measured:.1f}", "%", ""))
+    lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in trial.unknown().items()]
+    return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
+
+
+def _spread_note(trial: Trial) -> str:
+    if len(trial.runs) > 1:
+        return f"of {len(trial.runs)} exposures about each microlens's mean"
+    return "of one exposure, about the mean error"
+
+
+def basis(trial: Trial) -> tuple[Block, ...]:
+    """What the prediction, and the noise of the picture, assume."""
+    design, given = trial.raw.design, trial.assumes()
+    light, sensor = design.light, design.sensor
+    source = (
+        f"radiance {light.radiance:g} W/m^2/sr" if light.radiance is not None
+        else f"{light.illuminance:g} lx on a surface that reflects {light.reflectance:.0%}"
+    )  # fmt: skip
+    rows: list[tuple[str, str, str]] = [
+        ("light", source, f"{light.transmission:.0%} passes the optics, {1e6 * light.wavelength:.4g} nm"),
+        ("electrons a pixel", number(trial.electrons, 4), "fully lit, where the scene is as bright as on average"),
+        ("sensor", f"{sensor.quantum_efficiency:.0%} quantum efficiency", _noise_words(trial)),
+    ]
+    if "exposure_s" in given:
+        detail = "in each octave of detail" if given["period_mm"] is None else f"period {length(given['period_mm'])}"
+        rows += [
+            ("exposure", f"{1e3 * given['exposure_s']:.3g} ms", ""),
+            ("texture", f"{given['contrast']:.3g} rms contrast", f"{detail}; {given['texture']}"),
+            ("independent views", f"{given['views']:.3g}", "what diffraction leaves of the pixels"),
+        ]
+    else:
+        rows.append(("disparity error", f"{given['sigma_disparity_pitches']:g} pitches", "as the design gives it"))
+    rows.append(("microlenses matched", f"{given['window']} x {given['window']}", "depth is taken as even within"))
+    notes = [
+        "The scene's texture is alike everywhere and matt; real ones have shine, shadow and plain places.",
+        "The camera is known exactly; what a calibration leaves open comes on top (roslf calibrate --plan).",
+        "Away from depth steps: windows that see two depths are told as unknown, or take the better side.",
+    ]
+    if trial.first.design is not trial.raw.design:
+        notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
+    return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
+
+
+def _noise_words(trial: Trial) -> str:
+    sensor = trial.raw.design.sensor
+    return f"{sensor.full_well:g} electrons full well, {sensor.read_noise:g} read noise, {sensor.bits} bits"
+
+
+def _method(trial: Trial) -> str:
+    found = trial.first.disparities
+    low, high = found.search
+    return (
+        "The raw image was rendered with every effect that the scene calls for, given shot and read noise, decoded, "
+        f"and freed of neighbours' light. Disparity was sought between {low:.2g} and {high:.2g} pitches over all views "
+        f"at once and refined by least squares over {found.window} x {found.window} microlenses; its standard error is "
+        "that of the samples used. Errors are counted where every exposure gave a depth, half a window from the edge."
+    )
+
+
+def _mm(value: float) -> str:
+    return f"{value:.2g} mm"
+
+
+def _share(part: float, whole: float) -> str:
+    if not whole > 0:
+        return "no part"
+    return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} %"
+
+
+def _percent(share: float) -> str:
+    return "100 %" if share == 1 else "none" if share == 0 else f"{min(max(100 * share, 0.1), 99.9):.3g} %"

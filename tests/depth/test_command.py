@@ -1,0 +1,124 @@
+"""`roslf depth`: what it prints and writes, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+import tifffile
+
+import roslf_design as roslf
+from roslf_design.cli import main
+from roslf_design.depth.estimate import DisparityStatus
+
+REGION = "2240,1480,110,110"
+"""Nine by nine microlenses or so, about the axis of the paper's camera."""
+PLAIN_WALL = """
+[[objects]]
+kind = "plane"
+distance = "350 mm"
+"""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder that the command wrote, and what its JSON says; of two exposures."""
+    folder = tmp_path_factory.mktemp("depth")
+    assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(folder)]) == 0
+    return folder, json.loads((folder / "depth.json").read_text(), parse_constant=pytest.fail)
+
+
+def test_json_tells_points_summary_and_assumptions(written):
+    _, data = written
+    assert data["schema"] == "roslf.depth/1"
+    assert (data["seed"], data["exposures"]) == (3, 2)
+    assert {"bias_mm", "spread_mm", "predicted_mm", "inside_68", "measured", "unknown"} <= set(data["summary"])
+    assert {"electrons", "contrast", "views", "window", "sigma_disparity_pitches"} <= set(data["assumes"])
+    assert 0 < len(data["points"]) <= 2000
+    for point in data["points"]:
+        assert set(point) == {"x_ml_mm", "true_mm", "depth_mm", "sigma_mm"}
+    # The wall slants through the focal plane; near the axis it is within a millimetre of it.
+    assert all(abs(point["true_mm"] - 350) < 1 for point in data["points"])
+    off = np.array([(p["depth_mm"] - p["true_mm"]) / p["sigma_mm"] for p in data["points"]])
+    assert np.abs(off).max() < 6
+
+
+def test_maps_agree_with_points(written):
+    folder, data = written
+    depth, sigma, status = (tifffile.imread(folder / f"{name}.tif") for name in ("depth", "sigma", "status"))
+    columns, rows = data["microlenses"]
+    assert depth.shape == sigma.shape == status.shape == (rows, columns)
+    assert np.isfinite(depth).all()
+    assert np.isfinite(sigma).all()
+    assert ((depth > 0) == (status == 0)).all()
+    assert ((sigma > 0) == (status == 0)).all()
+    # Floats of 32 bits; fewer points than would be thinned out.
+    for key, drawn in (("depth_mm", depth), ("sigma_mm", sigma)):
+        np.testing.assert_allclose([point[key] for point in data["points"]], drawn[status == 0], rtol=1e-6)
+    assert data["status"]["0"] == DisparityStatus.MEASURED.reason
+    assert {str(code) for code in np.unique(status)} <= set(data["status"])
+
+
+def test_page_asks_and_answers(written):
+    folder, _ = written
+    page = (folder / "index.html").read_text()
+    for question in ("How much of the field", "How far does it scatter", "Is it as predicted", "errors told"):
+        assert question in page
+    for name in ("map", "profile", "errors", "epi"):
+        assert f'data-testid="picture-depth-{name}"' in page
+        assert (folder / f"{name}.png").stat().st_size > 1000
+        assert (folder / f"{name}.svg").read_text().startswith("<?xml")
+
+
+def test_same_seed_same_bytes(written, tmp_path):
+    folder, _ = written
+    again = tmp_path / "again"
+    assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(again)]) == 0
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    # The page and nothing else says where it was written.
+    page, other = files.pop("index.html").decode(), (again / "index.html").read_text()
+    assert page.replace(str(folder), "") == other.replace(str(again), "")
+    assert files == {path.name: path.read_bytes() for path in again.iterdir() if path.name != "index.html"}
+
+
+def test_a_wall_without_texture_is_unknown(tmp_path, capsys):
+    (tmp_path / "wall.toml").write_text(PLAIN_WALL)
+    assert main(["depth", "paper", "--region", REGION, "--scene", str(tmp_path / "wall.toml"), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert data["points"] == []
+    assert data["summary"]["measured"] == 0
+    assert data["summary"]["bias_mm"] is None
+    assert data["summary"]["unknown"] == {DisparityStatus.NO_TEXTURE.reason: 1.0}
+    assert data["assumes"]["texture"] == "the design's, not the scene's"
+
+
+def test_a_wrong_belief_shows_as_bias():
+    region = (2240, 1480, 110, 110)
+    design = roslf.load("paper")
+    trial = roslf.measure_depth(design, region=region, believed=design.replace(f=101.0))
+    right = roslf.measure_depth(design, region=region)
+    assert abs(trial.summary().bias_mm) > 5 * abs(right.summary().bias_mm)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--exposures", "0"], "--exposures: 0 is none; give 1 or more"),
+        (["--seed", "-1"], "--seed: -1 is negative"),
+        (["--region", "0,0,30"], 'cannot read "0,0,30"'),
+        (["--region", "0,0,30,30"], "region: fewer than 5 x 5 microlens images"),
+        (["--region", "0,0,3,3"], "region: fewer than 5 x 5 microlens images"),
+        (["--region", "9000,0,100,100"], "is no part of the sensor"),
+        (["--scene", "nowhere.toml"], "nowhere.toml"),
+        (["--believed", "papr"], "papr"),
+        (["--scene", "lens.toml"], "objects.1"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(options, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lens.toml").write_text(PLAIN_WALL.replace("350 mm", "20 mm"))
+    assert main(["depth", "paper", "-o", "out", *options]) == 2
+    told = capsys.readouterr()
+    assert says in told.err
+    assert len(told.err.splitlines()) == 1
+    assert told.out == ""
+    assert not (tmp_path / "out").exists()
