@@ -269,8 +269,8 @@ def report(results: dict[str, dict[str, Measured]]) -> Report:
     )  # fmt: skip
     about = Paragraph(
         f"Simulated with noise, {EXPOSURES} exposures each: {step.electrons:.0f} electrons a pixel, texture with 10 % "
-        "rms contrast in each octave down to 2.5 microlenses, windows of 5 x 5. Centres of microlens images are those of "
-        "a white image, whatever the camera is believed to be."
+        "rms contrast in each octave down to 2.5 microlenses, windows of 5 x 5. Centres of microlens images are those "
+        "of a white image, whatever the camera is believed to be."
     )
     return Report(
         "What four cameras know of depth",
