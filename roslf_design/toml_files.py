@@ -22,6 +22,8 @@ FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": 
 """What is said of a value below its least, where that is 0."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
+TAG = "|"
+"""What names begin with that pydantic puts before what a value is, where it may be a name or a table."""
 
 
 def read_toml(
@@ -150,6 +152,8 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
     names: list[int | str] = []
     models, listed = [model], False
     for step in place:
+        if str(step).startswith(TAG):
+            continue
         chosen = [one for one in models if _tag(one) == step] if len(models) > 1 else []
         if chosen:
             models = chosen

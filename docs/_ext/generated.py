@@ -20,6 +20,7 @@ import roslf_design as roslf
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.design.elements import FieldLens, Grin, LensGroup, ObjectSpace, Plate, Prism
+from roslf_design.design.mapping import MappingTable
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
@@ -50,6 +51,7 @@ DESIGN: tuple[Table, ...] = (
     ("`[[stops]]`", Stop),
     ("`[object_space]`", ObjectSpace),
     *((f'`[[elements]]`, kind "{name}"', kind) for name, kind in ELEMENTS.items()),
+    ("`mapping`, where it is a table", MappingTable),
     ("`[microlens_array]`", MicrolensArray),
     ("`microlens_array.substrate`", Substrate),
     ("`[sensor]`", Sensor),

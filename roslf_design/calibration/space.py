@@ -21,7 +21,7 @@ import numpy as np
 from ..camera import Camera, Number
 from ..design import Design
 from ..design.chain import ImagedPlane
-from .frames import Array
+from .frames import Array, CalibrationError
 
 
 class Shown(NamedTuple):
@@ -58,10 +58,21 @@ class SceneSide:
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, Array] | None = None) -> SceneSide | None:
-        """Of a design, with numbers or arrays in some of its places; None where there is air only."""
+        """Of a design, with numbers or arrays in some of its places; None where there is air only.
+
+        Raises
+        ------
+        CalibrationError
+            Its objective maps angles otherwise than f tan, which no parameter of the fit stands for.
+        """
         c = Camera.of(design, changes)
         if c.chain is None:
             return None
+        if c.chain.mapped is not None:
+            place = f"elements.{c.chain.mapped + 1}.mapping"
+            raise CalibrationError(
+                f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
+            )
         numbers = c.numbers
         end = c.chain.end(numbers)
         far = c.plane(np.nextafter(end, np.inf))

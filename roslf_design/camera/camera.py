@@ -20,6 +20,8 @@ from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
+from ..design.elements import FieldLens
+from ..design.mapping import Law, image_height, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from .frames import Frame, Vector, along, dot, frame, minus, plus, times
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 FOCAL = PATHS["f"]
+IMAGE = ".image"
+STEEPEST = 1e15
+"""Slope that is taken for infinite."""
 PHOTOMETRIC = (
     *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission")),
     *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "bits")),
@@ -50,7 +55,8 @@ class Rim:
     name: str
     """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
     part: str
-    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"."""
+    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"; of
+    what an objective with a mapping images at all "elements.0.image"."""
     radius: Number
     """R_k as the main lens sees it: through what stands between [mm]."""
     distance: Number
@@ -63,8 +69,10 @@ class Rim:
     """Where it stands; None in air."""
 
     @property
-    def diameter_place(self) -> str:
-        """Where its diameter stands in a design."""
+    def diameter_place(self) -> str | None:
+        """Where its diameter stands in a design; None of the end of a mapping."""
+        if self.part.endswith(IMAGE):
+            return None
         part = self.part.rpartition(".")[0] if self.part.count(".") == 2 else self.part
         return f"{part}.diameter"
 
@@ -243,16 +251,27 @@ class Camera(Symbols[Number]):
         assert self.chain is not None
         return self.chain.walk(self._numbers)
 
-    def see(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
+    def see(
+        self, x: Number, y: Number, z: Number, pupil: tuple[Number, Number] = (0.0, 0.0)
+    ) -> tuple[Number, Number, Number]:
         """Where the main lens sees a point of object space, all of it against the system's axis [mm].
 
         Parameters
         ----------
         x, y, z : float or ndarray
             The point; z is its distance before the main lens.
+        pupil : pair, optional
+            Through which point of the FAP, from its centre and as the main lens sees it [mm]: through an objective with
+            a mapping each sees the point elsewhere.
         """
         if self.chain is None:
             return x, y, z
+        if self.law is not None:
+            (x, y), _ = self.straight_ray(x, y, z, pupil)
+        return self.first_order_image(x, y, z)
+
+    def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
+        """Where the main lens sees a point of the first order's object space; parameters as for `see`."""
         plane, lens = self.plane(z), [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
         x, y = (
             (at - off - aside) / plane.magnification + off
@@ -268,6 +287,89 @@ class Camera(Symbols[Number]):
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
         return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers, self._walk)
+
+    @cached_property
+    def law(self) -> Law | None:
+        """How the objective maps angles, where it is not f tan (`..design.mapping`)."""
+        if self.chain is None or self.chain.mapped is None:
+            return None
+        lens = self.chain.elements[self.chain.mapped]
+        assert isinstance(lens, FieldLens)
+        return lens.law
+
+    @cached_property
+    def pupil_stands(self) -> Number:
+        """Where the scene sees the entrance pupil, the FAP through all that stands before it [mm, with a ruler]."""
+        return self.plane_seen_at(self.d_3)
+
+    def pupil_seen_before(self, distance: Number) -> Number:
+        """Where the FAP's image stands for what lies at a distance, in the medium there [both mm before the lens]."""
+        plane = self.plane(distance)
+        return distance + plane.medium * ((self.d_3 * plane.a - plane.b) / (plane.d - self.d_3 * plane.c))
+
+    def stretch(self, p: Number) -> Number:
+        """Slope of a ray before the farthest element over that of the first order: 1 but behind a mapped objective.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Index times slope there, to first order; beyond what is imaged, the end of that is taken.
+        """
+        if self.law is None:
+            return 1.0
+        grown = stretch(self.law, p, self.front[1].medium)
+        return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]  # at 90 degrees
+
+    def stretch_along(self, p: Number) -> Number:
+        """Derivative of the slope by that of the first order: `stretch` for small steps along the field's radius."""
+        if self.law is None:
+            return 1.0
+        index, step = self.front[1].medium, 1e-30
+        held = np.minimum(p, self.law[0, 1] * (1 - 1e-12)) + 1j * step
+        along: Number = np.imag(held * stretch(self.law, held, index))[()] / step
+        return along
+
+    def straight_ray(
+        self,
+        x: Number,
+        y: Number,
+        z: Number,
+        pupil: tuple[Number, Number] = (0.0, 0.0),
+        plane: Number | None = None,
+    ) -> tuple[tuple[Number, Number], Number]:
+        """The ray that reaches a point through a point of the FAP, as the first order has it behind a mapping.
+
+        Parameters
+        ----------
+        x, y, z, pupil
+            As for `see`.
+        plane : float or ndarray, optional
+            Distance at which to tell where it is; that of the point if None [mm].
+
+        Returns
+        -------
+        pair, float or ndarray
+            Where it is there, from the system's axis [mm]; index times its slope, that of the edge where the objective
+            does not image the point.
+        """
+        assert self.law is not None
+        (end, front), at = self.front, self.pupil_stands
+        apart, wide = at - end, 1 / (front.d - front.c * self.d_3)
+        lens = [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        middles = [
+            off + wide * (seen + aside) + shift - apart / front.medium * lean
+            for off, seen, aside, shift, lean in zip(
+                lens, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
+            )
+        ]
+        slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
+        steepness = np.hypot(slopes[0], slopes[1])
+        in_air = np.arcsin(np.minimum(front.medium * np.sin(np.arctan(steepness)), 1.0))
+        p = image_height(self.law, in_air)
+        shrunk = np.where(steepness > 0, p / front.medium / np.where(steepness > 0, steepness, 1.0), 1.0)
+        reach = (z if plane is None else plane) - at
+        u, v = (middle - shrunk * slope * reach for middle, slope in zip(middles, slopes, strict=True))
+        return (u, v), p
 
     @cached_property
     def focus(self) -> ImagedPlane:
@@ -355,7 +457,18 @@ class Camera(Symbols[Number]):
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", self.D / 2, 0.0, 0.0)
         stops = [self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)]
-        return (lens, *stops, *(rim for k in self._apertures for rim in self._faces(k)))
+        return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
+
+    @cached_property
+    def _mapped_image(self) -> tuple[Rim, ...]:
+        """What an objective with a mapping images at all: a stop in its image of what is far, as wide as it goes."""
+        if self.law is None or self.chain is None:
+            return ()
+        plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
+        scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
+        radius = magnitude(self._numbers[f"{part}.focal_length"]) * float(self.law[0, 1])
+        name = f"lens {self.chain.mapped + 1}, mapping"  # type: ignore[operator]
+        return (Rim(name, part + IMAGE, radius / scale, plane.distance, stands, scale, plane),)
 
     @cached_property
     def _apertures(self) -> list[int]:
@@ -424,6 +537,8 @@ class Camera(Symbols[Number]):
 
     def tilt(self, part: str) -> tuple[Number, Number]:
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
+        if part.endswith(IMAGE):
+            return 0.0, 0.0
         place = part.rpartition(".")[0] if part.count(".") == 2 else part
         tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
         rim = self._rim_of.get(part)

@@ -207,6 +207,21 @@ class Trial:
         }
 
 
+def _first_order(design: Design) -> Camera:
+    """The camera that depth is computed with.
+
+    Raises
+    ------
+    InputError
+        Its objective maps angles otherwise than f tan.
+    """
+    camera = Camera.of(design.thin_twin)
+    if camera.chain is not None and camera.chain.mapped is not None:
+        message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
+        raise InputError((Problem(f"elements.{camera.chain.mapped + 1}.mapping", message),), design.name)
+    return camera
+
+
 def lattice_of(camera: Camera, region: Region) -> CentreLattice:
     """Where a camera's microlens images lie in a region of its sensor [px]."""
     lattice, (width, height), q = ImageLattice.of(camera), camera.pixels, float(camera.q)
@@ -262,7 +277,7 @@ def measure(
     search : tuple of float
         Least and largest disparity [pitches].
     """
-    camera = Camera.of(design.thin_twin)
+    camera = _first_order(design)
     field, pupil = unmixed(camera, field)
     window = design.depth.window | 1
     found = estimate_disparity(field, pupil, noise, search=search, window=max(3, window))
@@ -330,11 +345,11 @@ def simulate(
     Raises
     ------
     InputError
-        A scene that the design cannot see; a region without microlenses.
+        A scene that the design cannot see; a region without microlenses; an objective with a mapping.
     """
     believed = design if believed is None else believed
+    camera = _first_order(design)
     scene = default_scene(design) if scene is None else scene
-    camera = Camera.of(design.thin_twin)
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
     lattice = lattice_of(camera, part)
     inside = lattice.inside((part.rows, part.columns))

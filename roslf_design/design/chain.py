@@ -32,6 +32,8 @@ Flags = np.bool_ | NDArray[np.bool_]
 FOCAL, PLANE, DISTANCE = CONJUGATES
 FARTHEST = 1e-12
 """A plane whose image lies at infinity is taken to lie this inverse magnification away: results are off by as much."""
+TELECENTRIC = 1e-6
+"""Size of the FAP over that of its image before all elements, below which the image is taken to lie at infinity."""
 MEDIUM = "object_space.index"
 COVER, SUBSTRATE = "sensor.cover", "microlens_array.substrate"
 
@@ -102,6 +104,12 @@ class Chain:
     def order(self) -> tuple[int, ...]:
         """Elements from the main lens outwards."""
         return tuple(sorted(range(len(self.elements)), key=lambda k: self.elements[k].distance))
+
+    @cached_property
+    def mapped(self) -> int | None:
+        """Which element is an objective with a mapping of its own; None where light goes on as to first order."""
+        every = (k for k, e in enumerate(self.elements) if isinstance(e, FieldLens) and e.law is not None)
+        return next(every, None)
 
     def length(self, numbers: Mapping[str, Number], k: int) -> Number:
         """Of an element along the axis [mm]."""
@@ -193,6 +201,22 @@ class Chain:
         # A leaning face between air and liquid bends the axis.
         beyond = numbers.get(MEDIUM, 1.0) if k == self.order[-1] else 1.0
         return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
+
+    def mapped_image(self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...]) -> ImagedPlane:
+        """Where the objective with a mapping images what is far: its heights there are focal length times p."""
+        assert self.mapped is not None
+        part, step = f"elements.{self.mapped}", walk[1 + self.order.index(self.mapped)]
+        f, (_, _, c, d) = numbers[f"{part}.focal_length"], step.matrix
+        shifts = (-f * lean for _, lean in step.shifts)
+        off = (numbers[f"{part}.decentre.{k}"] - numbers[f"main_lens.decentre.{k}"] for k in (0, 1))
+        # Its middle is where p = 0, whatever the decentre of the part.
+        x, y = (shift + by for shift, by in zip(shifts, off, strict=True))
+        return ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
+
+    def telecentric(self, numbers: Mapping[str, Number], fap: Number) -> Flags:
+        """Whether the scene sees what stands at `fap` [mm before the main lens] at infinity, or all but."""
+        (_, last), seen = self.front(numbers), self.plane(numbers, fap)
+        return np.abs(last.d * seen.a - last.c * seen.b) < TELECENTRIC
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""

@@ -86,6 +86,13 @@ class Design(Part, Symbols[float]):
         problems = cross_check(seen, self.main_lens.prescription, turned=self.main_lens.reversed)
         if chain is not None or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
+        mapped = None if chain is None or problems else chain.mapped
+        if chain is not None and mapped is not None and chain.telecentric(chain_numbers(self), self.aperture.distance):
+            message = (
+                "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
+                f"or drop the mapping of elements.{mapped + 1}"
+            )
+            problems += (Problem("aperture.distance", message),)
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self

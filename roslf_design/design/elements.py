@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field, StrictBool, field_validator
+from pydantic import Field, StrictBool, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
@@ -20,6 +20,7 @@ from ..lenses.prescription import Prescription
 from ..units import Angle, AnyLength, Distance, Gradient, Length
 from ..words import length
 from .check import shown, stop_beyond_focus
+from .mapping import COLLINEAR, AnyMapping, Law, MappingTable, mapping_fault, mapping_law
 from .material import Material
 from .parts import Offset, Part, Tilt
 from .real_lens import Lens, mounted_lens
@@ -77,6 +78,8 @@ class FieldLens(Element):
     kind: Literal["lens"]
     focal_length: AnyLength
     """[mm]; below 0 it diverges."""
+    mapping: AnyMapping = COLLINEAR
+    """Of the foremost one, the objective: how it takes angles of the field to image heights."""
 
     @field_validator("focal_length", mode="after")
     @classmethod
@@ -84,6 +87,19 @@ class FieldLens(Element):
         if value == 0:
             raise ValueError("0 is no focal length; give one of either sign")
         return value
+
+    @field_validator("mapping", mode="after")
+    @classmethod
+    def _begins(cls, value: str | MappingTable, info: ValidationInfo) -> str | MappingTable:
+        focal_length = info.data.get("focal_length")  # one that could not be read is told of by itself
+        if focal_length and isinstance(value, MappingTable) and (fault := mapping_fault(value, focal_length)):
+            raise ValueError(fault)
+        return value
+
+    @property
+    def law(self) -> Law | None:
+        """Its mapping for kernels; None of f tan."""
+        return mapping_law(self.mapping, float(self.focal_length) if isinstance(self.mapping, MappingTable) else 1.0)
 
 
 class Grin(Element):
@@ -148,6 +164,10 @@ def made_of(element: AnyElement) -> tuple[str, ...]:
         told = [f"{length(element.thickness)} of {element.material.name}"]
     elif isinstance(element, FieldLens):
         told = [f"f = {length(element.focal_length)}"]
+        if isinstance(element.mapping, MappingTable):
+            told.append(f"mapping by a table to {math.degrees(element.mapping.angles[-1]):.4g}°")
+        elif element.mapping != COLLINEAR:
+            told.append(f"mapping {element.mapping}")
     elif isinstance(element, Grin):
         told = [f"{length(element.thickness)}, n_0 {element.index:g}", f"g = {element.gradient:.5g} /mm"]
     else:
@@ -180,6 +200,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
             if near < stop.distance < far:
                 span = f"{element}, from {shown(near)} to {shown(far)}"
                 problems.append(Problem(f"{place}.distance", f"{shown(stop.distance)} lies inside {span}; move it out"))
+    problems += _about_mapping(design)
     if problems or known:
         return tuple(problems)
     substrate, behind = design.microlens_array.substrate, design.sensor.cover
@@ -202,3 +223,47 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
         if stop.distance >= d_f:
             problems.append(stop_beyond_focus(f"{place}.distance", stop.distance, d_f))
     return tuple(problems)
+
+
+def _about_mapping(design: Design) -> list[Problem]:
+    """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not.
+
+    Nor may a real main lens stand behind it.
+    """
+    problems = []
+    for number, lens in enumerate(design.elements, 1):
+        if not isinstance(lens, FieldLens) or lens.law is None:
+            continue
+        key = f"elements.{number}.mapping"
+        if design.main_lens.prescription is not None:
+            problems.append(
+                Problem(key, "a real main lens is not traced together with a mapping; drop one or the other")
+            )
+        for other, element in enumerate(design.elements, 1):
+            if element.distance <= lens.distance:
+                continue
+            if not isinstance(element, Block):
+                message = (
+                    f"only the foremost lens maps angles, and elements.{other} ({element.kind}) stands before it; "
+                    "give the mapping to that, or drop it"
+                )
+                problems.append(Problem(key, message))
+            elif element.diameter is not None:
+                message = (
+                    f"{shown(element.diameter)} would cut rays before the lens with a mapping, where its first order "
+                    f"does not tell their heights; drop it, or the mapping of elements.{number}"
+                )
+                problems.append(Problem(f"elements.{other}.diameter", message))
+        for other, stop in enumerate(design.stops, 1):
+            if stop.distance > lens.distance:
+                message = (
+                    f"{shown(stop.distance)} is before the lens with a mapping, where only the FAP may stand; move it "
+                    f"behind, or drop the mapping of elements.{number}"
+                )
+                problems.append(Problem(f"stops.{other}.distance", message))
+        if design.aperture.distance > lens.distance and design.aperture.tilt != (0.0, 0.0):
+            message = (
+                f"a FAP before the lens with a mapping cannot be tilted; drop it, or the mapping of elements.{number}"
+            )
+            problems.append(Problem("aperture.tilt", message))
+    return problems

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design
 from ..design.parts import PATHS
-from ..rays.backward import behind_elements, scene_side
+from ..rays.backward import behind_elements, law_of, mapped, scene_side
 from ..rays.object_space import FacesAhead, Outside
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.light import outer_slope
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 
@@ -63,17 +64,20 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
         Beside the design's own [mm].
     """
     camera = Camera.of(design)
-    front, (lens_x, lens_y) = scene_side(camera), design.main_lens.decentre
+    front, law, (lens_x, lens_y) = scene_side(camera), law_of(camera), design.main_lens.decentre
     lx, ly, ox, oy = _rays(camera, radius)
     height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
     passed = np.ones(lx.shape, np.bool_)
     for rim in (camera.fap, *camera.rims):
         x, y = camera.decentre(rim.part)
         passed &= np.hypot(lx - ox * rim.distance - x, ly - oy * rim.distance - y) <= NEARLY * rim.radius
+    *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
+    passed &= imaged
     if not passed.any():
         return Misses(0.0, 0.0, 0.0, False)
-    closed = behind_elements(front, lens_x, lens_y, *height, *slope)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
+    p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
+    compressed = min(1.0, float(camera.stretch(p)), float(camera.stretch_along(p)))
     rims = sorted((camera.fap, *camera.rims), key=lambda rim: float(rim.stands))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
@@ -84,7 +88,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
         there = {rim.part: rays for rim, rays in zip(rims, at_rims, strict=True)}
         image = max(image, _clipping(camera, there, (lx, ly, ox, oy), good, radius))
         for z in distances:
-            scale = _on_array(camera, z)
+            scale = _on_array(camera, z) / compressed
             off = [(found.height[k] - found.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
             # An edge may lie along either axis, or a corner along both.
             picture = max(picture, float(np.max((np.abs(off[0]) + np.abs(off[1]))[good], initial=0.0)))
@@ -132,6 +136,9 @@ def _clipping(
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     moved: list[float] = []
     for rim in (camera.fap, *camera.rims):
+        if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
+            moved.append(0.0)
+            continue
         z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
         height, slope, _ = there[rim.part]
         off = [

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from ..camera import Camera, Number
+from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
-from ..theory.light import chief_slope
+from ..theory.light import chief_slope, falloff, outer_slope
 from ..theory.stop_images import stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -53,11 +54,12 @@ def overlap(s: Subject) -> Estimate:
     return Estimate(width, f"images overlap by {width:.3g} px")
 
 
-def blur_on_mla(c: Camera, distance: float) -> float:
+def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     """Width on the MLA over which an object point at Z = `distance` spreads [mm].
 
     D_F d_1 |1/(H Z_F) - 1/d_f| with Z_F = Z - d_3, in the form D_F (d_1/d_f) |d_f - Z|/(Z - d_3) that does not
-    cancel near the focal plane.
+    cancel near the focal plane. Behind an objective with a mapping, which bends the plane in focus, the most of middle
+    and edge, along and across the field; `place` is that of the edge on the MLA [mm].
 
     Raises
     ------
@@ -69,14 +71,30 @@ def blur_on_mla(c: Camera, distance: float) -> float:
         fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
     seen = c.plane(distance).distance
-    return float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - seen) / (seen - c.d_3)))
+    middle = float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - seen) / (seen - c.d_3)))
+    return middle if c.law is None or place == 0 else max(middle, *(abs(b) for b in mapped_blur(c, distance, place)))
+
+
+def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]:
+    """The same, signed, behind an objective with a mapping and off the axis: along the field's radius and across it.
+
+    The FAP seen from outside, 2 R at a distance Z_P, spreads directions by 2 R/Z_P; of these the first order has as
+    much less as the mapping stretches slopes there.
+    """
+    _, front = c.front
+    wide = front.d - front.c * c.d_3
+    p, pupil = outer_slope(c, place), c.pupil_stands
+    spread = 2 * front.medium * c.fap.radius * c.gap / (c.inverse_m * wide * wide)
+    away, focus = distance - pupil, c[PATHS["d_f"]] - pupil
+    along, across = (float(spread * (1 / (away * grown) - 1 / focus)) for grown in (c.stretch_along(p), c.stretch(p)))
+    return along, across
 
 
 def object_defocus(s: Subject) -> Estimate:
     """Spread over the MLA [microlens pitches] of the scene's nearest or farthest point; zero for a uniform scene."""
     if s.brief.distances is None:
         return Estimate(0.0, "the scene lies on the focal plane")
-    spread = max(blur_on_mla(s.camera, distance) for distance in s.brief.distances) / s.design.d
+    spread = max(blur_on_mla(s.camera, distance, s.x_ml) for distance in s.brief.distances) / s.design.d
     nearest, farthest = s.brief.distances
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene looks alike at any distance (detail would spread {spread:.3g} pitches)")
@@ -85,7 +103,7 @@ def object_defocus(s: Subject) -> Estimate:
 
 
 def cos4(s: Subject) -> Estimate:
-    """Loss at the field's rim [fraction of full scale].
+    """Loss at the field's rim [fraction of full scale]: cos^4, or as the mapping of an objective has it.
 
     Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
     the size of the microlens images there, which are traced (etendue is conserved).
@@ -93,8 +111,12 @@ def cos4(s: Subject) -> Estimate:
     if s.design.lens is not None:
         loss = _loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    loss = _loss(s.x_ml * float(chief_slope(s.camera)))
-    return Estimate(loss, f"{loss:.2%} darker {s.at}")
+    slope = s.x_ml * float(chief_slope(s.camera))
+    if s.camera.law is None:
+        loss = _loss(slope)
+        return Estimate(loss, f"{loss:.2%} darker {s.at}")
+    loss = 1 - float(falloff(s.camera, slope))
+    return Estimate(loss, f"{loss:.2%} darker {s.at}, by the objective's mapping")
 
 
 def _loss(slope: float) -> float:

@@ -15,6 +15,8 @@ from .effect import Effect, Estimate, Subject
 
 LONGEST_GRATING = 4.0
 """Period in microlens pitches up to which what a texture loses falls with it."""
+WIDEST = 1e6
+"""How much wider a footprint at the edge of a mapped field is taken to be at most: at 90 degrees it has no end."""
 SHORTEST_GRATING = 2.0
 """Period that microlenses still sample."""
 
@@ -102,6 +104,8 @@ def finite_microlens_aperture(s: Subject) -> Estimate:
     """
     distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
     width = max(footprint(s.camera, distance) for distance in distances)
+    if s.camera.law is not None:
+        width *= min(float(np.maximum(1.0, s.camera.stretch_along(light.outer_slope(s.camera, s.x_ml)))), WIDEST)
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene has no detail within the object footprint of {width:.3g} mm")
     period = s.brief.smallest_period

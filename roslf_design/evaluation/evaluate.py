@@ -11,18 +11,22 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
 from ..design import Design, load
-from ..design.elements import element_name, made_of
+from ..design.elements import FieldLens, element_name, made_of
+from ..design.mapping import angle_in_air
 from ..design.material import material_told
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
 from ..lenses.glass import AIR
 from ..theory import exit_pupil
 from ..theory.disparity_error import view_gradient
+from ..theory.light import field_angle, outer_slope
 from ..theory.photometry import exposure
 from ..theory.quantities import QUANTITIES, seen_at
+from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
@@ -34,8 +38,10 @@ from .result import (
     ExitPupil,
     FNumber,
     LookedThrough,
+    MappedField,
     MicrolensImage,
     NonDistortion,
+    ObjectiveMapping,
     Sampling,
     SeenPart,
 )
@@ -146,7 +152,7 @@ def evaluate(
         warnings=warnings_of(design, images),
         method=" ".join(method),
         real_lens=traced,
-        object_space=None if camera.chain is None else _looked_through(design, camera),
+        object_space=None if camera.chain is None else _looked_through(design, camera, axes),
     )
 
 
@@ -167,7 +173,7 @@ def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:
     )
 
 
-def _looked_through(design: Design, camera: Camera) -> LookedThrough:
+def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]]) -> LookedThrough:
     medium = design.object_space.medium
     parts = [
         SeenPart(
@@ -196,7 +202,31 @@ def _looked_through(design: Design, camera: Camera) -> LookedThrough:
         if isinstance(plate, Substrate):
             what += f", lenslets towards the {plate.lenslets}"
         parts.append(SeenPart(name, what, ruler, None, float(seen), None))
-    return LookedThrough(medium.name, float(medium.index(design.wavelength)), tuple(parts))
+    index = float(medium.index(design.wavelength))
+    return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes))
+
+
+def _mapping(design: Design, camera: Camera, axes: Sequence[tuple[float, float]]) -> ObjectiveMapping | None:
+    if camera.law is None or camera.chain is None or camera.chain.mapped is None:
+        return None
+    lens, largest = design.elements[camera.chain.mapped], float(camera.law[0, 1])
+    assert isinstance(lens, FieldLens)
+    sample, sigma = (float(QUANTITIES[name](camera)) for name in ("object_sample_mm", "sigma_z_mm"))
+    radii = np.hypot(*MicrolensImages(camera, axes).from_lens.T) if len(axes) else np.zeros(0)
+    p = np.minimum(outer_slope(camera, radii), largest)
+    angles, in_air = np.rad2deg(field_angle(camera, radii)), angle_in_air(camera.law, p)
+    drawn = np.where(p > 0, 100 * (ratio(p, np.tan(in_air)) - 1), 0.0)
+    along, across = (np.broadcast_to(of(p), p.shape).tolist() for of in (camera.stretch_along, camera.stretch))
+    fields = zip(axes, angles, drawn, along, across, strict=True)
+    told = tuple(
+        MappedField(
+            axis, float(angle), float(d), (sample * float(a), sample * float(b)), (sigma * float(a), sigma * float(b))
+        )
+        for axis, angle, d, a, b in fields
+    )
+    name = lens.mapping if isinstance(lens.mapping, str) else "table"
+    at = element_name(lens, camera.chain.mapped + 1)
+    return ObjectiveMapping(name, at, math.degrees(float(angle_in_air(camera.law, largest))), told)
 
 
 def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own: Any) -> Group:

@@ -294,6 +294,34 @@ class SeenPart:
 
 
 @dataclass(frozen=True)
+class MappedField:
+    """What an objective's mapping makes of one field, along its chief ray."""
+
+    x_ml_mm: tuple[float, float]
+    """The microlens, on the array [mm]."""
+    angle_deg: float
+    """From the axis, in the medium of the scene; where nothing is imaged, the largest that is."""
+    distortion_percent: float
+    """Image height against f tan of the angle in air."""
+    object_sample_mm: tuple[float, float]
+    """Footprint of a microlens on the focal plane, along the field's radius and across it."""
+    sigma_z_mm: tuple[float, float]
+    """Depth spread there, of views set apart along and across."""
+
+
+@dataclass(frozen=True)
+class ObjectiveMapping:
+    """How an objective takes angles to image heights, where it is not f tan."""
+
+    mapping: str
+    element: str
+    """Which it is."""
+    largest_angle_deg: float
+    """That it images, in air."""
+    fields: tuple[MappedField, ...]
+
+
+@dataclass(frozen=True)
 class LookedThrough:
     """What light meets beside the main lens: liquid, elements, glass about the array."""
 
@@ -303,6 +331,8 @@ class LookedThrough:
     """Of that, at the design's wavelength."""
     parts: tuple[SeenPart, ...]
     """In the order of light, from the focal plane on."""
+    mapping: ObjectiveMapping | None = None
+    """None of f tan."""
 
 
 @dataclass(frozen=True)
@@ -338,6 +368,8 @@ class Evaluation:
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
         if self.object_space is None:
             del data["object_space"]
+        elif self.object_space.mapping is None:
+            del data["object_space"]["mapping"]
         return data
 
     def __str__(self) -> str:

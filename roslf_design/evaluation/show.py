@@ -145,6 +145,30 @@ def _seen(part: SeenPart) -> str:
     return ", ".join(told)
 
 
+def mapping_table(result: Evaluation) -> Table | None:
+    """What the objective's mapping makes of each field; nothing where it is f tan."""
+    if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
+        return None
+    rows = tuple(
+        (
+            place(field.x_ml_mm),
+            f"{field.angle_deg:.2f}",
+            fixed(field.distortion_percent, 1, "+"),
+            " ".join(number(value) for value in field.object_sample_mm),
+            " ".join(number(value) for value in field.sigma_z_mm),
+        )
+        for field in objective.fields
+    )
+    headings = ("microlens x, y [mm]", "angle [deg]", "height against f tan [%]", "object sample [mm]", "σ_Z [mm]")
+    name = "a measured table" if objective.mapping == "table" else objective.mapping
+    caption = (
+        f"The objective, {objective.element}, images by {name} up to {objective.largest_angle_deg:.4g} degrees in air. "
+        "Samples and depth spread are those on the focal plane, along the field's radius and across it; angles are "
+        "those in the medium of the scene."
+    )
+    return Table(rows, "lrrrr", headings, "The objective's mapping over the field", caption)
+
+
 def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = (
@@ -241,7 +265,8 @@ def _cell(value: float | None, decimals: int, sign: str = "") -> str:
 def _tables(result: Evaluation) -> list[Table]:
     fields = [field_table(result), budget_table(result)] if result.fields else []
     lens = [] if result.real_lens is None else [lens_table(result.real_lens)]
-    seen = seen_table(result)
+    seen, mapping = seen_table(result), mapping_table(result)
+    fields = fields if mapping is None else [mapping, *fields]
     return [*([] if seen is None else [seen]), *fact_tables(result), *fields, *lens, effects_table(result)]
 
 

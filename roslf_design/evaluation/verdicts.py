@@ -10,6 +10,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..design.mapping import angle_in_air
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched
 from ..words import place
@@ -122,6 +123,9 @@ def _field_remedy(camera: Camera, field: NonDistortion) -> str:
             f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
+    if camera.law is not None and field.limited_by.endswith("mapping"):
+        largest = math.degrees(float(angle_in_air(camera.law, camera.law[0, 1])))
+        return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
     return f"widen the {field.limited_by} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
 
 

@@ -17,7 +17,7 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError, dumps, loads
-from ..design.elements import Plate
+from ..design.elements import Block, FieldLens, Plate
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..lenses.glass import AIR, Glass, catalogue, find_glass, glass_of_index
@@ -43,7 +43,7 @@ def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
     return tuple(s for s in CONJUGATE if s not in (follows, *touched)) if touched and follows not in touched else ()
 
 
-Choice = Literal["medium", "window", "window_material"]
+Choice = Literal["medium", "window", "window_material", "mapping"]
 """What is chosen beside numbers."""
 
 
@@ -176,6 +176,13 @@ def window_of(design: Design) -> int | None:
     return far if far is not None and isinstance(design.elements[far], Plate) else None
 
 
+def objective_of(design: Design) -> int | None:
+    """Which element is the objective: the foremost that bends light, if it is an ideal lens."""
+    bending = (k for k, element in enumerate(design.elements) if not isinstance(element, Block))
+    far = max(bending, key=lambda k: design.elements[k].distance, default=None)
+    return far if far is not None and isinstance(design.elements[far], FieldLens) else None
+
+
 def value_of(design: Design, symbol: str) -> float | None:
     """A field's number [mm]; None where the design has none: no window, or one without an aperture."""
     if symbol in BY_SYMBOL:
@@ -193,7 +200,8 @@ def new_window(design: Design) -> dict[str, Any]:
     start, thick = (float(f"{value:.4g}") for value in (tip + min(0.5, 0.05 * gap), min(1.0, 0.1 * gap)))
     share = (start + thick - design.d_3) / beyond
     pencil = float(QUANTITIES["field_half_diagonal_mm"](camera)) * share + design.D_F / 2
-    wide = {"diameter": float(f"{2.2 * pencil:.3g}")} if math.isfinite(pencil) else {}
+    # A rim before an objective with a mapping would cut rays whose first order does not tell where they are.
+    wide = {"diameter": float(f"{2.2 * pencil:.3g}")} if math.isfinite(pencil) and camera.law is None else {}
     return {"kind": "plate", "distance": start, "thickness": thick, "material": GLASSES[0], **wide}
 
 
@@ -291,14 +299,14 @@ class State:
         return replace(self, design=design, faults=(), message="")
 
     def choose(self, what: Choice, text: str) -> State:
-        """Say what the scene lies in, whether there is a window at the tip, or what that is made of.
+        """Say what the scene lies in, whether there is a window at the tip and of what, how an objective maps angles.
 
         Parameters
         ----------
-        what : {"medium", "window", "window_material"}
+        what : {"medium", "window", "window_material", "mapping"}
         text : str
-            A material's name or index; of a window "yes" or "no". A liquid brings the window that seals it off, and
-            the last window that goes takes the liquid along.
+            A material's name or index; a mapping's name; of a window "yes" or "no". A liquid brings the window that
+            seals it off, and the last window that goes takes the liquid along.
         """
         design, k = self.design, window_of(self.design)
         elements: list[Any] = list(design.elements)
@@ -311,6 +319,9 @@ class State:
             elif what == "medium":
                 medium = _material(text)
                 elements = elements or ([] if text == "air" else [new_window(design)])
+            elif what == "mapping":
+                if (objective := objective_of(design)) is not None:
+                    elements[objective] = elements[objective].model_copy(update={"mapping": text})
             elif k is not None:
                 elements[k] = elements[k].model_copy(update={"material": _material(text)})
             held = [s for s in self.followers if s != self.follows]

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from ..design import Design
+from ..design.mapping import NAMES
 from ..evaluation import Evaluation
 from ..lenses.glass import Glass
 from ..pictures.curves import depth_precision, matching_plane
@@ -34,6 +35,7 @@ from .state import (
     NumberField,
     State,
     encode,
+    objective_of,
     place_on_mla,
     position,
     reach,
@@ -169,7 +171,9 @@ def controls(state: State) -> dict[str, Any]:
 def _bore(state: State) -> dict[str, Any]:
     """What the scene lies in, and whether a window stands at the tip, of what."""
     medium, k = state.design.object_space.medium, window_of(state.design)
-    faults = {what: state.fault(what) for what in ("medium", "window", "window_material")}
+    faults = {what: state.fault(what) for what in ("medium", "window", "window_material", "mapping")}
+    objective = objective_of(state.design)
+    mapping = None if objective is None else state.design.elements[objective].mapping  # type: ignore[union-attr]
     material = "" if k is None else _material_text(state.design.elements[k].material)  # type: ignore[union-attr]
     wrong = faults["window_material"]
     return {
@@ -177,6 +181,8 @@ def _bore(state: State) -> dict[str, Any]:
         "medium": medium.name if medium.name in MEDIA else "index",
         "index": "" if medium.name in MEDIA else f"{float(medium.index(state.design.wavelength)):.5g}",
         "window": k is not None,
+        "mapping": "" if mapping is None else mapping if isinstance(mapping, str) else "table",
+        "mappings": [*NAMES, *([] if mapping is None or isinstance(mapping, str) else ["table"])],
         "materials": list(GLASSES),
         "material": material if wrong is None else wrong.text,
         **{f"{what}_fault": "" if fault is None else fault.message for what, fault in faults.items()},

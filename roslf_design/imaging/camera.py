@@ -29,7 +29,8 @@ def planned_camera(design: Design, plan: Plan) -> Camera:
     the microlenses image the exit pupil onto the sensor.
     """
     camera = Camera.of(straightened(design, plan).thin_twin)
-    wide = {} if plan.on("vignetting") else {rim.diameter_place: math.inf for rim in camera.rims}
+    places = [] if plan.on("vignetting") else [rim.diameter_place for rim in camera.rims]
+    wide = {place: math.inf for place in places if place is not None}
     return camera.replace(wide, in_focus=not plan.on("microlens_defocus"))
 
 

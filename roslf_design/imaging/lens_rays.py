@@ -111,7 +111,7 @@ class RealLensTracer:
     """One a wavelength."""
     sight: Floats
     """What takes the focal plane's points to where the main lens sees them, and rays from there to the scene: A and E
-    (x, y) of its `ImagedPlane`, the FAP and that plane as seen [mm], then `Layout.front`, (15,)."""
+    (x, y) of its `ImagedPlane`, the FAP and that plane as seen [mm], then `Layout.front`, (16,)."""
     surfaces: Surfaces | None
     """None for a uniform scene."""
     level: float

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import Design
 from ..effects import Budget, Plan, plan
+from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
-from ..theory.light import chief_spread
+from ..theory.light import chief_spread, falloff, outer_slope
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
 from .lens_rays import real_camera
@@ -235,13 +236,51 @@ class _Job:
         lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
         for thing in self.scene.points:
             for position in thing.positions:
-                x, y, distance = (float(seen) for seen in camera.see(*position))
-                light = thing.flux
-                if self.plan.on("cos4"):
+                light, seen = thing.flux, camera.see(*position)
+                if camera.law is not None:
+                    share, seen = self._mapped(*position)
+                    light *= share
+                x, y, distance = (float(number) for number in seen)
+                if self.plan.on("cos4") and camera.law is None:
                     away = (distance - camera.d_3) / chief_spread(camera)
                     light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
+                if light == 0:  # outside what the objective images
+                    continue
                 place = (float(position[0]), float(position[1]), float(position[2])) if exact else None
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance, place)
+
+    def _mapped(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
+        """Light of a point before an objective with a mapping, and where the main lens sees it.
+
+        It is drawn smaller off the axis, with as much less light; its place is midway between its foci along and across
+        the field.
+
+        Raises
+        ------
+        InputError
+            These are so far apart that one focus does not stand for both.
+        """
+        camera = self.camera
+        law = camera.law
+        assert law is not None
+        _, p = camera.straight_ray(x, y, z)
+        if p >= law[0, 1]:
+            return 0.0, camera.see(x, y, z)
+        along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
+        place = float(p / outer_slope(camera, 1.0))
+        one, other = (blur / float(camera.d) for blur in mapped_blur(camera, z, place))
+        if abs(one - other) > self.budget.pitch:
+            message = (
+                f"the point at ({x:g}, {y:g}, {z:g}) mm is drawn out by {abs(one - other):.3g} pitches by the "
+                f"objective's mapping, more than the budget of {self.budget.pitch:g}; move it nearer the axis or "
+                "farther away, or draw it as a small plane"
+            )
+            raise InputError((Problem("objects", message),), self.scene.name)
+        pupil = camera.pupil_stands
+        focus = pupil + (z - pupil) * 2 / (1 / along + 1 / across)
+        (u, v), _ = camera.straight_ray(x, y, z, plane=focus)
+        shown = float(falloff(camera, p)) if self.plan.on("cos4") else 1.0
+        return shown / (along * across), camera.first_order_image(u, v, focus)
 
     @property
     def colours(self) -> tuple[float, ...]:

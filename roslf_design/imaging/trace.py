@@ -18,6 +18,7 @@ from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
+from ..design.mapping import illumination
 from ..design.parts import Part
 from ..effects import Plan, Subject
 from ..effects.elements import misses
@@ -28,6 +29,7 @@ from ..rays.backward import (
     HALF,
     LENS_RADIUS,
     LENS_X,
+    NO_LAW,
     PER_D_2,
     PER_F,
     PER_F_ML,
@@ -37,6 +39,7 @@ from ..rays.backward import (
     behind_elements,
     crossing,
     lay_out,
+    mapped,
     posed_ray,
 )
 from ..rays.object_space import FacesAhead, outwards
@@ -280,7 +283,7 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
-NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8))
+NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8), NO_LAW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,8 +378,8 @@ class Tracer:
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
                     *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
-                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts, sampling.tolerance * fine, place,
-                    image, used,
+                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
+                    sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
@@ -405,32 +408,43 @@ def mixed(a: Any, b: Any, c: Any) -> Any:
 
 @kernel()
 def to_scene(
-    flags: Any, k: Any, front: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any, d_3: float, d_f: float,
-    kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
+    flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any,
+    d_3: float, d_f: float, kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
 ) -> Any:  # fmt: skip
     """A ray that leaves the main lens, as it goes on before all elements, and whether it gets there."""
-    ex, ey, tx, ty, fate = hx, hy, ox, oy, 0
+    ex, ey, tx, ty, fate, imaged = hx, hy, ox, oy, 0, True
     fx, fy, gx, gy = hx, hy, ox, oy
     if flags[EXACT]:
-        ex, ey, tx, ty, fate = outwards(table, media, takers, buffer, work, hx, hy, ox, oy)
+        ex, ey, tx, ty, fate = outwards(table, media, takers, law, buffer, work, hx, hy, ox, oy)
         fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+        fx, fy, gx, gy, imaged = mapped(law, front, fx, fy, gx, gy)
     if flags[IN_FOCUS]:
         hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
     ox, oy = ox + kick_x, oy + kick_y
     hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
     if flags[THROUGH]:
         hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+        hx, hy, ox, oy, imaged = mapped(law, front, hx, hy, ox, oy)
     if flags[EXACT]:  # off the exact ray by as much as these two put the closed forms' ray off
         hx, hy, ox, oy = ex + (hx - fx), ey + (hy - fy), tx + (ox - gx), ty + (oy - gy)
-    return hx, hy, ox, oy, fate == 0
+    return hx, hy, ox, oy, fate == 0 and imaged
+
+
+@kernel()
+def share_of_light(law: Any, slope: float) -> float:
+    """`falloff` of one microlens."""
+    if law.shape[0] == 0:
+        return 1.0 / (1.0 + slope * slope) ** 2
+    return float(illumination(law, slope))
 
 
 @kernel(parallel=True)
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
-    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, table: Any, media: Any, takers: Any,
-    rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float, mouth: float, d_3: float, d_f: float,
-    points: Any, counts: Any, tolerance: float, place: Any, image: Any, spent: Any,
+    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
+    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float,
+    mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
+    spent: Any,
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays."""
     d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
@@ -442,7 +456,8 @@ def _trace(
         lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
         near_x, near_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        faces, indices, takes = table.copy(), media.copy(), takers.copy()  # shared ones are counted by all threads
+        # Shared ones are counted by all threads.
+        faces, indices, takes, own = table.copy(), media.copy(), takers.copy(), law.copy()
         used = 0
         for i in range(x.size):
             n = 0
@@ -462,7 +477,7 @@ def _trace(
                         continue
                     if n < MOST:
                         slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
-                        lens_x[n], lens_y[n], gain[n] = cx, cy, 1.0 / (1.0 + slope * slope) ** 2
+                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(law, slope)
                         near_x[n], near_y[n] = x[i] - gx, y[j] - gy
                         n += 1
             if n == 0:
@@ -534,7 +549,7 @@ def _trace(
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
                         hx, hy, ox, oy, kept = to_scene(
-                            flags, k, front, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
+                            flags, k, front, own, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
                             ox, oy,
                         )  # fmt: skip
                         if not kept:

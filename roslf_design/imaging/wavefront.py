@@ -148,8 +148,8 @@ def _gradient(at: Floats, axis: int) -> Floats:
 def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """What exact rays from the point through places of the FAP have over the ideal wave's slopes, and which are.
 
-    Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope: that, time and again, takes the
-    miss away.
+    Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope, and an objective's mapping
+    stretches that: the inverse, time and again, takes the miss away.
     """
     assert source.place is not None
     camera, (x, y, z) = source.camera, source.place
@@ -157,6 +157,10 @@ def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tupl
     rate, ideal = float(plane.a * camera.d_3 - plane.b), source.slope(pupil)
     extra, near = np.zeros_like(pupil), NEAR * (1 + abs(z) / 100)
     comes = np.zeros(len(pupil), np.bool_)
+    along, across = 1.0, 1.0
+    if camera.law is not None:
+        _, p = camera.straight_ray(x, y, z)
+        along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
     for _ in range(STEPS):
         slope = ideal + extra
         height = pupil + slope * float(camera.d_3) + source.lens
@@ -166,5 +170,10 @@ def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tupl
         comes = alive & (np.max(np.abs(miss), axis=-1) <= near)
         if np.all(comes | ~alive):
             break
+        if along != across:
+            way = np.moveaxis(out.slope, 0, -1)
+            way = way / np.maximum(np.hypot(*out.slope), 1e-300)[:, None]
+            radial = np.sum(miss * way, axis=-1, keepdims=True) * way
+            miss = radial / along + (miss - radial) / across
         extra = extra - np.where(alive[:, None], miss, 0.0) / rate
     return extra, comes

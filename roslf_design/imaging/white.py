@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
+from ..design.mapping import illumination
 from ..effects import Plan, plan
 from ..effects.waves import pixel_box
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
@@ -122,7 +123,7 @@ class WhiteGeometry:
 
 
 def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
-    """Darken an image, shape (y.size, x.size), in place by cos^4 of its chief rays' angles; sensor's frame [mm].
+    """Darken an image, shape (y.size, x.size), in place by its chief rays' `falloff`; sensor's frame [mm].
 
     Taken at each pixel's own place, between two microlenses as everywhere else: against one value for each microlens
     this differs by less than the change over half a pitch.
@@ -133,6 +134,9 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
+        if camera.law is not None:
+            image[row] *= illumination(camera.law, np.sqrt(along[row] + across, dtype=np.float64))
+            continue
         slope = 1 + along[row] + across
         image[row] /= slope * slope
     return image

@@ -388,7 +388,8 @@ class DesignProblem:
         rims = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
             housing = constraint.quantity.name == "outer_diameter_mm"
-            rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * (1 + len(self.base.rims))
+            openings = [rim for rim in (self.base.fap, *self.base.rims) if rim.diameter_place is not None]
+            rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
             for end in ("min", "max") if side == "equal" else (side,):

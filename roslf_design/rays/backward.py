@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .._jit import kernel
 from ..camera import Camera, Frame
 from ..camera.frames import frame
+from ..design.mapping import stretch
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +39,13 @@ class Layout(NamedTuple):
     rims: Floats
     """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, radius; (K, 4) [mm]."""
     front: Floats
-    """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; (10,)."""
+    """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; where the
+    scene sees the entrance pupil; (11,)."""
+    law: Floats
+    """Of an objective with a mapping (`..design.mapping`); no rows where there is none."""
+
+
+NO_LAW = np.zeros((0, 5))
 
 
 def lay_out(camera: Camera) -> Layout:
@@ -63,13 +70,20 @@ def lay_out(camera: Camera) -> Layout:
         maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
     rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
     constants = [*ones, camera.D / 2, camera.d / 2]
-    return Layout(np.array(constants, float), np.array(maps, float), np.array(rims, float), scene_side(camera))
+    numbers, blocks, openings = (np.array(part, float) for part in (constants, maps, rims))
+    return Layout(numbers, blocks, openings, scene_side(camera), law_of(camera))
+
+
+def law_of(camera: Camera) -> Floats:
+    """`Layout.law` of one camera."""
+    return NO_LAW if camera.law is None else np.array(camera.law)
 
 
 def scene_side(camera: Camera) -> Floats:
     """`Layout.front` of one camera."""
     end, plane = camera.front
-    return np.array([end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean], float)
+    front = [end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean, camera.pupil_stands]
+    return np.array(front, float)
 
 
 def _map(pose: Frame) -> Floats:
@@ -129,3 +143,14 @@ def behind_elements(front: Any, lens_x: Any, lens_y: Any, hx: Any, hy: Any, ox: 
     x = lens_x + ((front[1] * lx - front[2] * ox) + front[6])
     y = lens_y + ((front[1] * ly - front[2] * oy) + front[7])
     return x + sx * front[0], y + sy * front[0], sx, sy
+
+
+@kernel()
+def mapped(law: Any, front: Any, hx: Any, hy: Any, ox: Any, oy: Any) -> Any:
+    """A ray behind elements as its objective maps it, and whether that images it; its point on the pupil stays."""
+    if law.shape[0] == 0:
+        return hx, hy, ox, oy, True
+    p = front[5] * np.hypot(ox, oy)
+    grown = stretch(law, p, front[5])
+    sx, sy = ox * grown, oy * grown
+    return hx + (sx - ox) * front[10], hy + (sy - oy) * front[10], sx, sy, p <= law[0, 1]

@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..camera import Camera, Number
+from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
+from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..lenses.prescription import rotation, surface_table
 from ..lenses.tracer import (
@@ -34,11 +36,15 @@ from ..lenses.tracer import (
     pass_surfaces,
     pays,
 )
+from .backward import law_of
 from .pupil import Status
 
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
+MAPPED = 21
+"""Kind of a row beside those of `lenses.tracer`: what a mapping makes of a ray that an ideal lens has just bent, with
+the way from there to the entrance pupil in the place of a rod's length."""
 OPEN = 1e300
 """Square of a semi-diameter that lets everything through."""
 
@@ -67,6 +73,8 @@ class FacesAhead:
     """Indices on the scene's and on the sensor's side of each, (..., S, 2)."""
     takers: NDArray[np.uint8]
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
+    law: Floats
+    """Of an objective with a mapping, as in `Layout`."""
     names: tuple[str, ...] = ()
     """What each is called: "plate 1, back", "stop 2"."""
 
@@ -88,7 +96,7 @@ class FacesAhead:
         if not clip:
             table[..., LIMIT] = OPEN
         takers, names = ([face[k] for face in faces] for k in (3, 4))
-        return cls(table, media, np.array(takers, np.uint8), tuple(str(name) for name in names))
+        return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(str(name) for name in names))
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards through one build.
@@ -105,11 +113,13 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        if pays(carry, rays.shape[1] * len(self.table)):
-            carry.compiled(self.table, self.media, self.takers, *room, rays, out, status)
+        # Angles from sines come out of numpy and of the compiler a bit apart.
+        if len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
+            carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
         else:
             table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
-            carry.interpreted(table, media, self.takers, _plain(room[0]), _plain(room[1]), _plain(rays), out, status)
+            buffer, work, lines = (_plain(part) for part in (*room, rays))
+            carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
         found = out.reshape(4, *shape)
         return Outside(found[:2], found[2:], status.reshape(shape))
 
@@ -124,8 +134,8 @@ class FacesAhead:
         for distance in (*distances, math.inf):
             nearer = -self.table[:, 2] < distance
             end = len(nearer) if nearer.all() else max(first, int(np.argmin(nearer)))
-            some = slice(first, end)
-            part = FacesAhead(self.table[some], self.media[some], self.takers[some], self.names[some])
+            some, law = slice(first, end), self.law
+            part = FacesAhead(self.table[some], self.media[some], self.takers[some], law, self.names[some])
             (h_x, h_y), (s_x, s_y), status = part.rays(height, slope)
             height, slope, first = (h_x, h_y), (s_x, s_y), end
             lost = np.where(lost, lost, status)
@@ -173,16 +183,18 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
                 (_row(far_vertex, axes, radius), beyond, index, front, f"{name}, front"),
             ]
         elif isinstance(element, FieldLens):
-            row = _row(vertex, axes, radius)
-            row[..., KIND], row[..., TURNED], row[..., 3] = THIN, 0.0, 1 / n[f"{part}.focal_length"]
+            focal_length = n[f"{part}.focal_length"]
+            row = _row(vertex, axes, radius, focal_length)
+            row[..., KIND], row[..., TURNED], row[..., 3] = THIN, 0.0, 1 / focal_length
             faces = [(row, beyond, 1.0, back, name)]
+            if k == chain.mapped:
+                reach = camera.pupil_seen_before(np.nextafter(z, np.inf)) - z
+                bent = _row(vertex, axes, radius, reach)
+                bent[..., KIND], bent[..., LENGTH] = MAPPED, reach
+                faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"], f"{name}, mapping"))
         elif isinstance(element, Grin):
             shown = [n[f"{part}.{name}"] for name in ("index", "gradient")]
-            row = np.array(
-                np.broadcast_arrays(_row(vertex, axes, radius), *(np.asarray(v)[..., None] for v in (*shown, length)))[
-                    0
-                ]
-            )
+            row = _row(vertex, axes, radius, *shown, length)
             row[..., KIND], row[..., LENGTH] = ROD, length
             row[..., 3], row[..., 4] = shown
             faces = [(row, beyond, 1.0, back, name)]
@@ -221,9 +233,9 @@ def _group(
     return faces
 
 
-def _row(vertex: Floats, axes: Floats, radius: Number) -> Floats:
-    """A plane face."""
-    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius))
+def _row(vertex: Floats, axes: Floats, radius: Number, *others: Number) -> Floats:
+    """A plane face, with room for the builds of others of its numbers."""
+    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius), *map(np.shape, others))
     row = np.zeros((*shape, COLUMNS))
     row[..., :3], row[..., 4], row[..., LIMIT] = vertex, 1.0, np.minimum(np.square(radius), OPEN)
     row[..., KIND], row[..., TURNED] = SPHERE, _turned(axes)
@@ -266,14 +278,29 @@ def cross_flat(
     return x, y, z, mu * dx + bend * nx, mu * dy + bend * ny, mu * dz + bend * nz, 0
 
 
+@kernel()
+def bend_mapped(row: Any, law: Any, scene: float, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> Any:
+    """One ray on an objective's plane, bent by its first order, as its mapping has it; as for `cross_flat`."""
+    sx, sy = dx / dz, dy / dz
+    p = scene * sqrt(sx * sx + sy * sy)
+    if p > law[0, 1]:
+        return x, y, z, dx, dy, dz, CLIPPED
+    grown = stretch(law, p, scene)
+    x, y = x + (grown - 1.0) * sx * row[LENGTH], y + (grown - 1.0) * sy * row[LENGTH]
+    sx, sy = sx * grown, sy * grown
+    shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
+    return x, y, z, sx * shrink, sy * shrink, shrink, 0
+
+
 def _centre(numbers: Any, part: str, z: Number) -> Floats:
     return np.stack(np.broadcast_arrays(*_pair(numbers, f"{part}.decentre"), np.negative(z)), axis=-1)
 
 
 @kernel()
 def outwards(
-    table: Any, media: Any, takers: Any, buffer: Any, work: Any, hx: float, hy: float, ox: float, oy: float
-) -> Any:
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any,
+    hx: float, hy: float, ox: float, oy: float,
+) -> Any:  # fmt: skip
     """Height at z = 0 and slope of one ray outside, and its status; `buffer` and `work` are room for a block."""
     shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
     x, y, z, dx, dy, dz = hx, hy, 0.0, ox * shrink, oy * shrink, shrink
@@ -281,6 +308,8 @@ def outwards(
         row = table[s]
         if int(row[KIND]) == SPHERE and row[3] == 0.0:
             x, y, z, dx, dy, dz, fate = cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
+        elif int(row[KIND]) == MAPPED:
+            x, y, z, dx, dy, dz, fate = bend_mapped(row, law, media[s][0], x, y, z, dx, dy, dz)
         else:
             buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
             buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0
@@ -302,7 +331,9 @@ TOTALLY_REFLECTED, UNTRACEABLE = int(Status.REFLECTED), int(Status.UNTRACEABLE)
 
 
 @kernel()
-def carry(table: Any, media: Any, takers: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any) -> None:
+def carry(
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+) -> None:
     """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N); `buffer` and `work` are room."""
     for i in range(rays.shape[1]):
         hx, hy, ox, oy = rays[0, i], rays[1, i], rays[2, i], rays[3, i]
@@ -310,5 +341,5 @@ def carry(table: Any, media: Any, takers: Any, buffer: Any, work: Any, rays: Any
             status[i] = UNTRACEABLE
             continue
         out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
-            table, media, takers, buffer, work, hx, hy, ox, oy
+            table, media, takers, law, buffer, work, hx, hy, ox, oy
         )

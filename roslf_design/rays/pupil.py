@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.chain import COVER, SUBSTRATE
+from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..theory.stop_images import Projected, lens_point, project
 
@@ -350,7 +351,13 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
         there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium
         lines.append((np.asarray(here + there * distance), np.asarray(there)))
     (hx, sx), (hy, sy) = lines
-    return hx, hy, sx, sy
+    if camera.law is None or distance <= camera[f"elements.{camera.chain.mapped}.distance"]:
+        return hx, hy, sx, sy
+    p = plane.medium * np.hypot(sx, sy)
+    # What the objective does not image is drawn on as the first order has it, to where it is blocked.
+    grown = np.where(p <= camera.law[0, 1], stretch(camera.law, p, plane.medium) - 1, 0.0)
+    pupil = camera.pupil_seen_before(distance)
+    return hx + grown * sx * pupil, hy + grown * sy * pupil, sx + grown * sx, sy + grown * sy
 
 
 def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:

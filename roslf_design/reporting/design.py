@@ -22,6 +22,7 @@ from ..evaluation.show import (
     fact_tables,
     field_table,
     lens_table,
+    mapping_table,
     seen_table,
 )
 from ..evaluation.verdicts import near_cases
@@ -125,7 +126,7 @@ def design_report(
         Section("Summary", (*opening, answers, key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
-        Section("Evaluation", (*fact_tables(result), field_table(result), budget_table(result))),
+        Section("Evaluation", (*fact_tables(result), *_mapping(result), field_table(result), budget_table(result))),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
@@ -289,6 +290,11 @@ def _seen(result: Evaluation) -> tuple[Table, ...]:
     return () if table is None else (table,)
 
 
+def _mapping(result: Evaluation) -> tuple[Table, ...]:
+    table = mapping_table(result)
+    return () if table is None else (table,)
+
+
 def _stops(design: Design) -> Iterator[Table]:
     """Further stops and misalignments, where there are any."""
     if design.stops:
@@ -324,6 +330,11 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
             "Liquid, elements before the main lens and glass about the array act by their first order in tables and "
             "drawings: a plate as its thickness over its index."
         )
+        if result.object_space.mapping is not None:
+            items.append(
+                "Before the objective rays go as its mapping says, from where the first order has them in the entrance "
+                "pupil, and windows and liquid bend them by Snell's law; behind it all is first order."
+            )
     if design.sensor.relay_magnification != 1:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
     if not design.aligned:

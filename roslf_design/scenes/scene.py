@@ -83,6 +83,7 @@ class Scene(Part):
         details = [detail(thing) for thing in self.objects]
         reach = [z for thing in self.objects for z in depths(thing, design.d_f, *_view(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
+        in_focus &= not (reach and Camera.of(design).law is not None)  # which bends the plane in focus
         return SceneBrief(
             smallest_period=min(period for period, _ in details),
             hard_edges=any(jumps for _, jumps in details),
@@ -118,6 +119,9 @@ def _view(design: Design) -> tuple[float, float]:
         return slope, 0.0
     outside = slope * float((plane.d - plane.c * camera.d_3) / plane.medium)
     height = slope * float(plane.b - plane.a * camera.d_3) - outside * float(end)
+    if camera.law is not None:  # steeper, through the same point of the entrance pupil
+        steeper = outside * float(camera.stretch(abs(outside) * plane.medium))
+        height, outside = height + (outside - steeper) * float(camera.pupil_stands), steeper
     away = 1 if outside * design.d_f + height > 0 else -1  # from the axis; else towards a pupil beyond the focal plane
     return away * outside, away * height
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
+from ..design.mapping import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -92,10 +93,8 @@ def chief_slope(c: Camera) -> Array:
     return ratio(c.inverse_m * chief_spread(c), c.gap)
 
 
-def field_angle(c: Camera, place: ArrayLike) -> Array:
-    """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
-
-    Index times slope of that ray follows from the closed forms; as tangent in air, its sine over the index is the sine.
+def outer_slope(c: Camera, place: ArrayLike) -> Array:
+    """Index times slope, to first order, at which the chief ray of a microlens comes out of the bore.
 
     Parameters
     ----------
@@ -104,7 +103,41 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
         Of the microlens, from the main lens's axis [mm].
     """
     slope = chief_slope(c) * np.asarray(place)
-    return np.asarray(np.arcsin(np.sin(np.arctan(np.sqrt(slope * slope))) / c.front[1].medium))
+    return np.asarray(np.sqrt(slope * slope))
+
+
+def field_angle(c: Camera, place: ArrayLike) -> Array:
+    """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
+
+    Index times slope of that ray follows from the closed forms; as tangent in air, or as its objective maps it, its
+    sine over the index is the sine. Where nothing is imaged, the largest angle that is.
+
+    Parameters
+    ----------
+    c : Camera
+    place : array_like
+        Of the microlens, from the main lens's axis [mm].
+    """
+    slope, law = outer_slope(c, place), c.law
+    angle = np.arctan(slope) if law is None else angle_in_air(law, np.minimum(slope, law[0, 1]))
+    return np.asarray(np.arcsin(np.sin(angle) / c.front[1].medium))
+
+
+def falloff(c: Camera, slope: ArrayLike) -> Array:
+    """Light on the array against its middle: cos^4 of the chief ray's angle, or what the objective's mapping says.
+
+    Of an objective with a mapping the entrance pupil, the FAP's image before it, counts as an opening of one size, and
+    each part of the image gets what comes through it from the angles that the mapping gives it
+    (`..design.mapping.illumination`, which is cos^4 for f tan).
+
+    Parameters
+    ----------
+    c : Camera
+    slope : array_like
+        Index times slope of the chief ray to first order, as `chief_slope` gives it.
+    """
+    slope = np.abs(slope)
+    return np.asarray((1 + slope * slope) ** -2.0 if c.law is None else illumination(c.law, slope))
 
 
 class SensorField(NamedTuple):

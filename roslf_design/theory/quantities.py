@@ -150,6 +150,12 @@ def _object_scale(c: Camera, at: Depth | Array) -> Array:
     return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * np.abs(_plane_at(c, at).magnification))
 
 
+def _on_object(c: Camera, at: Depth, place: Array) -> Array:
+    """From the axis to where the chief ray of a place on the array meets a plane [mm]."""
+    straight = place * _object_scale(c, at)
+    return straight if c.law is None else product(straight, c.stretch(light.outer_slope(c, place)))
+
+
 def seen_at(c: Camera, at: Depth | Array) -> Seen:
     """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
     focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
@@ -164,7 +170,13 @@ def depth_error(c: Camera, at: Depth | Array) -> Array:
 
 def _local_depth_sigma(images: MicrolensImages) -> Number:
     c = images.camera
-    return light_field.depth_sigma(c, c.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
+    sigma = light_field.depth_sigma(c, c.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
+    if c.law is None:
+        return sigma
+    # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
+    p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
+    told = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
+    return sigma * np.sqrt(2 / told)
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -193,7 +205,8 @@ def _behind_lens(c: Camera) -> Number:
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
-    return np.stack(np.broadcast_arrays(*(c[rim.diameter_place] for rim in (c.fap, *c.rims))))
+    places = [rim.diameter_place for rim in (c.fap, *c.rims)]
+    return np.stack(np.broadcast_arrays(*(c[place] for place in places if place is not None)))
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -266,7 +279,7 @@ register(
         "undistorted_field_mm",
         "mm",
         "largest undistorted object radius at the focal plane, in the worst direction",
-        lambda c, _: vignetting.undistorted_radii(c, nearest=1e-12) * np.abs(c.focus.magnification),
+        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c, nearest=1e-12)),
         equation="Eq. 6",
         positive=False,
         worst=_least,
@@ -307,14 +320,14 @@ register(
         "field_half_width_mm",
         "mm",
         "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(lambda c, at, field: field.half[0] * _object_scale(c, at)),
+        **_over_field(lambda c, at, field: _on_object(c, at, field.half[0])),
         at="optional",
     ),
     Quantity(
         "field_half_diagonal_mm",
         "mm",
         "the same to the corner",
-        **_over_field(lambda c, at, field: field.half_diagonal * _object_scale(c, at)),
+        **_over_field(lambda c, at, field: _on_object(c, at, field.half_diagonal)),
         at="optional",
     ),
     Quantity(

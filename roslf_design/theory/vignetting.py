@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
-from .light import SensorField, sensor_field
+from .light import SensorField, outer_slope, sensor_field
 
 
 class FieldBound(NamedTuple):
@@ -138,6 +138,12 @@ def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
     return np.stack(np.broadcast_arrays(*radii))
 
 
+def on_focal_plane(c: Camera, radii: Array) -> Array:
+    """Radii on the focal plane as the main lens sees them, where they are [mm]."""
+    straight = radii * np.abs(c.focus.magnification)
+    return straight if c.law is None else product(straight, c.stretch(outer_slope(c, np.abs(radii) / c.inverse_m)))
+
+
 class FieldLimit(NamedTuple):
     """What ends the undistorted field of one camera."""
 
@@ -163,5 +169,5 @@ def field_limit(c: Camera) -> FieldLimit:
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     seen = bounds[tightest]
-    real, on_array = seen * float(np.abs(c.focus.magnification)), seen / float(c.inverse_m)
+    real, on_array = float(on_focal_plane(c, np.asarray(seen))), seen / float(c.inverse_m)
     return FieldLimit(real, on_array, c.rims[tightest].name, min(rooms))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, dot, minus, plus, times
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.light import outer_slope
 from ..theory.stop_images import MicrolensImages
 
 Array = NDArray[np.float64]
@@ -79,6 +80,8 @@ class IdealBuilds(MicrolensImages):
         height = n.d_3 * n.d_f / ((n.d_f - n.d_3) * n.d_1)
         slope = (1 - height) / n.d_1 + height / n.f
         stretch = plane.a * height - plane.b * slope
+        if n.law is not None:
+            stretch = stretch * n.stretch(outer_slope(n, np.hypot(self.x, self.y)))
         return self.x * stretch, self.y * stretch
 
     @cached_property
@@ -133,14 +136,17 @@ class IdealBuilds(MicrolensImages):
             zero, one = np.zeros((1, 1)), np.ones((1, 1))
             known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]
             depth = fractional(slope, known, self.calibration_depths)
+        if n.law is not None:  # the field's radius is drawn as if it were so much farther away
+            along = n.stretch_along(outer_slope(n, np.hypot(self.x, self.y)))
+            depth = n.pupil_stands + (depth - n.pupil_stands) / along
         return depth - self.object_distance
 
     def _slope(self, x: Array, y: Array, z: float, azimuth: tuple[Array, Array]) -> Number:
         """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
         cos, sin = azimuth
-        point, ends = self.camera.see(x, y, z), []
+        ends = []
         for sign in (1.0, -1.0):
-            px, py, u, v = self._landing(point, sign * cos, sign * sin)
+            px, py, u, v = self._landing(self._seen(x, y, z, sign * cos, sign * sin), sign * cos, sign * sin)
             s, t = self.believed_centre(u, v)
             ends.append((minus(px, s), minus(py, t), u, v))
         ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
@@ -149,14 +155,20 @@ class IdealBuilds(MicrolensImages):
     @cached_property
     def blur_pitches(self) -> Number:
         """Root-mean-square radius on the array of the targets' light, of rays that fill the FAP [microlens pitches]."""
-        point = self.camera.see(*self.targets, self.object_distance)
-        points = [self._landing(point, rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
+        x, y = self.targets
+        ways = [(rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
+        points = [self._landing(self._seen(x, y, self.object_distance, *way), *way) for way in ways]
         weight = np.array([share for *_, share in DISC_RULE])[:, None, None]
         total: Number = 0.0
         for axis in (2, 3):
             at = np.stack(np.broadcast_arrays(*(point[axis] for point in points)))
             total = total + np.sum(weight * (at - np.sum(weight * at, axis=0)) ** 2, axis=0)
         return np.sqrt(total)
+
+    def _seen(self, x: Array, y: Array, z: float, a: Array | float, b: Array | float) -> Vector:
+        """Where the main lens sees an object point through a point of the FAP, in units of its radius."""
+        radius = self.camera.fap.radius
+        return self.camera.see(x, y, z, (times(radius, a), times(radius, b)))
 
     def _landing(self, point: Vector, a: Array | float, b: Array | float) -> tuple[Number, Number, Number, Number]:
         """Pixel (x, y) [pixels] and microlens (u, v) [indices] that object points reach through a point of the FAP.

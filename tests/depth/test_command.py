@@ -122,3 +122,14 @@ def test_bad_input_is_refused_in_one_line(options, says, tmp_path, monkeypatch, 
     assert len(told.err.splitlines()) == 1
     assert told.out == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_an_objective_with_a_mapping_is_refused(tmp_path, capsys):
+    lens = {"kind": "lens", "distance": 150.0, "focal_length": 800.0, "mapping": "f theta"}
+    path, out = tmp_path / "design.toml", tmp_path / "out"
+    path.write_text(roslf.dumps(roslf.load("paper").replace({"elements": [lens]})))
+    assert main(["depth", str(path), "-o", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert "elements.1.mapping: depth is computed for rays as f tan has them" in error
+    assert error.count("\n") == 1
+    assert not out.exists()

@@ -35,6 +35,7 @@ from roslf_design.explorer.state import (
     show,
     value_at,
 )
+from roslf_design.explorer.view import controls
 
 PAPER = load("paper")
 START = State.of(PAPER)
@@ -395,6 +396,21 @@ def test_only_the_outermost_plate_is_the_window():
     assert state.choose("window", "no").design.elements == design.elements
 
 
+def test_the_objectives_mapping_is_chosen_by_name():
+    lens = {"kind": "lens", "distance": 130.0, "focal_length": 500.0}
+    state = State.of(PAPER.replace({"elements": (lens,)}))
+    assert controls(State.of(PAPER))["bore"]["mapping"] == ""
+    assert controls(state)["bore"]["mapping"] == "f tan"
+    bent = state.choose("mapping", "f theta")
+    assert controls(bent)["bore"]["mapping"] == "f theta"
+    before, after = (evaluate(s.design).non_distortion.field_half_width_mm for s in (state, bent))
+    assert after > before
+    assert bent.choose("window", "yes").design.elements[1].diameter is None  # a rim there is refused
+    wrong = state.choose("window", "yes").choose("mapping", "f sin")
+    assert "would cut rays" in wrong.fault("mapping").message
+    assert bent.choose("mapping", "f tan").design == state.design
+
+
 @pytest.mark.parametrize(
     ("what", "text", "said"),
     [("medium", "watter", "not a known"), ("medium", "0.5", "from 1"), ("window_material", "N-BK8", "N-BK7")],
@@ -409,8 +425,11 @@ def test_a_material_that_is_none_is_told_beside_its_field(what, text, said):
     assert "lies inside" in inside.fault("window_distance").message
 
 
-def test_what_refuses_a_window_is_told_beside_it_and_forgotten_without_one():
-    refused = State.of(SINGLET).choose("window", "yes")
-    assert "real main lens" in refused.fault("window").message
-    assert refused.design == SINGLET
-    assert refused.choose("window", "no").faults == ()
+def test_a_real_lens_gets_a_window_and_what_is_refused_of_it_is_forgotten_without_one():
+    glazed = State.of(SINGLET).choose("window", "yes")
+    assert (len(glazed.design.elements), glazed.faults) == (1, ())
+    refused = glazed.edit("window_distance", "119.9 mm")
+    assert "lies inside" in refused.fault("window_distance").message
+    assert refused.design == glazed.design
+    without = refused.choose("window", "no")
+    assert (without.design, without.faults) == (SINGLET, ())

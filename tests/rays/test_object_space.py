@@ -194,9 +194,35 @@ def test_many_rays_are_few_rays():
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     few, status = np.zeros((4, 50)), np.zeros(50, np.uint8)
     room = np.empty(tracer.ROWS * tracer.BLOCK), np.empty(tracer.BLOCK)
-    carry(space.table, space.media, space.takers, *room, np.ascontiguousarray(lines[:, :50]), few, status)
+    few_lines = np.ascontiguousarray(lines[:, :50])
+    carry(space.table, space.media, space.takers, space.law, *room, few_lines, few, status)
     np.testing.assert_array_equal(few[:2], many.height[:, :50])
     np.testing.assert_array_equal(few[2:], many.slope[:, :50])
+
+
+def test_many_rays_through_a_mapped_objective_are_single_ones():
+    """Angles of sines and tangents may differ by a bit between the two: one of them does it all."""
+    lens = {"kind": "lens", "distance": 60.0, "focal_length": 70.0, "mapping": "f sin"}
+    space = FacesAhead.of(Camera.of(looking(lens)))
+    lines = np.random.default_rng(3).uniform(-0.5, 0.5, (4, 2000))
+    many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
+    assert not many.status.any()
+    single = [space.rays(tuple(line[:2]), tuple(line[2:])) for line in lines[:, :200].T]
+    np.testing.assert_array_equal([found.height for found in single], many.height[:, :200].T)
+    np.testing.assert_array_equal([found.slope for found in single], many.slope[:, :200].T)
+
+
+@pytest.mark.parametrize("mapping", ["f tan", "f theta"])
+def test_builds_of_a_lens_are_those_of_one_at_a_time(mapping):
+    lens = {"kind": "lens", "distance": 80.0, "focal_length": 70.0, "mapping": mapping}
+    camera = Camera.of(looking(BLOCK, lens, medium=1.333))
+    for place, values in (
+        ("elements.1.focal_length", np.array([65.0, 70.0, 80.0])),
+        ("aperture.distance", np.array([60.0, 75.0])),
+    ):
+        table = FacesAhead.of(camera.replace({place: values})).table
+        alone = [FacesAhead.of(camera.replace({place: value})).table for value in values]
+        np.testing.assert_allclose(table, alone, rtol=1e-14, atol=0)
 
 
 def test_rays_stage_by_stage_are_those_of_a_chain_cut_short():

@@ -308,7 +308,7 @@
 </div>`,
   };
 
-  // What the scene lies in, and the window at the tip.
+  // What the scene lies in, how the objective maps it, and the window at the tip.
   const Bore = {
     props: ["bore"],
     setup(props) {
@@ -321,7 +321,11 @@
         ask("choose", "window", event.target.checked ? "yes" : "no");
         event.target.checked = props.bore.window;
       }
-      return { ask, medium, turn };
+      function mapping(event) {
+        ask("choose", "mapping", event.target.value);
+        event.target.value = props.bore.mapping;
+      }
+      return { ask, medium, turn, mapping };
     },
     template: `
 <fieldset><legend>Bore</legend>
@@ -330,6 +334,9 @@
     <p v-if="bore.medium_fault" class="fault" role="alert">{{ bore.medium_fault }}</p></div>
   <div v-if="bore.medium === 'index'" class="field" data-field="medium_index"><label for="n-index"><b><i>n</i></b> Its index</label>
     <input id="n-index" class="number" type="text" autocomplete="off" :value="bore.index" @change="ask('choose', 'medium', $event.target.value)" /></div>
+  <div v-if="bore.mapping" class="field" :class="{ wrong: bore.mapping_fault }" data-field="mapping"><label for="n-mapping">Objective images by</label>
+    <select id="n-mapping" class="number" :value="bore.mapping" @change="mapping"><option v-for="name in bore.mappings" :key="name" :value="name">{{ name }}</option></select>
+    <p v-if="bore.mapping_fault" class="fault" role="alert">{{ bore.mapping_fault }}</p></div>
   <div class="field" :class="{ wrong: bore.window_fault }" data-field="window"><label for="n-window">Window at the tip</label>
     <input id="n-window" type="checkbox" class="tick" :checked="bore.window" @change="turn" />
     <p v-if="bore.window_fault" class="fault" role="alert">{{ bore.window_fault }}</p></div>
