@@ -96,7 +96,7 @@ def _light_facts(assumed: DepthAssumptions) -> list[tuple[str, str, str]]:
             f"a pixel, in {number(1e3 * assumed.exposure_s, 3)} ms",
         ),
         ("texture, rms contrast", f"{assumed.contrast:.3g}", detail),
-        ("microlenses matched", lenses, f"of {number(assumed.views, 2)} independent views"),
+        ("microlenses matched", lenses, f"of {assumed.views:.0f} independent views"),
     ]
 
 

@@ -50,8 +50,8 @@ REACH = 3
 """Steps of the lattice to the farthest neighbours in `image_parts`."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
-MANY = 32
-"""Whole images from which loading Bessel functions pays; rows give the same to 1e-12."""
+MANY = 2
+"""Whole images from which loading Bessel functions pays; rows give the same to 1e-12 (1e-8 where extrapolated)."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 BLOCK = 128
