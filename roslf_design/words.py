@@ -21,7 +21,7 @@ WORDS = {
     "sigma_z_mm": "depth spread σ_Z",
     "sigma_z_at_field_mm": "depth spread σ_Z at the field",
     "sigma_disparity_pitches": "disparity error",
-    "electrons": "electrons a pixel",
+    "pixel_electrons": "electrons a pixel",
     "blur_pitches": "defocus blur",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",

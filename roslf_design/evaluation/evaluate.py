@@ -162,7 +162,7 @@ def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:
         return None
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
     return DepthAssumptions(
-        electrons=float(QUANTITIES["electrons"](camera)),
+        electrons=float(QUANTITIES["pixel_electrons"](camera)),
         exposure_s=float(exposure(camera)),
         contrast=design.depth.contrast,
         period_mm=design.depth.period,

@@ -382,7 +382,7 @@ register(
         numeric=True,
     ),
     Quantity(
-        "electrons",
+        "pixel_electrons",
         "e-",
         "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average",
         _whole(photometry.electrons),

@@ -319,7 +319,9 @@ def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():
-    curve, told = depth_curve(PAPER), evaluate(PAPER).depth
+    assert depth_curve(PAPER).in_focus == pytest.approx(evaluate(PAPER).depth.sigma_z_mm, rel=1e-9)
+    fixed = PAPER.replace({"depth.disparity_error": 0.1})
+    curve, told = depth_curve(fixed), evaluate(fixed).depth
     at_focus = np.interp(PAPER.d_f, curve.distance, np.sqrt(curve.sigma)) ** 2  # sqrt of a parabola is linear
     assert at_focus == pytest.approx(told.sigma_z_mm, rel=1e-9)
     away = curve.distance - PAPER.d_f
@@ -384,7 +386,7 @@ def test_depth_precision_is_told_where_a_ruler_finds_the_object(name):
     assert curve.in_focus == pytest.approx(evaluate(design).depth.sigma_z_mm, rel=1e-9)
     assert float(np.interp(design.d_f, curve.distance, curve.blur)) == pytest.approx(0, abs=1e-6 * curve.blur.max())
     # sigma is the disparity error over how fast disparity changes with the object's place.
-    near, at = depth_curve(design, 100_001), 60_000
+    near, at = depth_curve(design.replace({"depth.disparity_error": 0.1}), 100_001), 60_000
     rate = abs(near.blur[at + 1] - near.blur[at - 1]) / (near.distance[at + 1] - near.distance[at - 1])
     assert near.sigma[at] == pytest.approx(0.1 / rate, rel=1e-6)
     assert curve.distance[0] > max(design.d_3, float(Camera.of(design).tip)) - 1e-9
