@@ -201,7 +201,7 @@ def _default(value: Any, hint: Any) -> str:
         return code(str(value).lower())
     if isinstance(value, BaseModel) or (isinstance(value, tuple) and value and isinstance(value[0], BaseModel)):
         return "as below" if isinstance(value, BaseModel) else "a white field"
-    if value == ():
+    if value == () or value == {}:
         return "none"
     if isinstance(value, tuple):
         unit = "length" if takes(get_args(hint)[0]).startswith("length") else "angle"

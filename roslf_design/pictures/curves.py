@@ -63,21 +63,28 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
         line_key("σ_Z, standard error of depth", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
-    across, up = Scale(float(distance[0]), float(distance[-1])), Scale(0.0, 1.08 * float(np.max(sigma)))
-    words = f"at d_f = {short(design.d_f)} mm: {short(focus, 3)} mm"
+    known = np.isfinite(sigma)
+    across, up = (
+        Scale(float(distance[0]), float(distance[-1])),
+        Scale(0.0, 1.08 * float(np.max(sigma[known], initial=0))),
+    )
+    if not known.any():
+        up = Scale(0.0, 1.0)
+    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture tells it"
+    words = f"at d_f = {short(design.d_f)} mm: {sharp}"
     width = max(size[0] - 114, 80.0)
     leftwards = float(across.share(design.d_f)) * width + text_width(words, SMALL) + 16 > width
     # Between the two curves, which both leave the upper middle free.
     anchor, dx = ("end", -8.0) if leftwards else ("start", 8.0)
     marks = (
         Line([design.d_f] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
-        Line(distance, sigma, "blue", 2.2, testid="sigma-curve"),
-        Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2),
+        Line(distance[known], sigma[known], "blue", 2.2, testid="sigma-curve"),
+        *([Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2)] if math.isfinite(focus) else []),
         Text(design.d_f, up.high, words, "ink", SMALL, anchor, dx, 14, halo=True),
     )
     labels = "object distance from the main lens Z [mm]", "depth precision σ_Z [mm]"
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
-    title = f"Depth precision of {design.name}: {focus:.3g} mm at the focal plane, {design.d_f:.4g} mm from the lens"
+    title = f"Depth precision of {design.name}: {sharp} at the focal plane, {design.d_f:.4g} mm from the lens"
     picture = one_panel("depth", title, size, panel, keys, right=56)
     other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
     spread = Panel(
@@ -94,12 +101,16 @@ def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) ->
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
         curve = depth_curve(design)
-        xs.append(curve.distance - design.d_3)
-        ys.append(curve.sigma)
-        dot = Dots([design.d_f - design.d_3], [curve.in_focus], colour, size=5, edge="ground", width=1.5)
-        marks += [Line(xs[-1], ys[-1], colour, 2.0, dash), dot]
+        known = np.isfinite(curve.sigma)
+        xs.append((curve.distance - design.d_3)[known])
+        ys.append(curve.sigma[known])
+        marks.append(Line(xs[-1], ys[-1], colour, 2.0, dash))
+        if math.isfinite(curve.in_focus):
+            place = [design.d_f - design.d_3]
+            marks.append(Dots(place, [curve.in_focus], colour, size=5, edge="ground", width=1.5))
         keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
-    across, up = (Scale(float(np.min(v)) / 1.15, float(np.max(v)) * 1.15, log=True) for v in (xs, ys))
+    every = [np.concatenate(values) for values in (xs, ys)]
+    across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
     title = f"Depth precision of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (size[0], size[1] + legend_height(keys, size[0] - 24)), panel, keys)

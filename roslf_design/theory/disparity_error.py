@@ -34,7 +34,7 @@ from .photometry import dark_variance, electrons
 from .stop_images import MicrolensImages
 from .transfer import MicrolensTransfer, line_transfer
 
-ROWS = 32
+ROWS = 64
 """Gauss-Legendre rows across a cut microlens image."""
 SHARPEST = 8
 """Periods of the finest detail that diffraction passes, in one pitch, beyond which information is extrapolated in its
@@ -43,15 +43,15 @@ WIDEST = 8
 """Pitches across a microlens image beyond which images overlap so often that they tell nothing."""
 NODES = 3
 """Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
-|B| is 1 or less."""
+B lies within 1."""
 FINEST_PLACES = 12
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
 REACH = 3
 """Steps of the lattice to the farthest neighbours in `image_parts`."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
-MANY = 2
-"""Whole images from which loading Bessel functions pays; rows give the same to 1e-12 (1e-8 where extrapolated)."""
+MANY = 32
+"""Whole images from which loading Bessel functions pays; rows give the same to 1e-11 (1e-8 where extrapolated)."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 BLOCK = 128
@@ -259,10 +259,11 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     Up to the light, it hangs on five ratios: the image's diameter, the detail that diffraction passes, defocus and the
     pixel, all against the pitch, and dark noise against light; and on how far the plane is out of focus.
     """
+    if images.pitch.size < NEARLY_ALIKE or not (images.power[:, 0] > 0).all():
+        return _each(images, c, level, whole)
     scale = images.light * images.power[:, 0]
     per = images.power / images.power[:, :1]
-    same = all(np.ptp(part, axis=0).max() < 1e-12 for part in (images.x, images.y, per))
-    if images.pitch.size < NEARLY_ALIKE or not same:
+    if not all(np.ptp(part, axis=0).max() < 1e-12 for part in (images.x, images.y, per)):
         return _each(images, c, level, whole)
     about = np.stack([
         np.log(2 * images.radii[:, 0]), np.log(images.finest), images.defocus * images.distance * images.width

@@ -215,7 +215,7 @@ def test_optimize_refuses_real_lenses_in_one_line(tmp_path, capsys):
     study = preset_path("paper").parent.parent / "studies" / "optimize-rigid-scope" / "study.toml"
     if not study.exists():
         pytest.skip("the studies are not beside the designs")
-    (tmp_path / "study.toml").write_text(study.read_text().replace('"rigid-scope"', '"paper-singlet"'))
+    (tmp_path / "study.toml").write_text(study.read_text().replace('"start.toml"', '"paper-singlet"'))
     assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
