@@ -76,10 +76,13 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     leftwards = float(across.share(design.d_f)) * width + text_width(words, SMALL) + 16 > width
     # Between the two curves, which both leave the upper middle free.
     anchor, dx = ("end", -8.0) if leftwards else ("start", 8.0)
-    marks = (
+    dots: list[Mark] = []
+    if math.isfinite(focus):
+        dots.append(Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2))
+    marks: tuple[Mark, ...] = (
         Line([design.d_f] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
         Line(distance[known], sigma[known], "blue", 2.2, testid="sigma-curve"),
-        *([Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2)] if math.isfinite(focus) else []),
+        *dots,
         Text(design.d_f, up.high, words, "ink", SMALL, anchor, dx, 14, halo=True),
     )
     labels = "object distance from the main lens Z [mm]", "depth precision σ_Z [mm]"
