@@ -331,15 +331,11 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 def _information(images: _Images, c: _Array, level: int, whole: bool) -> Array:
-    hexagonal = c.layout == "hexagonal"
-    side = 2 * math.ceil(level * (1.4 if hexagonal else 1.0)) + 2
-    cell = math.sqrt(3) / 2 if hexagonal else 1.0
-    n = np.fft.fftfreq(side, 1 / side)
     count = len(images.pitch)
     # Waves 1 to W of the texture, and none: what all of the light is divided over.
     kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in (images.x, images.y))
-    fx = kx + n[:, None] + 0 * n
-    fy = ky + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
+    x, y, cell = _orders(c, level)
+    fx, fy, side = kx + x, ky + y, len(x)
     bend = images.bend[:, None, None, None]
     spectra = (_whole if whole and count >= MANY else _cut)(images, fx - bend * kx, fy - bend * ky)
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
@@ -353,6 +349,18 @@ def _information(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     own, free = ((weight * (part.real**2 + part.imag**2)).sum((2, 3)) for part in (turned, light))
     mixed = np.abs((weight * turned * light.conj()).sum((2, 3))) ** 2
     return np.asarray(((own - ratio(mixed, free)) * images.power).sum(1))
+
+
+def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
+    """Frequencies of a lattice that images with so fine a detail have, and the area of its cell.
+
+    Along x and y, shape (S, S), in the order of a Fourier transform over the lattice's directions [periods per pitch].
+    """
+    hexagonal = c.layout == "hexagonal"
+    side = 2 * math.ceil((1.4 if hexagonal else 1.0) * finest) + 2
+    n = np.fft.fftfreq(side, 1 / side)
+    down = (2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None]
+    return n[:, None] + 0 * n, down, math.sqrt(3) / 2 if hexagonal else 1.0
 
 
 def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
@@ -444,31 +452,27 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     """
-    c = images.camera
-    hexagonal = c.layout == "hexagonal"
-    cell = math.sqrt(3) / 2 if hexagonal else 1.0
+    array = _Array(images.camera.layout, images.camera.lens_shape)
     # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
     some = (np.arange(APART) - APART // 2) / APART
     first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
-    kx, ky = first, (2 * second - first) / math.sqrt(3) if hexagonal else second
+    kx, ky = first, (2 * second - first) / math.sqrt(3) if array.layout == "hexagonal" else second
     none = np.zeros(1)
     rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Spectrum(none, none, none))
     sharp = rows.finest > FINEST_PLACES
     rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
-    side = 2 * math.ceil((1.4 if hexagonal else 1.0) * float(rows.finest.max(initial=1.0))) + 2
-    n = np.fft.fftfreq(side, 1 / side)
-    fx = kx[:, None, None] + n[:, None] + 0 * n
-    fy = ky[:, None, None] + ((2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None])
-    fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in (fx, fy))
-    passed = _transfer(rows, _Array(c.layout, c.lens_shape), fx, fy) / (cell * APART**2)
+    *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
+    waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
+    fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
+    passed = _transfer(rows, array, fx, fy) / (cell * APART**2)
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.outer([a for a, _ in steps], first) + np.outer([b for _, b in steps], second)))
-    along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x)[:, :, :], np.exp(2j * math.pi * fy[0, ..., None] * y)
+    along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
     found = []
     for part in (_whole if rows.whole.all() else _cut)(rows, fx, fy):
-        waves = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
-        found.append(np.einsum("aw,wnts->ants", turns, waves, optimize=True).real)
+        at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
+        found.append(np.einsum("aw,wnts->ants", turns, at, optimize=True).real)
     light, *moments = found
     unit = 1 / (2 * rows.radii[:, 0, None, None])
     lit = light > 1e-3
