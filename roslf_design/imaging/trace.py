@@ -200,12 +200,12 @@ def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
 
 
 @kernel()
-def radiance(
-    rows: Any, pictures: Any, beyond: float, mouth: float, hx: float, hy: float, ox: float, oy: float
-) -> float:
-    """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
-    nearest = FAR
-    value = beyond
+def first_hit(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
+    """What the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth: Z, which surface, and (u, v) on it.
+
+    FAR and -1 where it meets nothing.
+    """
+    nearest, hit, at_u, at_v = FAR, -1, 0.0, 0.0
     for n in range(rows.shape[0]):
         s = rows[n]
         z = distance(s, hx, hy, ox, oy)
@@ -223,9 +223,17 @@ def radiance(
         else:
             u = s[EXTENT] * math.atan2(dy, dx)
             v = z
-        nearest = z
-        value = shade(s, u, v, pictures)
-    return float(value)
+        nearest, hit, at_u, at_v = z, n, u, v
+    return nearest, hit, at_u, at_v
+
+
+@kernel()
+def radiance(
+    rows: Any, pictures: Any, beyond: float, mouth: float, hx: float, hy: float, ox: float, oy: float
+) -> float:
+    """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
+    _, hit, u, v = first_hit(rows, mouth, hx, hy, ox, oy)
+    return float(beyond if hit < 0 else shade(rows[hit], u, v, pictures))
 
 
 def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats) -> Floats:
@@ -242,28 +250,8 @@ def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats)
         (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
     """
     surfaces = encode(scene, focal_plane)
-    kernel = first_distance.compiled
-    found = np.array([kernel(surfaces.rows, mouth, *map(float, ray)) for ray in rays])
+    found = np.array([first_hit.compiled(surfaces.rows, mouth, *map(float, ray))[0] for ray in rays])
     return np.where(found < FAR, found, np.inf)
-
-
-@kernel()
-def first_distance(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> float:
-    """Distance Z at which the ray (hx - ox Z, hy - oy Z) meets the first surface beyond the mouth; FAR without one."""
-    nearest = FAR
-    for n in range(rows.shape[0]):
-        s = rows[n]
-        z = distance(s, hx, hy, ox, oy)
-        if z >= nearest or z <= mouth:
-            continue
-        if int(s[KIND]) == PLANE:
-            dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
-            u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
-            v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
-            if abs(u) > s[EXTENT] or abs(v) > s[EXTENT + 1]:
-                continue
-        nearest = z
-    return float(nearest)
 
 
 @kernel()
