@@ -445,7 +445,7 @@ class _Fit:
         return np.maximum(chi2, self.strain / np.maximum(_chance(self.spare), least))
 
     def _beside(self, reach: int) -> _Fit:
-        """Where a window is at odds with itself or knows too little, the best beside it that still holds the microlens."""
+        """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
         # At the edge of what is lit, the windows about a microlens lie half in the dark.
         misfit = np.where(np.isfinite(self.sigma), self.misfit(), np.inf)
         at = np.argwhere(misfit > 1)

@@ -108,7 +108,9 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
     size = places.shape[:2]
 
     def spread(counts: tuple[int, ...]) -> list[NDArray[np.intp]]:
-        return [np.linspace(0, n - 1, min(n, count)).round().astype(np.intp) for n, count in zip(size, counts, strict=True)]
+        return [
+            np.linspace(0, n - 1, min(n, count)).round().astype(np.intp) for n, count in zip(size, counts, strict=True)
+        ]
 
     rows, columns = spread((COARSE, COARSE))
     images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
@@ -213,8 +215,8 @@ class _Map(NamedTuple):
 
 @kernel(parallel=True)
 def _gathered(
-    values: Any, known: Any, picture: Any, lit: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
-    along: Any, start: Any, out: Any,
+    values: Any, known: Any, picture: Any, lit: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
+    down: Any, column: Any, along: Any, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `known` and `out`."""
     count, rows, columns = values.shape

@@ -47,7 +47,7 @@ B lies within 1."""
 FINEST_PLACES = 12
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
 REACH, FAINT = 3, 5e-4
-"""Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light below which it does not."""
+"""Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
 APART = 9
