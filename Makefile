@@ -11,6 +11,8 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
 
+# Hundreds of tests start programs: each would compile the package's sources again where Python keeps no bytecode.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(INSTALLED_DEV) lint
 	$(BIN)/python -m pytest -n 3 --dist worksteal
 
