@@ -89,14 +89,15 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     # numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
     # unnoticed and old machine code would run; with the digest in the name it cannot.
     twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
-    compiled = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
-    compile_now, lock = compiled.compile, Path(compiled.stats.cache_path) / f"{twin.__qualname__}.lock"
+    compiled: Any = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
+    compile_now, unliteral = compiled.compile, numba.types.unliteral
+    lock = Path(compiled.stats.cache_path) / f"{twin.__qualname__}.lock"
 
     def compile_once(types: tuple[Any, ...]) -> Any:
         # In one process, then among all: who waited reads what the other compiled. Numba would compile twins of callees
         # for each literal argument, without any gain.
         with _COMPILING, _alone(lock):
-            return compile_now(tuple(numba.types.unliteral(one) for one in types))
+            return compile_now(tuple(map(unliteral, types)))
 
     compiled.compile = compile_once
     fast: Callable[P, R] = compiled
