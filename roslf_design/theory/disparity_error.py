@@ -270,10 +270,14 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         / images.pitch, np.log(images.pixel / images.pitch), np.log(images.dark / images.light + 1e-6), images.bend,
     ], -1)  # fmt: skip
     free = np.flatnonzero(np.ptp(about, axis=0) > 1e-12)
-    index, member, counts = np.unique(
-        np.floor(about[:, free] / CELL).astype(int), axis=0, return_inverse=True, return_counts=True
+    cells = np.floor(about[:, free] / CELL).astype(int)
+    extents = cells.max(axis=0) - cells.min(axis=0) + 1
+    # One number a cell sorts ten times as fast as its row.
+    known, member, counts = np.unique(
+        np.ravel_multi_index(tuple((cells - cells.min(axis=0)).T), extents), return_inverse=True, return_counts=True
     )
-    found, member = np.empty(images.pitch.size), member.ravel()
+    index = np.stack(np.unravel_index(known, extents), axis=-1) + cells.min(axis=0)
+    found = np.empty(images.pitch.size)
     first, second = np.triu_indices(free.size, 1)
     ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
     offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
