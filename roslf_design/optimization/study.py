@@ -97,6 +97,11 @@ class StudyTable(StrictTable):
                 yield Problem(f"variables.{name}", "min must not be negative; only an element's focal length may be")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
+        for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
+            for number, part in enumerate(parts, 1):
+                if part.temperature is not None and design.environment is None:
+                    words = f"{design.name} has no [environment] that says what grows; add it, or drop temperature"
+                    yield Problem(f"{key}.{number}.temperature", words)
         goals = [goal.quantity.name for goal in self.goals]
         for name in self.pareto.goals if self.pareto is not None else ():
             if name not in goals:
@@ -314,7 +319,8 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
 
 def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:
     own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": answer.number(part)}
-    return own if part.at is None else own | {"at_mm": part.at}
+    asked = {"at_mm": part.at, "temperature_degc": part.temperature}
+    return own | {key: value for key, value in asked.items() if value is not None}
 
 
 def _trust(answer: Answer) -> dict[str, Any]:

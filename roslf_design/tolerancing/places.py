@@ -19,6 +19,7 @@ from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
 from ..design.chain import MEDIUM
 from ..design.conjugates import REFRACTING
+from ..design.environment import TEMPERATURE
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values
@@ -40,6 +41,7 @@ SHOWN = {
     "gradient": (1.0, " /mm"),
     "ratio": (100.0, " %"),
     "angle": (1e3, " mrad"),
+    "temperature": (1.0, " K"),
 }
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
 SHIPPED = Path(__file__).with_name("grades.toml")
@@ -52,8 +54,8 @@ def perturbable(design: Design) -> dict[str, str]:
     Returns
     -------
     dict
-        Dotted place to what it measures: "length", "angle", "ratio", "number" (an index) or "gradient"; in a real lens
-        also "curvature".
+        Dotted place to what it measures: "length", "angle", "ratio", "number" (an index), "gradient" or "temperature";
+        in a real lens also "curvature".
     """
     built = [place for place in Camera.of(design).numbers if place != TIP and place not in SEEING]
     kinds = {place: _kind(place) for place in built if ".size." not in place}
@@ -64,6 +66,8 @@ def perturbable(design: Design) -> dict[str, str]:
 
 
 def _kind(place: str) -> str:
+    if place == TEMPERATURE:
+        return "temperature"
     if place.endswith("relay_magnification"):
         return "ratio"
     if place.endswith((".index", ".gradient")):
@@ -129,6 +133,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         )
     if in_lens(name) and design.lens is None:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
+    if name == TEMPERATURE:
+        raise ValueError("the design says nothing of what grows; add [environment] to it, with temperature and housing")
     names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
@@ -150,6 +156,8 @@ def short_name(place: str, design: Design | None = None) -> str:
     if place in symbols:
         return symbols[place]
     part, _, rest = place.partition(".")
+    if place == TEMPERATURE:
+        return rest
     if part == "stops":
         index, _, rest = rest.partition(".")
         part = f"stop {int(index) + 1}"
@@ -187,7 +195,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     text : object
         "0.05 mm", "3 mrad", or percent of the nominal value: "1 %". A ratio or a number takes percent or a bare number,
         a curvature "1e-5 /mm".
-    kind : {"length", "angle", "ratio", "number", "gradient", "curvature"}
+    kind : {"length", "angle", "ratio", "number", "gradient", "temperature", "curvature"}
         What the place measures.
     nominal : float
         The design's value there.
@@ -198,6 +206,8 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         Not readable, not finite, negative, or percent of a nominal zero.
     """
     if isinstance(text, str) and text.strip().endswith("%"):
+        if kind == "temperature":
+            raise ValueError(f'"{text}" of a temperature means nothing; write e.g. "10 K"')
         try:
             share = float(text.strip()[:-1])
         except ValueError:
@@ -212,7 +222,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         except (TypeError, ValueError):
             raise ValueError(f"{text!r} is not a {kind}; write e.g. {BARE[kind]}") from None
     else:
-        value = parse_quantity(text, kind)
+        value = parse_quantity(text, "temperature difference" if kind == "temperature" else kind)
     if not math.isfinite(value) or value < 0:
         raise ValueError(f'"{text}" must be a finite half-width that is not negative')
     return within_reach(value, kind, text) if kind in FARTHEST else value
