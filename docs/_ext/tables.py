@@ -20,6 +20,7 @@ from roslf_design.tolerancing.study import FieldPlace
 from roslf_design.units import (
     Angle,
     AnyLength,
+    Temperature,
     Distance,
     Gradient,
     Illuminance,
@@ -30,7 +31,7 @@ from roslf_design.units import (
 )
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
-OTHERS = ((Angle, "angle"), (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"))
+OTHERS = ((Angle, "angle"), (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"), (Temperature, "temperature"))
 
 
 class UndescribedError(ValueError):
