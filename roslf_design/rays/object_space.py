@@ -271,6 +271,22 @@ def cross_flat(
     row: Any, scene: float, sensor: float, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> Any:
     """One ray through a flat face, however it is turned: position, direction, and 0 or why not."""
+    if row[TURNED] == 0.0:
+        if not dz < 0.0:
+            return x, y, z, dx, dy, dz, MISSED
+        t = (row[2] - z) / dz
+        x, y = x + t * dx, y + t * dy
+        px, py = x - row[0], y - row[1]
+        if px * px + py * py > row[LIMIT]:
+            return x, y, row[2], dx, dy, dz, CLIPPED
+        if scene != sensor:
+            mu = sensor / scene
+            dx, dy = mu * dx, mu * dy
+            square = 1.0 - dx * dx - dy * dy
+            if square < 0.0:
+                return x, y, row[2], dx, dy, dz, REFLECTED
+            dz = -sqrt(square)
+        return x, y, row[2], dx, dy, dz, 0
     nx, ny, nz = row[10], row[13], row[16]
     cosine = dx * nx + dy * ny + dz * nz
     if not cosine < 0.0:

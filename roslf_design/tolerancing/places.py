@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
@@ -237,6 +237,18 @@ class GradeLine(NamedTuple):
     """One text a grade, e.g. "1 %"."""
     provenance: str
     """Where the figures come from."""
+    costs: tuple[float, ...]
+    """Of one such part in every grade; differences count."""
+
+
+class AdjustmentLine(NamedTuple):
+    """A part that could be adjusted on each build, or "calibration" of the decoder, and what that costs."""
+
+    place: str
+    range: str
+    """How far it can be moved either way; empty for calibration."""
+    cost: float
+    provenance: str
 
 
 @dataclass(frozen=True)
@@ -248,6 +260,15 @@ class Grades:
     meanings: tuple[str, ...]
     """One sentence each."""
     lines: tuple[GradeLine, ...]
+    adjustments: tuple[AdjustmentLine, ...] = ()
+
+    def line_of(self, design: Design, place: str) -> tuple[GradeLine, tuple[float, ...]] | None:
+        """The line that speaks of a place, and its half-widths there in every grade; None where none does."""
+        lines = [line for line in self.lines if place in _covered(design, line.place)]
+        if not lines:
+            return None
+        line, kind, nominal = lines[-1], perturbable(design)[place], nominal_values(design)[place]
+        return line, tuple(parse_tolerance(text, kind, nominal) for text in line.tolerances)
 
     def tolerances(self, grade: str, design: Design) -> dict[str, float]:
         """Half-widths, to one of the grades, at every place of a design that the table speaks of.
@@ -288,32 +309,76 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     Raises
     ------
     InputError
-        Every fault of the file: no grades, a line without its place, a value for each grade or its provenance.
+        Every fault of the file: no grades, a line without its place, a value for each grade or its provenance, costs
+        that are not one number a grade.
     """
     data = read_toml(path, str(path))
     names = data.get("grades")
     if not isinstance(names, dict) or not names:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
-    wanted = ("place", *names, "provenance")
-    lines = data.get("line", [])
-    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
-        raise InputError((Problem("line", "must be tables, each headed [[line]]"),), str(path))
     problems = [
         Problem(f"grades.{name}", f"must be a sentence on what it means, got {meaning!r}")
         for name, meaning in names.items()
         if not isinstance(meaning, str)
     ]
+    lines = _rows(data, "line", ("place", *names, "provenance"), ("cost",), tuple(names), problems)
+    parts = _rows(data, "adjustment", ("place", "cost", "provenance"), ("range",), (), problems)
     for index, line in enumerate(lines, 1):
-        missing = [key for key in wanted if key not in line]
-        unknown = [key for key in line if key not in wanted]
-        problems += [
-            Problem(f"line.{index}.{key}", f"must be text, got {line[key]!r}")
-            for key in wanted
-            if key in line and not isinstance(line[key], (str, int, float) if key in names else str)
-        ]
-        problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
-        problems += [Problem(f"line.{index}.{key}", f"is not known; known are {', '.join(wanted)}") for key in unknown]
+        costs = line.get("cost", [])
+        if "cost" in line and not (
+            isinstance(costs, list) and len(costs) == len(names) and all(_is_cost(cost) for cost in costs)
+        ):
+            example = [1.0 * step for step in range(1, len(names) + 1)]
+            message = f"must be one number for each of {', '.join(names)}, none below 0, e.g. {example}; got {costs!r}"
+            problems.append(Problem(f"line.{index}.cost", message))
+    for index, part in enumerate(parts, 1):
+        if "cost" in part and not _is_cost(part["cost"]):
+            message = f"must be a number that is not negative, got {part['cost']!r}"
+            problems.append(Problem(f"adjustment.{index}.cost", message))
     if problems:
         raise InputError(tuple(problems), str(path))
-    rows = (GradeLine(line["place"], tuple(str(line[n]) for n in names), line["provenance"]) for line in lines)
-    return Grades(tuple(names), tuple(names.values()), tuple(rows))
+    usual = [1.0 * step for step in range(len(names))]
+    rows = (
+        GradeLine(
+            line["place"],
+            tuple(str(line[n]) for n in names),
+            line["provenance"],
+            tuple(float(cost) for cost in line.get("cost", usual)),
+        )
+        for line in lines
+    )
+    adjusted = (AdjustmentLine(p["place"], p.get("range", ""), float(p["cost"]), p["provenance"]) for p in parts)
+    return Grades(tuple(names), tuple(names.values()), tuple(rows), tuple(adjusted))
+
+
+def _rows(
+    data: Mapping[str, Any],
+    key: str,
+    wanted: tuple[str, ...],
+    more: tuple[str, ...],
+    widths: tuple[str, ...],
+    problems: list[Problem],
+) -> list[dict[str, Any]]:
+    """The tables [[key]] of a file of grades: keys `wanted`, `more` if need be; `widths` may be numbers."""
+    lines = data.get(key, [])
+    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
+        problems.append(Problem(key, f"must be tables, each headed [[{key}]]"))
+        return []
+    known = (*wanted, *more)
+    for index, line in enumerate(lines, 1):
+        at = f"{key}.{index}"
+        problems += [
+            Problem(f"{at}.{name}", f"must be text, got {line[name]!r}")
+            for name in known
+            if name in line
+            and name != "cost"
+            and not isinstance(line[name], (str, int, float) if name in widths else str)
+        ]
+        problems += [Problem(f"{at}.{name}", "is missing; add it") for name in wanted if name not in line]
+        unknown = [name for name in line if name not in known]
+        problems += [Problem(f"{at}.{name}", f"is not known; known are {', '.join(known)}") for name in unknown]
+    return lines
+
+
+def _is_cost(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < math.inf

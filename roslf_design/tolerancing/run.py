@@ -379,7 +379,7 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
             part = drawn[:, good] if undefined[v, c] else drawn
             x[c], xx[c] = (part.sum(axis=1), np.einsum("pt,pt->p", part, part)) if undefined[v, c] else whole
             xy[c] = np.einsum("pt,t->p", part, row)
-    scores = _scores(plan, trials.variants[-1])
+    scores = used_room(plan, trials.variants[-1])
     worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
     kept = max(0, min(plan.keep_trials - first, size))
     return Tally(
@@ -403,8 +403,8 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     )
 
 
-def _scores(plan: TolerancePlan, columns: Array) -> Array:
-    """How far each trial exceeds its limits: 0 at nominal, 1 at a limit, in units of what the limit allows."""
+def used_room(plan: TolerancePlan, columns: Array) -> Array:
+    """What each trial uses of its limits' room at most: 0 at nominal, 1 at a limit, infinite where undefined."""
     worst = np.full(columns.shape[1], -np.inf)
     for limit in plan.limits:
         value, here = columns[limit.column], plan.nominal[limit.column]

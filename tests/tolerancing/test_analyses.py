@@ -156,9 +156,10 @@ def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():
     )
     first, second = inverse_sensitivity(plan, 0.5)
     assert first.tolerance == pytest.approx(0.5 * (2 / 0.063 - 31.0) * 0.063, rel=1e-8)
-    assert first.limited_by == "f_number_microlens"
+    assert first.limited_by == first.alone_limited_by == "f_number_microlens"
+    assert first.alone == pytest.approx((2 / 0.063 - 31.0) * 0.063, rel=1e-8)
     # d_3 does not enter, until the aperture would stand on or behind the lens: no design.
-    assert second.tolerance == pytest.approx(120.0, rel=1e-6)
+    assert second.tolerance == second.alone == pytest.approx(120.0, rel=1e-6)
 
 
 def test_inverse_sensitivity_of_a_bent_response_finds_the_limit_not_the_slope():
