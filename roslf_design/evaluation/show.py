@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
-from ..words import fixed, length, listed, number, place, spaced
+from ..words import fixed, length, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -167,14 +167,9 @@ def temperature_table(result: Evaluation) -> Table | None:
         for row in warm.at
     )
     held = f"housing of {warm.housing}, {1e6 * warm.expansion_per_k:.3g}e-6 /K" if warm.housing else "rigid housing"
-    notes = []
-    if warm.index_not_known:
-        notes.append(f"How the index of {listed([*warm.index_not_known])} changes is not known.")
-    if warm.not_named:
-        notes.append(f"Nothing says what grows how of {listed([*warm.not_named])}: that stays as it is.")
     caption = (
         f"The camera as it is focused, in a {held}; disparity between the FAP's rims is that of what is in focus at "
-        f"{warm.temperature_degc:g} °C. {' '.join(notes)}"
+        f"{warm.temperature_degc:g} °C."
     )
     headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)
