@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import Trial, assumed, depth_of, disparity_of, simulate
+from roslf_design.depth.geometry import depth_of, disparity_of
+from roslf_design.depth.measure import Trial, assumed, simulate
 from roslf_design.design import Design, load
 from roslf_design.json_data import plain
 from roslf_design.pictures.marks import Area, Dots, Line, Mark, box_key, dot_key

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import depth_of, disparity_of
+from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.theory.disparity_error import image_parts
 from roslf_design.theory.stop_images import MicrolensImages
 
