@@ -226,7 +226,8 @@ def report(rows: Sequence[tuple[str, dict[str, Any]]]) -> Report:
     )
     about = Paragraph(
         f"A wall {DISPARITY:g} pitches out of focus; textures: finest detail of 4 or 8 microlenses, contrast 10 % or "
-        f"3 % an octave; light: half of the full well, an eighth and a 250th of that. {RAYS} rays a pixel."
+        f"3 % an octave; light: half of the full well, an eighth and a 250th of that. {RAYS} rays a pixel. {len(rows)} of the "
+        f"{len(cases()) * len(TEXTURES) * len(LIGHTS)} combinations are measured."
     )
     figure = Figure.of(
         "proof", "Spread over prediction", "Each sign is one camera, texture and light; right of the line depth is not "
