@@ -128,18 +128,32 @@ class FacesAhead:
     ) -> Iterator[Outside]:
         """The same rays past only what stands nearer than each of some growing distances [mm]; then past all.
 
-        They go on straight from there, be it in glass. A ray is lost from where it is lost on.
+        They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
+        lost from where it is lost on.
         """
-        lost, first = np.zeros((), np.uint8), 0
+        lost, first, rest = np.zeros((), np.uint8), 0, self._some(0, len(self.table))
         for distance in (*distances, math.inf):
-            nearer = -self.table[:, 2] < distance
+            nearer = -rest.table[:, 2] < distance
             end = len(nearer) if nearer.all() else max(first, int(np.argmin(nearer)))
-            some, law = slice(first, end), self.law
-            part = FacesAhead(self.table[some], self.media[some], self.takers[some], law, self.names[some])
-            (h_x, h_y), (s_x, s_y), status = part.rays(height, slope)
-            height, slope, first = (h_x, h_y), (s_x, s_y), end
+            stage, rod = rest._some(first, end), rest.table[end - 1] if end > first else rest.table[0]
+            left = rod[LENGTH] - rod[2] - distance
+            inside = end > first and rod[KIND] == ROD and left > 0
+            if inside:  # cut in two, with its axial index between: slope times index goes on as it is
+                depth = rod[LENGTH] - left
+                stage.table[-1, LENGTH], stage.media[-1, 0] = depth, rod[3]
+                rod[:3] -= depth * rod[[10, 13, 16]]
+                rod[LENGTH], rest.media[end - 1, 1] = left, rod[3]
+            (h_x, h_y), (s_x, s_y), status = stage.rays(height, slope)
+            height, slope, first = (h_x, h_y), (s_x, s_y), end - inside
             lost = np.where(lost, lost, status)
             yield Outside(np.stack(height), np.stack(slope), lost)
+
+    def _some(self, first: int, end: int) -> FacesAhead:
+        """Copies of the faces from one to another."""
+        some = slice(first, end)
+        return FacesAhead(
+            self.table[some].copy(), self.media[some].copy(), self.takers[some], self.law, self.names[some]
+        )
 
 
 def _plain(array: Floats) -> Any:

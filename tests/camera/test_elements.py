@@ -236,6 +236,40 @@ def test_a_pupil_in_the_focus_of_an_objective_is_finite():
         assert value == pytest.approx(float(quantity_named(name)(there)), rel=1e-5), name
 
 
+def test_barrels_of_rods_cut_as_rays_swinging_inside_them_say():
+    """A needle scope's kept fractions against paraxial rays by hand, met all along its rods; to the sections' 1 %."""
+    design = roslf.load("grin-needle").replace({"aperture.diameter": 1.8, "sensor.size": (1.68, 1.68)})
+    camera = Camera.of(design)
+    turn = np.pi * (1 + 5**0.5) * (np.arange(5_000) + 0.5)
+    r = np.sqrt((np.arange(5_000) + 0.5) / 5_000) * design.D_F / 2
+    pupil = np.stack([r * np.cos(turn), r * np.sin(turn)])
+    fields = [(0.0, 0.0), (0.5, 0.0), (0.8, 0.0), (0.8, 0.8)]
+    kept = MicrolensImages(camera, fields).shapes.kept_fraction[:, 0]
+    for field, closed in zip(fields, kept, strict=True):
+        # Every ray of a microlens passes its image on the plane in focus; the FAP stands before all elements, in air.
+        slope = (pupil + np.array(field)[:, None] * float(camera.inverse_m)) / (float(camera.d_f) - design.d_3)
+        x, at, good = pupil + slope * design.d_3, 0.0, np.ones(5_000, bool)
+        for element in design.elements:
+            x, at = x - slope * (element.distance - at), element.distance
+            if element.kind == "lens":
+                good &= np.hypot(*x) <= element.diameter / 2
+                slope = slope + x / element.focal_length
+                continue
+            g, inside = element.gradient, np.linspace(0, element.thickness, 200)
+            for t in inside:
+                along = x * np.cos(g * t) - slope / (element.index * g) * np.sin(g * t)
+                good &= np.hypot(*along) <= element.diameter / 2
+            end = g * element.thickness
+            slope = element.index * g * x * np.sin(end) + slope * np.cos(end)
+            x, at = along, at + element.thickness
+        assert closed == pytest.approx(good.mean(), abs=0.01), field
+    assert kept[0] == 1
+    assert kept[-1] < 0.6
+    budget = {share.name: share.kept for share in roslf.evaluate(design).fields[1].ray_budget.by_name}
+    assert list(budget)[3:6] == ["grin 2, front", "grin 2, barrel", "grin 2, back"]
+    assert budget["grin 2, front"] == 1 > budget["grin 2, barrel"]
+
+
 def test_derivatives_behind_a_relay_that_inverts_are_those_of_differences():
     """Complex steps through every closed form, beside central differences, whose own error is some 1e-8."""
     design = roslf.load("cystoscope")
