@@ -497,7 +497,8 @@ class Camera(Symbols[Number]):
             yield self._rim(f"{name}, front", f"{part}.1", start + length, radius)
         if isinstance(element, Grin):
             swing = n[f"{part}.gradient"]
-            reach = np.where(np.real(swing * length) < np.pi, length, np.pi / swing)[()]  # then the same comes again
+            whole = np.real(np.asarray(swing * length)) < np.pi  # half a turn on, the same comes again
+            reach = np.where(whole, length, np.pi / swing)[()]
             sections = max(1, math.ceil(min(float(element.gradient) * float(element.length), math.pi) / SECTION))
             for k in range(sections):
                 deep = start + reach * ((k + 0.5) / sections)
