@@ -344,11 +344,21 @@ def test_files_hold_elements():
             {"elements": [{**PLATE, "material": {"index": 0.5}}]},
             r"elements.1.material: an index must be a number from 1",
         ),
+        (  # by Snell's law in the plane: 74.5 degrees, 30.5 inside, 44 on the other face; 31.8 is the most
+            {"elements": [{**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}]},
+            r"elements.1.wedge: light along the axis is totally reflected in plate 1, .* at 44 degrees",
+        ),
     ],
 )
 def test_bad_elements_are_told(change, said):
     with pytest.raises(DesignError, match=said):
         PAPER.replace(change)
+
+
+def test_a_wedge_that_light_still_leaves_is_none_of_them():
+    """In water the same face lets it out up to 44.6 degrees."""
+    wedged = {**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}
+    assert PAPER.replace({"elements": [wedged], "object_space.medium": WATER}).elements[0].wedge == (1.3, 0.0)
 
 
 @pytest.mark.parametrize("name", ["water", "saline", "B270", "sapphire", "fused silica"])
