@@ -147,7 +147,8 @@ def _object_scale(c: Camera, at: Depth | Array) -> Array:
     """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
     if at is None:
         return light.object_scale(c)
-    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * magnitude(_plane_at(c, at).magnification))
+    # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
+    return np.asarray(c.inverse_m * magnitude(depth_at(c, at) / c.gap * _plane_at(c, at).magnification))
 
 
 def _on_object(c: Camera, at: Depth, place: Array) -> Array:

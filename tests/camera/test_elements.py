@@ -287,6 +287,19 @@ def test_derivatives_behind_a_relay_that_inverts_are_those_of_differences():
             assert exact == pytest.approx((high - low) / (2 * size), rel=1e-4, abs=1e-6 * size_of), (name, place)
 
 
+def test_planes_that_a_rod_shows_beyond_infinity_have_sizes_and_depths_as_beside_them():
+    """Where the image runs through infinity nothing happens to what lies there."""
+    rod = {"kind": "grin", "distance": 150.0, "thickness": 20.0, "index": 1.6, "gradient": 0.01}
+    camera = Camera.of(PAPER.replace({"elements": [rod]}))
+    ahead = np.array([300.0, 310.0, 320.0, 330.0, 340.0])
+    seen = camera.plane(ahead + camera.tip).distance
+    assert seen.min() < 0 < seen.max()
+    for name in ("field_half_width_mm", "object_sample_mm", "sigma_z_mm"):
+        values = QUANTITIES[name](camera, ahead)
+        assert np.all(values > 0), name
+        assert np.abs(np.diff(values, 2)).max() < 0.1 * np.abs(np.diff(values)).min(), name  # no jump
+
+
 def test_files_hold_elements():
     design = PAPER.replace(
         {
