@@ -292,10 +292,12 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes[1:, free] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum)
         return np.asarray(np.exp(values[0] + away @ ((values[1:] - values[0]) / STEP)) * scale)
-    index, member, counts = np.unique(
-        np.floor(about[:, free] / CELL).astype(int), axis=0, return_inverse=True, return_counts=True
-    )
-    found, member = np.empty(images.pitch.size), member.ravel()
+    cells = np.floor(about[:, free] / CELL).astype(int)
+    number = np.zeros(len(cells), int)  # of the cell: sorts ten times as fast as its row
+    for column in (cells - cells.min(axis=0)).T:
+        number = number * (column.max() + 1) + column
+    _, one, member, counts = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
+    index, found = cells[one], np.empty(images.pitch.size)
     first, second = np.triu_indices(free.size, 1)
     ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
     offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
@@ -331,8 +333,8 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -
     power = power * _footprint(c.lens_shape, x, y) ** 2
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
     apart, radii = np.zeros((len(about), 1, 2)), np.exp(wide)[:, None] / 2
-    images = _Images(one, one, 1 / np.exp(sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power)
-    values = np.log(_each(images, c, level, whole))
+    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power)
+    values = np.log(_each(_Images(*own), c, level, whole))
     values.setflags(write=False)
     return values
 
@@ -341,9 +343,9 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
     finest = images.finest
     if not whole:  # whole images are as they are in a mirror
-        both = (np.concatenate([a, b], 1) for a, b in ((images.x, -images.x), (images.y, images.y)))
-        x, y = both
-        images = images._replace(x=x, y=y, power=np.concatenate([images.power, images.power], 1) / 2)
+        x, y, power = images.x, images.y, images.power / 2
+        x, y, power = (np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power)))
+        images = images._replace(x=x, y=y, power=power)
     spectra = _spectra(images, c, min(level, SHARPEST), whole)
     if level <= SHARPEST:
         return _information(images, c, spectra)
