@@ -39,7 +39,7 @@ COMMANDS = {
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
     "depth": Command(
-        "Depth that a camera measures, with its errors: of a scene, simulated, beside the truth; in a picture that it took.",
+        "Depth that a camera measures, and its errors: of a scene, simulated, beside the truth; or in a picture taken.",
         "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
     ),
     "report": Command(
