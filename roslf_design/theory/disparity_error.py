@@ -32,7 +32,7 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import microlens_defocus
 from .photometry import dark_variance, electrons
 from .stop_images import MicrolensImages
-from .transfer import MicrolensTransfer, line_transfer
+from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
 ROWS = 64
 """Gauss-Legendre rows across a cut microlens image."""
@@ -454,7 +454,7 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
     """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
-    pixel = np.sinc(fx * box) * np.sinc(fy * box)
+    pixel = pixel_box(fx, box) * pixel_box(fy, box)
     own = (images.width, images.distance, images.defocus, images.wavelength)
     if c.lens_shape == "circular":
         parts = []
