@@ -150,6 +150,31 @@ def _seen(part: SeenPart) -> str:
     return ", ".join(told)
 
 
+def temperature_table(result: Evaluation) -> Table | None:
+    """The camera at temperatures it meets; nothing of a design that says nothing of them."""
+    if (warm := result.temperature) is None:
+        return None
+    rows = tuple(
+        (
+            f"{row.temperature_degc:g} °C" + (" (here)" if row.temperature_degc == warm.temperature_degc else ""),
+            f"{row.focal_length_mm:.7g} mm",
+            f"{row.mla_distance_mm:.7g} mm",
+            f"{row.focal_plane_mm:.6g} mm",
+            "-" if row.focus_shift_pitches is None else _cell(row.focus_shift_pitches, 3, "+"),
+            f"{row.fill_factor:.5f}",
+            "yes" if row.fits else "no",
+        )
+        for row in warm.at
+    )
+    held = f"housing of {warm.housing}, {1e6 * warm.expansion_per_k:.3g}e-6 /K" if warm.housing else "rigid housing"
+    caption = (
+        f"The camera as it is focused, in a {held}; disparity between the FAP's rims is that of what is in focus at "
+        f"{warm.temperature_degc:g} °C."
+    )
+    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
+    return Table(rows, "lrrrrrl", headings, "Temperature", caption)
+
+
 def mapping_table(result: Evaluation) -> Table | None:
     """What the objective's mapping makes of each field; nothing where it is f tan."""
     if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
@@ -270,9 +295,10 @@ def _cell(value: float | None, decimals: int, sign: str = "") -> str:
 def _tables(result: Evaluation) -> list[Table]:
     fields = [field_table(result), budget_table(result)] if result.fields else []
     lens = [] if result.real_lens is None else [lens_table(result.real_lens)]
-    seen, mapping = seen_table(result), mapping_table(result)
+    seen, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
-    return [*([] if seen is None else [seen]), *fact_tables(result), *fields, *lens, effects_table(result)]
+    first, last = ([] if table is None else [table] for table in (seen, warm))
+    return [*first, *fact_tables(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

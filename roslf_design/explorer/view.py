@@ -186,7 +186,7 @@ def _bore(state: State) -> dict[str, Any]:
     faults = {what: state.fault(what) for what in ("medium", "window", "window_material", "mapping")}
     objective = objective_of(state.design)
     mapping = None if objective is None else state.design.elements[objective].mapping  # type: ignore[union-attr]
-    material = "" if k is None else _material_text(state.design.elements[k].material)  # type: ignore[union-attr]
+    material = "" if k is None else _material_text(state.design.elements[k].material)  # type: ignore[union-attr, arg-type]
     wrong = faults["window_material"]
     return {
         "media": list(MEDIA),

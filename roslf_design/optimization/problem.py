@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
+from ..design.environment import TEMPERATURE
 from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
@@ -32,7 +33,7 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import AnyLength, Length, format_quantity, parse_quantity
+from ..units import AnyLength, Length, Temperature, format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 
@@ -132,6 +133,8 @@ class _Asked(StrictTable):
     """Ahead of the bore's tip [mm]."""
     field: Annotated[tuple[AnyLength, AnyLength] | None, BeforeValidator(_place)] = None
     """Of the microlens, on the array [mm]."""
+    temperature: Temperature | None = None
+    """Of the camera [degrees C]; that of its design where left out."""
 
     @model_validator(mode="after")
     def _distance(self) -> _Asked:
@@ -149,12 +152,19 @@ class _Asked(StrictTable):
     @property
     def label(self) -> str:
         """E.g. ``sigma_z_mm at 40 mm``."""
+        at = None if self.at is None else f"{self.at:g} mm"
         if self.field is not None:
-            return f"{self.quantity.name} at ({self.field[0]:g}, {self.field[1]:g}) mm"
-        return self.quantity.name if self.at is None else f"{self.quantity.name} at {self.at:g} mm"
+            at = f"({self.field[0]:g}, {self.field[1]:g}) mm"
+        name = self.quantity.name if at is None else f"{self.quantity.name} at {at}"
+        return name if self.temperature is None else f"{name} at {self.temperature:g} degC"
+
+    def warm(self, camera: Camera) -> Camera:
+        """The camera at the temperature asked for."""
+        return camera if self.temperature is None else camera.replace({TEMPERATURE: self.temperature})
 
     def values(self, camera: Camera) -> Array:
         """The quantity itself, of every build; of several rims that of the worst."""
+        camera = self.warm(camera)
         if self.field is not None:
             return np.asarray(self.quantity.at_fields(MicrolensImages(camera, [self.field]))[0])  # type: ignore[index]
         return self.quantity(camera, self.at)
@@ -166,6 +176,7 @@ class _Asked(StrictTable):
         """
         if self.quantity.of is None:
             return self.values(camera)
+        camera = self.warm(camera)
         if over is not None and self.quantity.over is not None:
             return self.quantity.over(camera, self.at, over)
         return (self.quantity.signed or self.quantity.of)(camera, self.at)
@@ -222,7 +233,7 @@ class Constraint(_Asked):
     def measured(self, camera: Camera) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
         if self.quantity.name == "fill_factor":
-            return np.abs(inverse_fill_factor(camera))
+            return np.abs(inverse_fill_factor(self.warm(camera)))
         return self.values(camera) if self.quantity.worst is None else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
@@ -254,7 +265,8 @@ class Goal(_Asked):
     def held(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
-        return Constraint(quantity=self.quantity, at=self.at, field=self.field, min=low, max=high)
+        asked = {"at": self.at, "field": self.field, "temperature": self.temperature}
+        return Constraint(quantity=self.quantity, **asked, min=low, max=high)
 
 
 End = Callable[[Camera], Number]
@@ -488,7 +500,7 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
     """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
-    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.")
+    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in SEEING]
     lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED])

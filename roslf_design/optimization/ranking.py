@@ -135,10 +135,12 @@ class Combinations:
     def _numbers(self, part: Entry) -> dict[str, Any]:
         """What a part gives by its place; of a material also the index that the problem's light has in it."""
         numbers = {placed(place, self.element): value for place, value in part.numbers.items()}
-        wavelength = float(self.problem.base.wavelength)
+        wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
+        warm = None if environment is None else environment.temperature
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
         return numbers | {
-            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength)) for place, glass in glasses.items()
+            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, warm))
+            for place, glass in glasses.items()
         }
 
     def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
@@ -210,7 +212,7 @@ class Boxes:
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if part.field is not None:
+    if part.field is not None or part.temperature is not None:
         return False
     monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
     if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):

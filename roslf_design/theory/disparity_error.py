@@ -292,10 +292,12 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes[1:, free] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum)
         return np.asarray(np.exp(values[0] + away @ ((values[1:] - values[0]) / STEP)) * scale)
-    index, member, counts = np.unique(
-        np.floor(about[:, free] / CELL).astype(int), axis=0, return_inverse=True, return_counts=True
-    )
-    found, member = np.empty(images.pitch.size), member.ravel()
+    cells = np.floor(about[:, free] / CELL).astype(int)
+    number = np.zeros(len(cells), int)  # of the cell: sorts ten times as fast as its row
+    for column in (cells - cells.min(axis=0)).T:
+        number = number * (column.max() + 1) + column
+    _, one, member, counts = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
+    index, found = cells[one], np.empty(images.pitch.size)
     first, second = np.triu_indices(free.size, 1)
     ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
     offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
