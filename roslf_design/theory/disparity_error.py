@@ -52,7 +52,7 @@ APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
 """Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11 (1e-8 where
-extrapolated)."""
+extrapolated, 1e-7 far out of focus)."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 CLOSE, STEP = 0.02, 1e-5
