@@ -163,9 +163,12 @@ def seen_at(c: Camera, at: Depth | Array) -> Seen:
     return Seen(focus, _object_scale(c, at))
 
 
-def depth_error(c: Camera, at: Depth | Array) -> Array:
-    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm]."""
-    sigma = axial_disparity_sigma(c, seen_at(c, at))
+def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Array:
+    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm].
+
+    The disparity's, which takes milliseconds to predict, may be given [microlens pitches].
+    """
+    sigma = axial_disparity_sigma(c, seen_at(c, at)) if sigma is None else np.asarray(sigma)
     return light_field.depth_sigma(c, depth_at(c, at), sigma) * _plane_at(c, at).depth
 
 
