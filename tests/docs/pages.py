@@ -15,7 +15,7 @@ import pytest
 
 from roslf_design.cli import build_app, main
 from roslf_design.reporting import story
-from roslf_design.tolerancing import result
+from roslf_design.tolerancing import analyses, result
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -145,7 +145,9 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 
 def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports look at few builds, at few other scales of them: what pages show is none of their yields."""
+    """Studies and reports look at few builds, at few other scales of them: what pages show is none of their yields."""
+    for name, few in (("CURVE_TRIALS", 256), ("CURVE_TRIALS_ADJUSTED", 256), ("HALVINGS", 8)):
+        monkeypatch.setattr(analyses, name, few)
     look = story.quick_tolerances
 
     def quick(design, seed, progress):
