@@ -413,7 +413,7 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def shapes(self) -> TracedShapes:  # type: ignore[override]
-        """The lit parts: polynomials over the FAP where rims cut, spokes where part of it is out of the lens's sight."""
+        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of the lens's sight."""
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
@@ -427,12 +427,14 @@ class TracedBuilds(IdealBuilds):
             out = np.isnan(share[cut])
             if out.any():
                 at = cut[out]
-                unseen = (Aimed(*(part[out] for part in rays)) for rays in parts[:2])
+                known = [Aimed(*(part[out] for part in rays)) for rays in (parts[0], inner)]
                 base = np.asarray(self.fields, float)[field[out]]
                 # All that the lens's aperture can light behind a microlens.
                 ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
                 about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
-                found = seen_shapes(self.mount.train, self.mount.planes, base, trial[out], *unseen, about, wide)
+                found = seen_shapes(
+                    self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
+                )
                 shape[at], share[at] = found
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
