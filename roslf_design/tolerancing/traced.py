@@ -413,7 +413,7 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def shapes(self) -> TracedShapes:  # type: ignore[override]
-        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of the lens's sight."""
+        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of sight."""
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
