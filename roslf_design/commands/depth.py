@@ -279,7 +279,6 @@ def _raw(
         raw = from_raw(image, white, dark, design, progress)
     except UnfinishedError as error:
         raise InputError((Problem("", " ".join(str(error).split())),), str(image)) from None
-    part = _part(camera, raw, region, image)
     lattice, pitch = raw.source.centres.lattice, image_pitch(design)
     if abs(lattice.pitch / pitch - 1) > OTHER_CAMERA:
         name = "--design" if calibrated is None else "--calibration"
@@ -287,7 +286,7 @@ def _raw(
             f"microlens images of {image.name} are {lattice.pitch:.4g} px apart, and {pitch:.4g} px by {design.name}"
         )
         raise refusal(name, f"{message}; name the camera that took it")
-    field = on_array(raw.field, lattice, camera, part)
+    field = on_array(raw.field, lattice, camera, _part(camera, raw, region, image))
     if min(len(field.u), len(field.v)) < LEAST:
         raise InputError((Problem("", f"holds fewer than {LEAST} x {LEAST} microlens images"),), str(image))
     if white is None:
@@ -359,19 +358,20 @@ def _views(
         warnings.append(
             "views are taken as one sensor pixel apart, the middle one on the axis, as roslf decode has them"
         )
+    shape = (len(field.v), len(field.u))
+    true, of = np.full(shape, np.nan), ""
+    beside = image / TRUTH
+    file = truth if truth is not None else beside if image.is_dir() and beside.exists() and design is None else None
+    if file is not None:
+        if design is not None:
+            raise refusal("--truth", "goes with views that no --design describes; drop one")
+        true, of = _truth(file, grid, shape), file.name
     search = searched(field, wide) if between is None else _between(between, geometry)
     noise = measured_noise(geometry, field, search, progress)
     if not float(field.values.max(initial=0.0)) > 0:
         raise InputError((Problem("", "all views are black; check which files they are"),), str(image))
     progress("measuring depth")
     run = measure(geometry, scaled(field, noise.scale), noise.pixel, search=search)
-    true, of = np.full(run.depth.shape, np.nan), ""
-    beside = image / TRUTH
-    file = truth if truth is not None else beside if image.is_dir() and beside.exists() and design is None else None
-    if file is not None:
-        if design is not None:
-            raise refusal("--truth", "goes with views that no --design describes; drop one")
-        true, of = _truth(file, grid, run.depth.shape), file.name
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, "" if calibrated is None else str(calibrated), noise, of,
         tuple(warnings),

@@ -340,13 +340,17 @@ class AtTemperature:
     """The camera at one temperature, left as it was focused."""
 
     temperature_degc: float
+    """[degrees C]."""
     focal_length_mm: float
+    """f."""
     mla_distance_mm: float
+    """d_1, with a ruler."""
     focal_plane_mm: float
-    """d_f: where it is then in focus; infinite where it is nowhere."""
+    """d_f: where it is then in focus, with a ruler; infinite where it is nowhere."""
     focus_shift_pitches: float | None
     """Disparity between the FAP's rims of what was in focus; None where it is no camera any more."""
     fill_factor: float
+    """Microlens-image diameter over pitch."""
     fits: bool
     """Whether it is a camera still: a real image, no part in another."""
 

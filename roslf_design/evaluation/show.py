@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
-from ..words import fixed, length, listed, number, place, spaced
+from ..words import fixed, length, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,15 +67,20 @@ def fact_tables(result: Evaluation) -> list[Table]:
             ("object sample", f"{number(sampling.object_sample_mm)} mm", "one microlens at the focal plane"),
             ("view baseline", f"{number(sampling.view_baseline_mm)} mm", "one pixel, on the FAP"),
         ],
-        "Depth at the focal plane": [
-            ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
-            ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
-            *(() if depth.assumes is None else _light_facts(depth.assumes)),
-        ],
+        "Depth at the focal plane": depth_facts(depth),
     }  # fmt: skip
     if result.real_lens is not None:
         facts["Real main lens, traced"] = _lens_facts(result.real_lens)
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in facts.items()]
+
+
+def depth_facts(depth: Depth) -> list[tuple[str, str, str]]:
+    """Depth precision and what it is told for: name, value, remark."""
+    return [
+        ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
+        ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
+        *(() if depth.assumes is None else _light_facts(depth.assumes)),
+    ]
 
 
 def depth_remark(depth: Depth) -> str:
@@ -162,14 +167,9 @@ def temperature_table(result: Evaluation) -> Table | None:
         for row in warm.at
     )
     held = f"housing of {warm.housing}, {1e6 * warm.expansion_per_k:.3g}e-6 /K" if warm.housing else "rigid housing"
-    notes = []
-    if warm.index_not_known:
-        notes.append(f"How the index of {listed([*warm.index_not_known])} changes is not known.")
-    if warm.not_named:
-        notes.append(f"Nothing says what grows how of {listed([*warm.not_named])}: that stays as it is.")
     caption = (
         f"The camera as it is focused, in a {held}; disparity between the FAP's rims is that of what is in focus at "
-        f"{warm.temperature_degc:g} °C. {' '.join(notes)}"
+        f"{warm.temperature_degc:g} °C."
     )
     headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)

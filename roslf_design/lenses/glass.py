@@ -1,7 +1,7 @@
 """Optical materials: refractive index from Sellmeier or Schott coefficients, refused outside the measured range.
 
-Indices are relative to air of the glass's own temperature, so air is 1 exactly at every wavelength; what a source in
-`glasses.toml`, the catalogue that ships, gives against vacuum is converted. An unknown glass is an error, never a guess.
+Indices are relative to air of the glass's own temperature, so air is 1 exactly at every wavelength; what a source of
+`glasses.toml` gives against vacuum is converted. An unknown glass is an error, never a guess.
 """
 
 from __future__ import annotations

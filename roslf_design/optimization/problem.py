@@ -305,6 +305,12 @@ class DesignProblem:
         """How many variables."""
         return len(self.variables)
 
+    @property
+    def summed(self) -> bool:
+        """Whether a goal or limit takes milliseconds: an error of depth predicted from light and texture."""
+        numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
+        return any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
+
     def values(self, units: Array) -> dict[str, Array]:
         """Place to its values [mm], derived lengths turned into those that they set; units as for `cameras`."""
         named = {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
@@ -445,12 +451,12 @@ class DesignProblem:
         return result
 
     def merit(self, cameras: Camera) -> Array:
-        """Weighted mean of the goals, small is good; shape (N,)."""
+        """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
             value = goal.values(cameras)
             total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
-        return total / sum(goal.weight for goal in self.goals)
+        return total / (sum(goal.weight for goal in self.goals) or 1.0)
 
     def with_scales(self) -> DesignProblem:
         """The same problem with its scales written down, so that merits on other parts compare."""

@@ -250,15 +250,13 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         answer = solve(problem, settings, tell)
     if answer.feasible and table.pareto is not None:
         goals = [next(goal for goal in problem.goals if goal.quantity.name == name) for name in table.pareto.goals]
-        deadline = time.monotonic() + settings.seconds
-        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], deadline, settings.seed, tell)
+        front = pareto_front(problem, goals, table.pareto.points, [answer.unit], settings.fresh(), settings.seed, tell)
     if answer.feasible and table.robust is not None and scatter is not None:
-        deadline = time.monotonic() + settings.seconds
-        robust = maximise_robustness(problem, table.robust, scatter, answer.unit, deadline, tell)
+        robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
     if table.catalogue is not None:
         element = table.catalogue.plate(problem.design)
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element)
-        ranking = rank(combinations, table.catalogue.keep, settings.seconds, settings.seed, tell)
+        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell)
     return Result(study, answer, bore, front, robust, ranking, time.monotonic() - began)
 
 
@@ -327,6 +325,7 @@ def _trust(answer: Answer) -> dict[str, Any]:
     return {
         "solver": "nlopt LD_SLSQP from Sobol points",
         "evaluations": answer.evaluations,
+        "ended_by": answer.ended or None,
         "starts": len(answer.searches),
         "starts_feasible": answer.reached,
         "starts_at_the_answer": len(answer.equals),

@@ -333,10 +333,8 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -
     power = power * _footprint(c.lens_shape, x, y) ** 2
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
     apart, radii = np.zeros((len(about), 1, 2)), np.exp(wide)[:, None] / 2
-    images = _Images(
-        one, one, 1 / np.exp(sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power
-    )
-    values = np.log(_each(images, c, level, whole))
+    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power)
+    values = np.log(_each(_Images(*own), c, level, whole))
     values.setflags(write=False)
     return values
 
@@ -345,9 +343,9 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
     finest = images.finest
     if not whole:  # whole images are as they are in a mirror
-        both = (np.concatenate([a, b], 1) for a, b in ((images.x, -images.x), (images.y, images.y)))
-        x, y = both
-        images = images._replace(x=x, y=y, power=np.concatenate([images.power, images.power], 1) / 2)
+        x, y, power = images.x, images.y, images.power / 2
+        x, y, power = (np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power)))
+        images = images._replace(x=x, y=y, power=power)
     spectra = _spectra(images, c, min(level, SHARPEST), whole)
     if level <= SHARPEST:
         return _information(images, c, spectra)

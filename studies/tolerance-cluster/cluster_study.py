@@ -1,8 +1,7 @@
 """A large tolerance run on a Dask cluster of two workers, with a worker and the run itself killed on the way.
 
-Measures what a plan for a larger cluster needs: trials a second and worker, bytes a chunk, the memory of workers, scheduler
-and driver over the run, and how long the driver takes to merge. Chunks taken at random are computed again in this process
-and compared byte by byte.
+Measures what a plan for a larger cluster needs: processor time a trial, bytes a chunk, the memory of workers and driver
+over the run. Chunks taken at random are computed again in this process and compared byte by byte.
 
     python studies/tolerance-cluster/cluster_study.py out/cluster --trials 10000000
 """
@@ -63,7 +62,9 @@ def run(folder: Path, study: Path, trials: int, workers: int) -> dict[str, objec
     )
     with local as cluster, Client(cluster, set_as_default=False) as client:
         command += ["--scheduler", cluster.scheduler_address]
-        process, killed, last = subprocess.Popen(command, stdout=subprocess.DEVNULL), [], {}
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        killed: list[str] = []
+        last: dict[int, float] = {}
         while process.poll() is None:
             time.sleep(0.5)
             here = client.run(os.getpid).values()
