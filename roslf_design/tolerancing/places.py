@@ -45,7 +45,7 @@ SHOWN = {
 }
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
 SHIPPED = Path(__file__).with_name("grades.toml")
-"""The grades that ship: engineering judgement, to be replaced by a shop's own figures."""
+"""The grades that ship: makers' charts and engineering judgement, to be replaced by a shop's own figures."""
 
 
 def perturbable(design: Design) -> dict[str, str]:

@@ -98,7 +98,7 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     index, within = divmod(number, plan.chunk)
     # All that were measured with it run again, so that arrays have the same shapes.
     start, end = within - within % STRETCH, plan.chunk_trials(index)
-    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + STRETCH, end)])
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
     measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
