@@ -331,7 +331,9 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -
     power = power * _footprint(c.lens_shape, x, y) ** 2
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
     apart, radii = np.zeros((len(about), 1, 2)), np.exp(wide)[:, None] / 2
-    images = _Images(one, one, 1 / np.exp(sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power)
+    images = _Images(
+        one, one, 1 / np.exp(sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power
+    )
     values = np.log(_each(images, c, level, whole))
     values.setflags(write=False)
     return values
