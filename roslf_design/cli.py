@@ -66,6 +66,10 @@ COMMANDS = {
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
     ),
+    "export": Command(
+        "A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.",
+        "roslf export designs/paper-singlet.toml -o out/paper-singlet.zmx",
+    ),
     "accuracy": Command(
         "How far numbers can be trusted, and what accuracy costs in time.",
         "roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy",
