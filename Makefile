@@ -6,12 +6,17 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
 
-.PHONY: bench-quick bench-compare report reports test lint pins bench docs clean
+.PHONY: bench-quick bench-compare report reports test pytest lint pins bench docs clean
 
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
 
-test: $(INSTALLED_DEV) lint
+test: $(INSTALLED_DEV)
+	@$(MAKE) --no-print-directory --jobs=2 lint pytest
+
+# Hundreds of tests start programs: each would compile the package's sources again where Python keeps no bytecode.
+pytest: export PYTHONDONTWRITEBYTECODE =
+pytest: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest -n 3 --dist worksteal
 
 lint: $(INSTALLED_DEV)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import lazy_loader as lazy
 
 if TYPE_CHECKING:
-    from .api import calibrate, decode, measure_depth, optimize, quantity, render, report, tolerance
+    from .api import calibrate, capture_depth, decode, measure_depth, optimize, quantity, render, report, tolerance
     from .camera import Camera
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
@@ -36,6 +36,7 @@ __all__ = [
     "Specification",
     "__version__",
     "calibrate",
+    "capture_depth",
     "decode",
     "dumps",
     "evaluate",
@@ -57,7 +58,17 @@ __all__ = [
 __getattr__, __dir__, _ = lazy.attach(
     __name__,
     submod_attrs={
-        "api": ["calibrate", "decode", "measure_depth", "optimize", "quantity", "render", "report", "tolerance"],
+        "api": [
+            "calibrate",
+            "capture_depth",
+            "decode",
+            "measure_depth",
+            "optimize",
+            "quantity",
+            "render",
+            "report",
+            "tolerance",
+        ],
         "camera": ["Camera"],
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],

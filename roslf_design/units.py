@@ -48,11 +48,24 @@ UNITS: dict[str, dict[str, Decimal]] = {
         "µs": Decimal("1e-6"),
         "μs": Decimal("1e-6"),
     },
+    "temperature": {"degC": Decimal(1), "°C": Decimal(1)},
+    "temperature difference": {"K": Decimal(1), "degC": Decimal(1), "°C": Decimal(1)},
 }
-"""Known units by dimension, in millimetres, radians, lux, watts per square metre and steradian, seconds."""
+"""Known units by dimension, in millimetres, radians, lux, watts per square metre and steradian, seconds, degrees C."""
 
-FARTHEST = {"length": 1e15, "angle": 1e3, "gradient": 1e6, "illuminance": 1e15, "radiance": 1e15, "time": 1e9}
+FARTHEST = {
+    "length": 1e15,
+    "angle": 1e3,
+    "gradient": 1e6,
+    "illuminance": 1e15,
+    "radiance": 1e15,
+    "time": 1e9,
+    "temperature": 1e3,
+    "temperature difference": 1e3,
+}
 """What no quantity of a camera exceeds, in its base unit: a plane in focus at infinity may be written as 1e12 m."""
+COLDEST, HOTTEST = -60.0, 150.0
+"""Between which cameras are used, stored and sterilised [degrees C]."""
 SHORTEST = 1e-12
 """What no length that must be positive falls below [mm]: a thousandth of a proton."""
 
@@ -63,6 +76,8 @@ _EXAMPLE = {
     "illuminance": "1e5 lx",
     "radiance": "10 W/m2/sr",
     "time": "16.7 ms",
+    "temperature": "37 degC",
+    "temperature difference": "10 K",
 }
 _BASE = {
     "length": "mm",
@@ -71,6 +86,8 @@ _BASE = {
     "illuminance": "lx",
     "radiance": "W/m2/sr",
     "time": "s",
+    "temperature": "degC",
+    "temperature difference": "K",
 }
 # Possessive, or a text of thousand digits that is no quantity takes ten seconds to refuse.
 _NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
@@ -235,3 +252,5 @@ Radiance = Annotated[float, _validator("radiance"), _writer("radiance"), Field(g
 """[W/m^2/sr]."""
 Time = Annotated[float, _validator("time"), _writer("time"), Field(gt=0)]
 """[s]."""
+Temperature = Annotated[float, _validator("temperature"), _writer("temperature"), Field(ge=COLDEST, le=HOTTEST)]
+"""[degrees C]."""

@@ -20,6 +20,7 @@ import roslf_design as roslf
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.design.elements import FieldLens, Grin, LensGroup, ObjectSpace, Plate, Prism
+from roslf_design.design.environment import Environment
 from roslf_design.design.mapping import MappingTable
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
@@ -56,6 +57,7 @@ DESIGN: tuple[Table, ...] = (
     ("`microlens_array.substrate`", Substrate),
     ("`[sensor]`", Sensor),
     ("`sensor.cover`", Cover),
+    ("`[environment]`", Environment),
     ("`[light]`", Light),
     ("`[depth]`", DepthSettings),
 )

@@ -16,6 +16,7 @@ from sphinx.pycode import ModuleAnalyzer
 from roslf_design.design.material import Material
 from roslf_design.design.real_lens import Lens
 from roslf_design.lenses.glass import Glass
+from roslf_design.lenses.solid import Solid
 from roslf_design.tolerancing.study import FieldPlace
 from roslf_design.units import (
     Angle,
@@ -25,12 +26,19 @@ from roslf_design.units import (
     Illuminance,
     Length,
     Radiance,
+    Temperature,
     Time,
     format_quantity,
 )
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
-OTHERS = ((Angle, "angle"), (Illuminance, "illuminance"), (Radiance, "radiance"), (Time, "time"))
+OTHERS = (
+    (Angle, "angle"),
+    (Illuminance, "illuminance"),
+    (Radiance, "radiance"),
+    (Time, "time"),
+    (Temperature, "temperature"),
+)
 
 
 class UndescribedError(ValueError):
@@ -74,7 +82,9 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
         needed = field.is_required() or field.validate_default
         default = "**needed**" if needed else _default(field.get_default(call_default_factory=True), hints[name])
         # In a file a length carries its own unit.
-        meaning = re.sub(r" ?\[(mm|rad|lx|s|W/m\^2/sr)\]", "", re.sub(r"\bNone\b", "left out", told[name])).strip(" .")
+        meaning = re.sub(
+            r" ?\[(mm|rad|lx|s|W/m\^2/sr|degrees C)\]", "", re.sub(r"\bNone\b", "left out", told[name])
+        ).strip(" .")
         meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
         rows.append((code(name), takes(hints[name]), default, plain(meaning)))
     return markdown(("key", "takes", "default", "meaning"), rows)
@@ -212,7 +222,7 @@ def _default(value: Any, hint: Any) -> str:
     for known, words in (*LENGTHS, *OTHERS):
         if hint == known:
             return code(f'"{format_quantity(value, words.partition(chr(0xA0))[0])}"')
-    if isinstance(value, Glass):
+    if isinstance(value, (Glass, Solid)):
         return code(f'"{value.name}"')
     return code(f'"{value}"' if isinstance(value, str) and value else '""' if value == "" else f"{value:g}")
 

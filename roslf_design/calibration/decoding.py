@@ -14,7 +14,7 @@ from .frames import Array, Frame, grey_frame, refuse_saturated, same_size
 from .lattice import CentreLattice
 
 Samples = NDArray[np.float32]
-_DARKEST = 0.05
+DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
 
@@ -186,7 +186,7 @@ class Decoder:
         level, lit = bare._sampled(bright)
         if white is not None:
             level /= np.float32(max(float(np.quantile(level[lit > 0][::16], 0.99)), 1e-30))
-            lit *= level > _DARKEST
+            lit *= level > DARKEST
         gain = np.divide(1, level, out=np.zeros_like(level), where=lit > 0)
         light = np.clip(level, 0, 1, out=level)
         light *= lit

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
 Image = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".png")
+_OURS = ('"full_scale"', '"roslf.render')
+"""What notes of ours hold."""
 _LARGEST = 1e30
 """Grey level that none reaches; sums of it stay within a float's range."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
@@ -111,7 +113,7 @@ def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
     if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
         raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
     try:
-        notes = json.loads(note) if '"full_scale"' in note else {}
+        notes = json.loads(note) if any(key in note for key in _OURS) else {}
     except (ValueError, RecursionError):
         notes = {}
     if not isinstance(notes, dict):

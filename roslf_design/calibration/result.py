@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..accuracy.statement import Accuracy
 from ..camera import Camera
-from ..design import Design
+from ..design import PATHS, Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
@@ -53,6 +54,15 @@ class QuantityEstimate:
     def off(self) -> float | None:
         """Calibrated less design [standard deviations]; None where nothing is uncertain."""
         return (self.value - self.design) / self.sigma if self.sigma > 0 else None
+
+
+class LengthCovariance(NamedTuple):
+    """How sure lengths of a camera are, together."""
+
+    places: tuple[str, ...]
+    """Such as "aperture.distance"."""
+    matrix: Array
+    """[mm^2] of lengths, shape (n, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +130,16 @@ class Outcome:
         return LAPLACE if self.posterior is None else "posterior"
 
     @property
+    def covariance(self) -> LengthCovariance:
+        """Of the lengths that `calibrated` has from here, and of what stands before the lens, by the draws."""
+        lengths = dict(self.draws.quantities)
+        if (space := self.sheet.space_at(lengths)) is not None:
+            lengths |= space.ruler(lengths)
+        own = {PATHS[name]: lengths[name] for name in ("d_3", "d_1", "d_2")} | {PATHS["f"]: self.draws.draws("f")}
+        drawn = own | {known.place: lengths[known.place] for known in self.sheet.elements}
+        return LengthCovariance(tuple(drawn), np.atleast_2d(np.cov(np.stack([*drawn.values()]))))
+
+    @property
     def calibrated(self) -> Design:
         """The design with d_3, d_1 and d_2 as calibrated, f as data sheet and side data have it, errors in its source.
 
@@ -153,7 +173,7 @@ class Outcome:
         p = self.posterior
         lattice = self.centres.lattice
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
-        radius, used = self.undistorted_radius, self.used_in
+        radius, used, together = self.undistorted_radius, self.used_in, self.covariance
         return {
             "schema": SCHEMA,
             "design": self.design.name,
@@ -173,6 +193,7 @@ class Outcome:
                 name: {"estimate": e.value, "unit": UNITS[name], "sigma": e.sigma, "interval_95": e.interval_95}
                 for name, e in self.ruler.items()
             },
+            "covariance": {"places": list(together.places), "matrix": together.matrix.tolist()},
             "used_in": None if used is None else used.to_dict(),
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),

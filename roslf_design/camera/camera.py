@@ -21,6 +21,7 @@ from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_o
 from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.elements import FieldLens
+from ..design.environment import TEMPERATURE, Growth
 from ..design.mapping import Law, image_height, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
@@ -94,6 +95,8 @@ class Camera(Symbols[Number]):
         of the camera in air that sees the same, ``camera["aperture.distance"]`` and the like what a ruler says.
     materials : mapping
         Place of an index to the material it is of, for other wavelengths.
+    growth : Growth, optional
+        What temperature does to the numbers; None of a design without `[environment]`.
     lens : Prescription, optional
         The real main lens as it stands in the camera; None is the ideal one.
 
@@ -113,6 +116,7 @@ class Camera(Symbols[Number]):
         lens: Prescription | None = None,
         chain: Chain | None = None,
         materials: Mapping[str, Glass] | None = None,
+        growth: Growth | None = None,
     ) -> None:
         self._numbers = numbers
         self.layout = layout
@@ -120,9 +124,10 @@ class Camera(Symbols[Number]):
         self.lens = lens
         self.chain = chain
         self.materials = materials or {}
+        self.growth = growth
 
     def _with(self, numbers: Mapping[str, Number]) -> Camera:
-        return Camera(numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials)
+        return Camera(numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth)
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, ArrayLike] | None = None, /, *, in_focus: bool = False) -> Camera:
@@ -134,7 +139,8 @@ class Camera(Symbols[Number]):
             Gives every number that is not changed.
         changes : mapping, optional
             Dotted place ("aperture.decentre.0") or the paper's symbol ("d_3") to a number or an array over builds.
-            Of f, d_f and d_1 the same one follows as in `Design.replace`.
+            Of f, d_f and d_1 the same one follows as in `Design.replace`. Other numbers beside a temperature are those
+            at the design's own.
         in_focus : bool
             Whether the microlenses' focal length follows the focus, ``1/f_ml = 1/d_2 + 1/L``.
 
@@ -178,6 +184,9 @@ class Camera(Symbols[Number]):
                 index = np.vectorize(self.materials[place].index, otypes=[np.float64])
                 moved = index(given[PATHS["wavelength"]]) - index(self[PATHS["wavelength"]])
                 given[place] = numbers[place] = _number(self[place] + moved)
+        if TEMPERATURE in given and self.growth is not None:
+            moved = self.growth.moved(numbers, self[TEMPERATURE], numbers[TEMPERATURE])
+            numbers |= {place: _number(value) for place, value in moved.items()}
         key = follower(given)
         if key is not None:
             numbers[key] = followed(numbers, key) if self.chain is None else self.chain.followed(numbers, key)
@@ -185,6 +194,11 @@ class Camera(Symbols[Number]):
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.d_2 / (1 + camera.d_2 * camera.vergence)
         return camera
+
+    @property
+    def as_measured(self) -> Camera:
+        """The same camera, its lengths as measured at whatever temperature: `replace` moves none of them with it."""
+        return Camera(self._numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials)
 
     def __getitem__(self, place: str) -> Number:
         """The number at a dotted place [mm, rad; the relay's magnification without unit]."""
@@ -217,7 +231,7 @@ class Camera(Symbols[Number]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        own, others = ((c.layout, c.lens_shape, c.lens, c.chain) for c in (self, other))
+        own, others = ((c.layout, c.lens_shape, c.lens, c.chain, c.growth) for c in (self, other))
         return (
             own == others
             and self._numbers.keys() == other._numbers.keys()
@@ -229,7 +243,7 @@ class Camera(Symbols[Number]):
         return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
+        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
         return Camera, (dict(self._numbers), *own)
 
     def __repr__(self) -> str:
@@ -667,6 +681,8 @@ class Camera(Symbols[Number]):
                     good = good & (np.abs(value) < np.pi / 2)
                     continue
                 good = good & np.isfinite(value)
+                if place == TEMPERATURE:
+                    continue
                 if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
                     good = good & (np.asarray(value) >= 0)
                 elif name.endswith("index"):
@@ -708,8 +724,11 @@ def _nominal(design: Design) -> Camera:
     if design.tube is not None:
         known = ("outer_diameter", "wall", "length") if design.tube.length else ("outer_diameter", "wall")
         places += [f"tube.{name}" for name in known]
+    if design.environment is not None:
+        places.append(TEMPERATURE)
     numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
-    if chain is None:
-        return Camera(numbers, array.layout, array.lens_shape, design.lens)
-    materials = materials_of(design)
-    return Camera({**numbers, **chain_numbers(design)}, array.layout, array.lens_shape, design.lens, chain, materials)
+    materials = {} if chain is None else materials_of(design)
+    growth = Growth.of(design, materials)
+    if chain is not None:
+        numbers |= chain_numbers(design)
+    return Camera(numbers, array.layout, array.lens_shape, design.lens, chain, materials, growth)

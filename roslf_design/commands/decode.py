@@ -14,8 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from .. import calibration
-from ..calibration import CalibrationError, LightField
-from ..calibration.frames import grey_frame, read_image, same_size
+from ..calibration import LightField
 from ..calibration.refocusing import CameraDistances, Distances, focus_stack
 from ..camera import Camera
 from ..depth.decoded import Decoded, RawSource, textured_row
@@ -29,7 +28,8 @@ from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html
 from ..tables import plain_text
 from ..units import parse_quantity
-from .failures import UnfinishedError, failure_files, what_there_was
+from .failures import UnfinishedError, failure_files
+from .raw_images import OTHER_CAMERA, from_raw
 from .terminal import (
     Flag,
     OptionalOutput,
@@ -41,9 +41,6 @@ from .terminal import (
     typed,
     write_files,
 )
-
-_OTHER_CAMERA = 0.02
-"""Share by which the pitch of the microlens images may be off the design's before it is told."""
 
 
 def decode(
@@ -178,10 +175,10 @@ def decoded(
         kind = "raw"
         if camera is not None:
             distances = CameraDistances(Camera.of(camera))
-        field, raw = _from_raw(image, white, dark, camera, progress)
+        field, raw = from_raw(image, white, dark, camera, progress)[:2]
         warnings += raw.centres.warnings
         designed = None if camera is None else calibration.image_pitch(camera)
-        if designed is not None and abs(field.pitch / designed - 1) > _OTHER_CAMERA:
+        if designed is not None and abs(field.pitch / designed - 1) > OTHER_CAMERA:
             warnings.append(
                 f"microlens images are {field.pitch:.4g} px apart, and {designed:.4g} px by {source}: distances are"
                 " right only if it describes this camera"
@@ -204,56 +201,6 @@ def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None,
         folder = calibrated if calibrated.is_dir() else calibrated.parent
         return load(folder / CALIBRATED), "the calibration"
     return (None, "") if design is None else (load(design), "the design")
-
-
-def _from_raw(
-    image: Path, white: Path | None, dark: Path | None, design: Design | None, progress: Callable[[str], None]
-) -> tuple[LightField, RawSource]:
-    progress("reading")
-    if white is None and design is None:
-        raise refusal(
-            "--white",
-            "is missing: give a white image; or name the camera by --design, and the microlens images are looked for in"
-            " the image itself",
-        )
-    pixels, even, black = (None if path is None else _read(path) for path in (image, white, dark))
-    assert pixels is not None
-    layout = None if design is None else design.microlens_array.layout
-    pitch = None if design is None else calibration.image_pitch(design)
-    radius = None if design is None else calibration.undistorted_radius(design) or None
-    try:
-        for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
-            if other is not None:
-                same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
-        frame = grey_frame(pixels, black, image.name)
-    except CalibrationError as error:
-        raise InputError((Problem("", str(error)),)) from None
-    progress("finding microlens centres")
-    searched = pixels if even is None else even
-    try:
-        if even is not None:
-            centres = calibration.find_centres(
-                even, black, layout=layout, pitch=pitch, undistorted_radius=radius
-            )  # fmt: skip
-        else:
-            assert layout is not None
-            assert pitch is not None
-            centres = calibration.find_centres_in_scene(pixels, black, layout=layout, pitch=pitch)
-        progress("decoding")
-        field = calibration.decode(pixels, centres.lattice, white=even, dark=black)
-    except CalibrationError as error:
-        raise UnfinishedError(str(error), what_there_was(searched, str(error), pitch)) from None
-    return field, RawSource(frame, centres, even is not None)
-
-
-def _read(path: Path) -> np.ndarray:
-    try:
-        pixels = read_image(path)
-        grey_frame(pixels, None, "picture")
-        return pixels
-    except CalibrationError as error:
-        said = str(error).removeprefix(f"{path.name} ")
-        raise InputError((Problem("", said),), str(path)) from None
 
 
 def _disparities(focus: list[str], field: LightField, distances: Distances | None) -> np.ndarray:

@@ -15,6 +15,7 @@ from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
+from ..units import COLDEST, HOTTEST, parse_quantity
 from .terminal import Flag, json_text, refusal
 
 
@@ -23,6 +24,7 @@ def evaluate(
     /,
     *,
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
+    temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     json: Flag = False,
     accuracy: float | None = None,
 ) -> None:
@@ -35,6 +37,8 @@ def evaluate(
     field
         Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
         edge and corner of what the sensor sees.
+    temperature
+        Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
     json
         Print JSON instead of tables.
     accuracy
@@ -46,6 +50,8 @@ def evaluate(
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)
+    if temperature is not None:
+        loaded = loaded.at_temperature(parse_temperature(temperature))
     result = compute(loaded, fields, accuracy)
     worth = evaluation_accuracy(loaded, result, accuracy)
     worth = replace(worth, seconds=time.perf_counter() - began)
@@ -59,6 +65,17 @@ def evaluate(
     print_evaluation(result, Console())
     if accuracy is not None:
         print(f"\n{worth.sentence()}")
+
+
+def parse_temperature(text: str) -> float:
+    """Read "37degC" [degrees C]; refused where it is none, or none that a camera meets."""
+    try:
+        degrees = parse_quantity(text, "temperature")
+    except ValueError as error:
+        raise refusal("--temperature", str(error)) from None
+    if not COLDEST <= degrees <= HOTTEST:
+        raise refusal("--temperature", f"{degrees:g} degC is beyond {COLDEST:g} to {HOTTEST:g} degC")
+    return degrees
 
 
 def parse_field(text: str) -> tuple[float, float]:

@@ -26,6 +26,7 @@ from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, t
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ..tolerancing.analyses import Yield
     from ..tolerancing.result import StudyResult
 
 MOST_WORKERS = 512
@@ -126,15 +127,23 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
-        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {100 * reached.value:.2f} %")
+        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {_percent(reached)}")
     for grade in result.grades:
-        yield Paragraph(f"Grade {grade.grade}: yield {100 * grade.result.value:.2f} %")
+        yield Paragraph(f"Grade {grade.grade}: yield {_percent(grade.result)}")
+    if result.budget is not None and result.budget.looser:
+        saved = "" if result.budget.cost is None else f", cost {result.budget.cost:+.2f}"
+        first = "with the cheapest change and all" if result.budget.changes else "with all"
+        yield Paragraph(f"Budget: {first} that may be looser, yield {_percent(result.budget.result)}{saved}")
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
     for trial in result.worst:
         yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: some number of it is impossible'}")
+
+
+def _percent(measured: Yield) -> str:
+    return f"{100 * measured.value:.2f} % ({measured.trials} builds)"
 
 
 def summary(result: StudyResult) -> str:

@@ -25,12 +25,12 @@ from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
 from ..scenes import Noise, Plane, Scene
 from ..theory.disparity_error import Seen, disparity_sigma
-from ..theory.light_field import depth_sigma, rim_disparity
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
-from .unmixing import places_on_array, unmixed
+from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, first_order, sigma_of
+from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -70,21 +70,54 @@ class Prediction(NamedTuple):
     """[mm]"""
 
 
+class Flatness(NamedTuple):
+    """Depths against the plane that fits them best."""
+
+    rms: float
+    """In the unit of depths."""
+    inside_68: float
+    """Share within the standard errors for noise told with each: 0.68 of a plane."""
+
+
 @dataclass(frozen=True, eq=False)
 class Depths:
     """Depth of every microlens. Arrays have the shape (v, u) of the light field's views."""
 
-    design: Design
+    geometry: ViewGeometry
+    """What made depths of `disparities`; depths and errors have its unit."""
     field: LightField
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
     disparities: DisparityMap
     x_ml: Array
-    """Places of the microlenses on the array, shape (v, u, 2) [mm]."""
+    """Places of the microlenses on the array [mm], or of the views' pixels [px], shape (v, u, 2)."""
     depth: Array
     """Z from the main lens, along its axis [mm]; NaN where `disparities` has none."""
-    sigma: Array
-    """Standard error [mm]; inf there."""
+    noise_sigma: Array
+    """Standard error for light, texture and matching, each microlens's own; inf there."""
+    calibration_sigma: Array | None = None
+    """Standard error for what calibration leaves open, common to all; NaN there. None of a camera taken as exact."""
+
+    @property
+    def sigma(self) -> Array:
+        """Standard error of both together; inf where there is no depth."""
+        if self.calibration_sigma is None:
+            return self.noise_sigma
+        known = np.isfinite(self.noise_sigma)
+        return np.where(known, np.hypot(self.noise_sigma, np.where(known, self.calibration_sigma, 0)), np.inf)
+
+    def flatness(self) -> Flatness | None:
+        """How nearly a plane it is; None of a few microlenses. A plane's disparity is linear over the array."""
+        known = self.measured
+        if known.sum() < self.disparities.window**2:
+            return None
+        v, u = np.nonzero(known)
+        disparity, weight = self.disparities.disparity[known], 1 / self.disparities.sigma[known]
+        columns = np.stack([np.ones(u.size), self.field.u[u], self.field.v[v]], -1)
+        plane = np.linalg.lstsq(columns * weight[:, None], disparity * weight, rcond=None)[0]
+        off = disparity - columns @ plane
+        rms = self.geometry.sigma(self.depth[known], np.abs(off))
+        return Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
 
     @property
     def measured(self) -> Flags:
@@ -122,20 +155,14 @@ class Summary:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A simulated measurement: every exposure's depths, the truth and the prediction."""
+class Measurement:
+    """Depths of one or more exposures of the same, with the truth and the prediction as far as they are known."""
 
-    scene: Scene
-    region: Region
     runs: tuple[Depths, ...]
     """One an exposure."""
     true: Array
-    """Z that each microlens's chief ray meets, shape (v, u) [mm]; NaN where it meets nothing."""
-    prediction: Prediction
-    electrons: float
-    """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
-    raw: RawImage
-    """The picture without noise."""
+    """Z that each microlens's chief ray meets, shape (v, u) [mm]; NaN where it meets nothing, or nothing is known."""
+    prediction: Prediction | None
 
     @property
     def first(self) -> Depths:
@@ -161,15 +188,19 @@ class Trial:
         share = float(np.mean([run.measured.mean() for run in self.runs]))
         some = self.compared
         if not some.any():
-            return Summary(None, None, None, None, None, share)
+            sigma = self.first.sigma[self.first.measured]
+            told = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
+            return Summary(None, None, None, told, None, share)
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
             spread = float(np.sqrt((own**2).mean() * len(self.runs) / (len(self.runs) - 1)))
         else:
             spread = float(errors.std())
-        here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
-        predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
+        predicted = None
+        if self.prediction is not None:
+            here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
+            predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
         told = math.sqrt(float((sigma**2).mean()))
         inside = float((np.abs(errors) < sigma).mean())
         return Summary(float(errors.mean()), spread, predicted, told, inside, share)
@@ -179,6 +210,21 @@ class Trial:
         each = [run.unknown() for run in self.runs]
         reasons = [reason for reason in REASONS.values() if any(reason in shares for shares in each)]
         return {reason: sum(shares.get(reason, 0.0) for shares in each) / len(each) for reason in reasons}
+
+
+@dataclass(frozen=True, eq=False)
+class Trial(Measurement):
+    """A simulated measurement: every exposure's depths, the truth and the prediction."""
+
+    prediction: Prediction
+    scene: Scene
+    region: Region
+    believed: Design
+    """The camera that depths were computed for."""
+    electrons: float
+    """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
+    raw: RawImage
+    """The picture without noise."""
 
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
@@ -194,7 +240,7 @@ class Trial:
         return {
             "schema": "roslf.depth/1",
             "design": self.raw.design.name,
-            "believed": first.design.name,
+            "believed": self.believed.name,
             "scene": self.scene.name,
             "seed": self.raw.seed,
             "exposures": len(self.runs),
@@ -205,21 +251,6 @@ class Trial:
             "assumes": self.assumes(),
             "points": list(sampled(first, self.true, POINTS)),
         }
-
-
-def _first_order(design: Design) -> Camera:
-    """The camera that depth is computed with.
-
-    Raises
-    ------
-    InputError
-        Its objective maps angles otherwise than f tan.
-    """
-    camera = Camera.of(design.thin_twin)
-    if camera.chain is not None and camera.chain.mapped is not None:
-        message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
-        raise InputError((Problem(f"elements.{camera.chain.mapped + 1}.mapping", message),), design.name)
-    return camera
 
 
 def lattice_of(camera: Camera, region: Region) -> CentreLattice:
@@ -235,31 +266,8 @@ def lattice_of(camera: Camera, region: Region) -> CentreLattice:
     )
 
 
-def depth_of(camera: Camera, disparity: Array) -> Array:
-    """Z from the main lens of what has a disparity between the FAP's rims [mm]; NaN beyond infinity.
-
-    The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        seen = camera.A / (camera.m + disparity * camera.d / camera.D_F)
-        z = np.asarray(camera.plane_seen_at(seen + camera.d_3), float)
-    return np.where(seen > 0, z, np.nan)
-
-
-def disparity_of(camera: Camera, z: Array) -> Array:
-    """Disparity between the FAP's rims of what stands at Z from the main lens [pitches]."""
-    return np.asarray(rim_disparity(camera, camera.plane(z).distance - camera.d_3))
-
-
-def sigma_of(camera: Camera, z: Array, disparity_error: Array) -> Array:
-    """Standard error of depth at Z from the main lens for that of the disparity [mm]."""
-    plane = camera.plane(z)
-    with np.errstate(invalid="ignore"):
-        return np.abs(depth_sigma(camera, plane.distance - camera.d_3, disparity_error) * plane.depth)
-
-
 def measure(
-    design: Design,
+    geometry: ViewGeometry,
     field: LightField,
     noise: PixelNoise,
     *,
@@ -269,21 +277,22 @@ def measure(
 
     Parameters
     ----------
-    design : Design
-        The camera that took it.
+    geometry : ViewGeometry
+        Of the camera that took it, or of its views.
     field : LightField
     noise : PixelNoise
         Of its samples.
     search : tuple of float
         Least and largest disparity [pitches].
     """
-    camera = _first_order(design)
-    field, pupil = unmixed(camera, field)
-    window = design.depth.window | 1
-    found = estimate_disparity(field, pupil, noise, search=search, window=max(3, window))
-    z = depth_of(camera, found.disparity)
-    sigma = np.where(np.isfinite(z), sigma_of(camera, np.where(np.isfinite(z), z, design.d_f), found.sigma), np.inf)
-    return Depths(design, field, pupil, found, places_on_array(camera, field), z, sigma)
+    field, pupil = geometry.prepared(field)
+    disparities = estimate_disparity(field, pupil, noise, search=search, window=geometry.window)
+    z = geometry.depth(disparities.disparity)
+    known = np.isfinite(z)
+    sigma = np.full(z.shape, np.inf)
+    sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
+    off = geometry.calibration_sigma(z)
+    return Depths(geometry, field, pupil, disparities, geometry.places(field), z, sigma, off)
 
 
 def default_scene(design: Design) -> Scene:
@@ -348,7 +357,8 @@ def simulate(
         A scene that the design cannot see; a region without microlenses; an objective with a mapping.
     """
     believed = design if believed is None else believed
-    camera = _first_order(design)
+    geometry = ArrayGeometry(believed)
+    camera = first_order(design)
     scene = default_scene(design) if scene is None else scene
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
     lattice = lattice_of(camera, part)
@@ -385,9 +395,9 @@ def simulate(
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
         field = decoder(taken)
         field = replace(field, values=field.values / np.float32(brightest))
-        runs.append(measure(believed, field, noise, search=search))
+        runs.append(measure(geometry, field, noise, search=search))
     prediction = predict(design, scene, even, true, runs[0].disparities.window)
-    return Trial(scene, part, tuple(runs), true, prediction, mean, picture)
+    return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
 
 
 def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
@@ -449,15 +459,28 @@ def predict(design: Design, scene: Scene, field: LightField, true: Array, window
     return Prediction(row, column, disparity, depth)
 
 
-def sampled(depths: Depths, true: Array | None, most: int) -> Iterator[dict[str, Any]]:
-    """Microlenses with a depth, at most so many, evenly over the field: place, truth, depth, error."""
+def sampled(depths: Depths, true: Array, most: int) -> Iterator[dict[str, Any]]:
+    """Microlenses with a depth, at most so many, evenly over the field: place, truth, depth, error.
+
+    Of views whose distances nobody knows, depths are null and disparities stand beside them.
+    """
     rows, columns = np.nonzero(depths.measured)
     step = max(1, math.ceil(rows.size / most))
+    sigma, unit = depths.sigma, depths.geometry.unit
     for row, column in zip(rows[::step], columns[::step], strict=True):
-        z = math.nan if true is None else float(true[row, column])
-        yield {
-            "x_ml_mm": depths.x_ml[row, column].tolist(),
-            "true_mm": z if math.isfinite(z) else None,
-            "depth_mm": float(depths.depth[row, column]),
-            "sigma_mm": float(depths.sigma[row, column]),
-        }
+        at, z = (row, column), float(true[row, column])
+        truth = z if math.isfinite(z) else None
+        place = depths.x_ml[at].tolist()
+        on_array = isinstance(depths.geometry, ArrayGeometry)
+        point: dict[str, Any] = {"x_ml_mm": place if on_array else None}
+        if unit == "mm":
+            point |= {"true_mm": truth, "depth_mm": float(depths.depth[at]), "sigma_mm": float(sigma[at])}
+        else:
+            point |= {"true_mm": None, "depth_mm": None, "sigma_mm": None, "true_disparity_px": truth}
+            point |= {"disparity_px": float(depths.depth[at]), "sigma_disparity_px": float(sigma[at])}
+        if not on_array:
+            point["pixel"] = [int(column), int(row)]
+        if depths.calibration_sigma is not None:
+            point["sigma_noise_mm"] = float(depths.noise_sigma[at])
+            point["sigma_calibration_mm"] = float(depths.calibration_sigma[at])
+        yield point

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from ..calibration.decoding import LightField, squared
+from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
 from ..theory.disparity_error import ImageParts, image_parts
 from ..theory.stop_images import MicrolensImages
@@ -36,6 +36,39 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
     return np.stack([u, v], -1) * float(camera.d)
 
 
+def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
+    """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
+    places = places_on_array(camera, field)
+    height, width = places.shape[:2]
+    rows, columns = (np.linspace(0, n - 1, max(2, min(n, NODES))).round().astype(int) for n in (height, width))
+    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
+    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
+        rows, columns = rows[:1], columns[:1]
+        images = MicrolensImages(camera, places[:1, :1].reshape(-1, 2))
+    return rows, columns, image_parts(images, field.s / field.pitch, field.t / field.pitch)
+
+
+def evened(camera: Camera, field: LightField) -> LightField:
+    """A light field that was decoded without a white image, as with the one that the camera should give.
+
+    Parameters
+    ----------
+    camera : Camera
+        One build, which took it.
+    field : LightField
+        Its u and v count microlenses from the array's centre.
+    """
+    rows, columns, parts = _parts(camera, field)
+    total = parts.light.sum(0)
+    lenses = field if field.hexagonal is None else field.hexagonal
+    spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
+    light = spread(np.moveaxis(total / total.max(initial=1e-30), 0, -1))
+    lit = light > DARKEST
+    gain = np.divide(1, light, out=np.zeros_like(light), where=lit)
+    values, weight = lenses.values * gain, np.asarray(lenses.weight * np.where(lit, light, 0), np.float32)
+    return _with(field, values, weight)
+
+
 def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.float32]]:
     """A decoded light field with each microlens's own light alone.
 
@@ -52,14 +85,8 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
         Weights are those of samples with as much noise. Where each sample's light passed the FAP, on average, along u
         and along v [diameters]: shape (2, t, s), or (2, t, s, v, u) where stops cut microlens images.
     """
-    places = places_on_array(camera, field)
-    height, width = places.shape[:2]
-    rows, columns = (np.linspace(0, n - 1, max(2, min(n, NODES))).round().astype(int) for n in (height, width))
-    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
-    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
-        rows, columns = rows[:1], columns[:1]
-        images = MicrolensImages(camera, places[:1, :1].reshape(-1, 2))
-    parts = image_parts(images, field.s / field.pitch, field.t / field.pitch)
+    rows, columns, parts = _parts(camera, field)
+    height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
     total = parts.light.sum(0)
     shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
@@ -91,11 +118,16 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
         pupil = pupil[..., 0, 0]
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
     pupil *= np.float32(side)
-    if hexagonal is None:
-        return replace(field, values=values, weight=weight), pupil
-    even, light = squared(values, weight, field.u, hexagonal.starts)
-    rows_of = hexagonal._replace(values=values, weight=weight)
-    return replace(field, values=even, weight=light, hexagonal=rows_of), pupil
+    return _with(field, values, weight), pupil
+
+
+def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.float32]) -> LightField:
+    """The same with other samples; of a hexagonal array its rows'."""
+    if field.hexagonal is None:
+        return replace(field, values=values, weight=weight)
+    even, light = squared(values, weight, field.u, field.hexagonal.starts)
+    rows = field.hexagonal._replace(values=values, weight=weight)
+    return replace(field, values=even, weight=light, hexagonal=rows)
 
 
 def _halves(field: LightField) -> NDArray[np.float64]:

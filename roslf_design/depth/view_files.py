@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import ratio
 from ..calibration.decoding import LightField, Samples
 from ..calibration.frames import CalibrationError, grey_frame, read_image_and_notes
 from ..errors import InputError, Problem
@@ -46,13 +47,15 @@ class CameraGrid:
     focus: float
     """Distance of the plane that does not move [mm]."""
 
-    def distance(self, slope: float) -> float:
-        """Distance of what moves by `slope` [px a view; below 0 for near points]; below 0 where nothing is [mm]."""
-        inverse = 1 / self.focus - slope / (self.baseline * self.focal_length)
-        return math.inf if inverse == 0 else 1 / inverse
+    def distance(self, slope: Any) -> Any:
+        """Distance of what moves by `slope` [px a view; below 0 for near points]; below 0 where nothing is [mm].
 
-    def slope(self, distance: float) -> float:
-        """Pixels that a point at a distance [mm] moves by from view to view."""
+        Of a number or an array.
+        """
+        return ratio(1.0, 1 / self.focus - slope / (self.baseline * self.focal_length))
+
+    def slope(self, distance: Any) -> Any:
+        """Pixels that a point at a distance [mm] moves by from view to view; of a number or an array."""
         return self.baseline * self.focal_length * (1 / self.focus - 1 / distance)
 
 

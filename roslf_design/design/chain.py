@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lenses.prescription import Prescription, first_order
+from ..lenses.prescription import Prescription, first_order, warm_constants
 from .conjugates import CONJUGATES, followed
-from .elements import AnyElement, Block, FieldLens, Grin
+from .elements import AnyElement, Block, FieldLens, Grin, LensGroup
+from .environment import TEMPERATURE
 from .parts import PATHS, Number
 
 if TYPE_CHECKING:
@@ -99,6 +100,8 @@ class Chain:
     elements: tuple[AnyElement, ...]
     lenslets: str = "scene"
     """Which way those on a substrate face."""
+    housing: float = 0.0
+    """Expansion of what spaces the surfaces of an element by prescription [1/K]."""
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -114,6 +117,10 @@ class Chain:
     def length(self, numbers: Mapping[str, Number], k: int) -> Number:
         """Of an element along the axis [mm]."""
         element = self.elements[k]
+        if isinstance(element, LensGroup) and TEMPERATURE in numbers:
+            wavelength, warmth = numbers[PATHS["wavelength"]], numbers[TEMPERATURE]
+            length: Number = warm_constants(element.lens, wavelength, warmth, self.housing).length
+            return length
         return numbers.get(f"elements.{k}.thickness", element.length)
 
     def walk(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
@@ -176,7 +183,7 @@ class Chain:
             n, g = numbers[f"elements.{k}.index"], numbers[f"elements.{k}.gradient"]
             cos, sin = np.cos(g * inside), np.sin(g * inside)
             return cos, sin / (n * g), -n * g * sin, cos
-        p, q, r, s = _group(element.lens, numbers[PATHS["wavelength"]])
+        p, q, r, s = _group(element.lens, numbers, self.housing)
         return tuple(np.where(passed, x, y)[()] for x, y in zip((p, q, r, s), (1.0, 0.0, 0.0, 1.0), strict=True))  # type: ignore[return-value]
 
     def _shifted(
@@ -314,7 +321,10 @@ def _shortened(numbers: Mapping[str, Number], part: str) -> Number:
     return numbers[f"{part}.thickness"] * (index - 1) / index
 
 
-def _group(lens: Prescription, wavelength: Number) -> tuple[Number, Number, Number, Number]:
+def _group(lens: Prescription, numbers: Mapping[str, Number], housing: float) -> tuple[Number, Number, Number, Number]:
+    wavelength, warmth = numbers[PATHS["wavelength"]], numbers.get(TEMPERATURE, lens.temperature)
+    if np.ndim(warmth) or warmth != lens.temperature:
+        return warm_constants(lens, wavelength, warmth, housing).matrix
     if np.ndim(wavelength) == 0:
         return _matrix(lens, float(wavelength))
     every, where = np.unique(wavelength, return_inverse=True)
@@ -334,7 +344,8 @@ def chain_of(design: Design) -> Chain | None:
     substrate = design.microlens_array.substrate
     if not design.elements and substrate is None and design.sensor.cover is None:
         return None
-    return Chain(design.elements, "scene" if substrate is None else substrate.lenslets)
+    housing = 0.0 if design.environment is None else design.environment.expansion
+    return Chain(design.elements, "scene" if substrate is None else substrate.lenslets, housing)
 
 
 def chain_numbers(design: Design) -> dict[str, float]:
@@ -352,6 +363,8 @@ def chain_numbers(design: Design) -> dict[str, float]:
     for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate)):
         if plate is not None:
             numbers[f"{part}.thickness"] = float(plate.thickness)
+    if design.environment is not None:
+        numbers[TEMPERATURE] = float(design.environment.temperature)
     return numbers | {place: float(glass.index(design.wavelength)) for place, glass in materials_of(design).items()}
 
 

@@ -72,20 +72,24 @@ REFRACTING = ("elements", "object_space", "sensor.cover", "microlens_array.subst
 """What begins the places of all that light meets but the main lens."""
 
 
+WARMING = ("environment.temperature",)
+"""The place that moves all of them."""
+
+
 def follower(changed: Collection[str]) -> str | None:
     """Which of f, d_f and d_1 follows where places change.
 
     Returns
     -------
     str or None
-        Its key: d_f where f, d_1 or the glass about them changes (the hardware stays), d_1 where d_f does (refocusing),
-        of two that change the third; None where nothing of that changes, or all three do.
+        Its key: d_f where f, d_1, the glass about them or the temperature changes (the hardware stays), d_1 where d_f
+        does (refocusing), of two that change the third; None where nothing of that changes, or all three do.
     """
     named = [key for key in CONJUGATES if key in changed]
     if len(named) == 3:
         return None
     if not named:
-        return CONJUGATES[1] if any(place.startswith(REFRACTING) for place in changed) else None
+        return CONJUGATES[1] if any(place.startswith((*REFRACTING, *WARMING)) for place in changed) else None
     if len(named) == 2:
         return next(key for key in CONJUGATES if key not in named)
     return CONJUGATES[2] if named[0] == CONJUGATES[1] else CONJUGATES[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +17,15 @@ from .chain import MEDIUM, chain_numbers, chain_of, materials_of
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .conjugates import CONJUGATES, followed, follower
 from .elements import AnyElement, ObjectSpace, about_elements
+from .environment import (
+    REFERENCE,
+    TEMPERATURE,
+    Environment,
+    Growth,
+    about_environment,
+    glasses_of,
+    prescriptions_of,
+)
 from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
@@ -60,6 +69,8 @@ class Design(Part, Symbols[float]):
     """At z = d_1 + d_2."""
     tube: Housing | None = None
     """What it is built into; None where nothing need fit."""
+    environment: Environment | None = None
+    """At what temperature it is used; None is 20 degrees C, and no place that a temperature has."""
     light: Light = Light()
     """Wavelength, and how bright the scene is."""
     depth: DepthSettings = DepthSettings()
@@ -93,6 +104,7 @@ class Design(Part, Symbols[float]):
                 f"or drop the mapping of elements.{mapped + 1}"
             )
             problems += (Problem("aperture.distance", message),)
+        problems += about_environment(self)
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self
@@ -134,12 +146,27 @@ class Design(Part, Symbols[float]):
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
         for place in materials_of(self).keys() & wanted.keys():  # what is said of a glass is then its index alone
             part = place.removesuffix(".index")
+            if TEMPERATURE in wanted:  # told at the temperature before
+                glass, after = materials_of(self)[place], wanted[TEMPERATURE]
+                wanted[place] += float(glass.index(self.wavelength, after) - glass.index(self.wavelength))
             wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
             del wanted[place]
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
         return build(data, from_file=False)
+
+    def at_temperature(self, temperature: float) -> Design:
+        """The same camera at another temperature [degrees C], in a housing that does not grow where none is named.
+
+        Raises
+        ------
+        DesignError
+            A temperature that is beyond what is known of a material.
+        """
+        if self.environment is None:
+            return self.replace({"environment": {"temperature": temperature}})
+        return self.replace({TEMPERATURE: temperature})
 
     def _repr_html_(self) -> str:
         rows = "".join(
@@ -203,9 +230,60 @@ def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder:
     """
     context = {"from_file": from_file, "folder": folder}
     try:
-        return Design.model_validate(data, context=context)
+        return _settled(Design.model_validate(data, context=context))
     except ValidationError as error:
         raise DesignError(design_problems(error, data, Design, from_file=from_file, folder=folder), origin) from None
+
+
+def _settled(design: Design) -> Design:
+    """A design whose lengths, lenses and materials are those at its own temperature."""
+    environment = design.environment
+    if environment is None:
+        return design
+    before, after = environment.reference, environment.temperature
+    drawn = _with_materials(design, before)
+    if before == after:
+        return drawn
+    numbers = chain_numbers(drawn) | {key: drawn[key] for key in CONJUGATES} | dict(_lengths(drawn))
+    growth = Growth.of(drawn, materials_of(drawn))
+    assert growth is not None
+    moved = growth.moved(numbers, before, after).items()
+    changes: dict[str, Any] = {place: float(value) for place, value in moved if not place.endswith(".index")}
+    changes |= {PLANE: None, REFERENCE: after}
+    if drawn.main_lens.prescription is not None:
+        changes |= {FOCAL: None}
+    return _with_materials(_changed(drawn, changes), after)
+
+
+def _with_materials(design: Design, temperature: float) -> Design:
+    """The same design, its lenses and materials at a temperature [degrees C]."""
+    assert design.environment is not None
+    barrel = design.environment.expansion
+    changes: dict[str, Any] = {
+        place: glass.at(temperature)
+        for place, glass in glasses_of(design)
+        if glass is not None and not place.endswith(".prescription")
+    }
+    changes |= {f"{part}.prescription": lens.warmed(temperature, barrel) for part, lens in prescriptions_of(design)}
+    changes = {place: value for place, value in changes.items() if value is not at(design, place)}
+    return _changed(design, {**changes, TEMPERATURE: temperature}) if changes else design
+
+
+def _changed(design: Design, changes: Mapping[str, Any]) -> Design:
+    data = _mutable(design)
+    for place, value in changes.items():
+        _put(data, place, value)
+    return Design.model_validate(data, context={"from_file": False, "folder": ""})
+
+
+def _lengths(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a design's parts at its dotted place, the conjugates left out."""
+    for key, inner in value if isinstance(value, Part) else enumerate(value):
+        here = f"{place}.{key}" if place else str(key)
+        if isinstance(inner, (Part, tuple)):
+            yield from _lengths(inner, here)
+        elif isinstance(inner, float) and here not in CONJUGATES:
+            yield here, float(inner)
 
 
 def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:

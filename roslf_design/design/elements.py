@@ -80,6 +80,8 @@ class FieldLens(Element):
     """[mm]; below 0 it diverges."""
     mapping: AnyMapping = COLLINEAR
     """Of the foremost one, the objective: how it takes angles of the field to image heights."""
+    material: Material | None = None
+    """What it is made of, as far as temperature goes; None leaves its focal length what it is."""
 
     @field_validator("focal_length", mode="after")
     @classmethod

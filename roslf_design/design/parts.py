@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..lenses.glass import Glass
 from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, parse_quantity
 from .material import Material
 from .real_lens import Lens
@@ -57,6 +58,8 @@ class MainLens(Part):
     """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens."""
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
+    material: Material | None = None
+    """What an ideal lens is made of, as far as temperature goes; None leaves f what it is."""
     focal_plane: Length | None = None
     """d_f, distance of the object plane in focus on the MLA [mm]; None where f and d_1 give it."""
     decentre: Offset = (0.0, 0.0)
@@ -70,6 +73,13 @@ class MainLens(Part):
         # A prescription that could not be read is told of by itself.
         if value is None and info.data.get("prescription", ...) is None:
             raise PydanticCustomError("missing", "Field required")
+        return value
+
+    @field_validator("material", mode="after")
+    @classmethod
+    def _of_ideal(cls, value: Glass | None, info: ValidationInfo) -> Glass | None:
+        if value is not None and info.data.get("prescription") is not None:
+            raise ValueError("the prescription says what the lens is made of; drop material")
         return value
 
 
@@ -117,6 +127,8 @@ class MicrolensArray(Part):
     """How the microlenses are packed."""
     lens_shape: Literal["square", "circular"] = "square"
     """Clear aperture of one microlens, as wide as the pitch."""
+    material: Material | None = None
+    """What microlenses are made of, as far as temperature goes; None is their substrate's."""
     substrate: Substrate | None = None
     """The plate that carries them; None where light meets none."""
     rotation: Angle = 0.0

@@ -134,22 +134,26 @@ def _clipping(
     lens = [float(camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)]
     (middle, aside), (radii, _) = stop_discs(camera, np.array([0.0, radius]), 0.0)
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
+    posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
     moved: list[float] = []
-    for rim in (camera.fap, *camera.rims):
+    for rim, deep, size in zip((camera.fap, *camera.rims), apart + radii[0] - radii, radii, strict=True):
         if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue
         z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
         height, slope, _ = there[rim.part]
-        off = [
-            height[k] - slope[k] * z - (lens[k] + plane.a * l - plane.b * o + plane.aside[k])
-            for k, (l, o) in enumerate(((lx, ox), (ly, oy)))
-        ]
-        farthest = float(np.max(np.hypot(*off)[good], initial=0.0))
+        place = [part[good] for part in (height[0] - slope[0] * z, height[1] - slope[1] * z)]
+        first = (lens[k] + plane.a * l - plane.b * o + plane.aside[k] for k, (l, o) in enumerate(((lx, ox), (ly, oy))))
+        farthest = float(np.max(np.hypot(*(at - part[good] for at, part in zip(place, first, strict=True)))))
         moved.append(abs(farthest / float(rim.scale) * float(camera.d_2 * stop_angle(camera, rim.distance))))
-    cuts = apart + radii[0] - radii + moved + moved[0] > 0
-    cuts[0] = True
-    return float(np.max(np.array(moved)[cuts]))
+        if rim is camera.fap or camera.tilted:
+            continue
+        # What a rim does not reach into, by first order nor by Snell's law, it changes by no more than that.
+        centre, own = camera.stands(rim.part).origin, float(rim.radius * rim.scale)
+        reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, centre[:2], strict=True)))))
+        cut = ((NEARLY if posed else 1.0) * reach / own - 1) * size
+        moved[-1] = min(moved[-1], max(max(cut, deep) + moved[0], 0.0))
+    return max(moved)
 
 
 def plate_aberration(s: Subject) -> Estimate:

@@ -16,11 +16,12 @@ from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
 from ..design import Design, load
 from ..design.elements import FieldLens, element_name, made_of
+from ..design.environment import TEMPERATURE, not_known, not_named
 from ..design.mapping import angle_in_air
 from ..design.material import material_told
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
-from ..lenses.glass import AIR
+from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.disparity_error import view_gradient
 from ..theory.light import field_angle, outer_slope
@@ -31,6 +32,7 @@ from ..theory.vignetting import field_limit
 from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
 from .result import (
+    AtTemperature,
     Depth,
     DepthAssumptions,
     Diffraction,
@@ -44,6 +46,7 @@ from .result import (
     ObjectiveMapping,
     Sampling,
     SeenPart,
+    Temperatures,
 )
 from .verdicts import verdicts_of, warnings_of
 
@@ -153,7 +156,29 @@ def evaluate(
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain is None else _looked_through(design, camera, axes),
+        temperature=_temperatures(design, camera),
     )
+
+
+def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
+    """The camera as it is focused, at temperatures it meets."""
+    environment = design.environment
+    if environment is None:
+        return None
+    plane, rows = float(camera[PATHS["d_f"]]), []
+    for degrees in sorted({ROOM, float(environment.temperature), *(environment.range or ())}):
+        warm = camera.replace({TEMPERATURE: degrees})
+        fits = bool(warm.valid)
+        with np.errstate(all="ignore"):
+            shift = float(QUANTITIES["disparity_pitches_per_mm"](warm)) * (plane - float(warm[PATHS["d_f"]]))
+        f, d_1, d_f = (float(warm[PATHS[symbol]]) for symbol in ("f", "d_1", "d_f"))
+        fill = float(QUANTITIES["fill_factor"](warm))
+        rows.append(AtTemperature(degrees, f, d_1, d_f, shift if fits else None, fill, fits))
+    housing = "" if environment.housing is None else environment.housing.name
+    away = any(row.temperature_degc != ROOM for row in rows)
+    unknown = not_known(design) if away else ()
+    named = housing, environment.expansion, tuple(rows), unknown, not_named(design)
+    return Temperatures(float(environment.temperature), *named)
 
 
 def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:

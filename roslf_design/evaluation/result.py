@@ -336,6 +336,44 @@ class LookedThrough:
 
 
 @dataclass(frozen=True)
+class AtTemperature:
+    """The camera at one temperature, left as it was focused."""
+
+    temperature_degc: float
+    """[degrees C]."""
+    focal_length_mm: float
+    """f."""
+    mla_distance_mm: float
+    """d_1, with a ruler."""
+    focal_plane_mm: float
+    """d_f: where it is then in focus, with a ruler; infinite where it is nowhere."""
+    focus_shift_pitches: float | None
+    """Disparity between the FAP's rims of what was in focus; None where it is no camera any more."""
+    fill_factor: float
+    """Microlens-image diameter over pitch."""
+    fits: bool
+    """Whether it is a camera still: a real image, no part in another."""
+
+
+@dataclass(frozen=True)
+class Temperatures:
+    """What temperature does to the camera."""
+
+    temperature_degc: float
+    """Of every other number of the evaluation."""
+    housing: str
+    """What spaces the parts; empty where it does not grow."""
+    expansion_per_k: float
+    """Of that."""
+    at: tuple[AtTemperature, ...]
+    """20 degrees C, the camera's own, the ends of its range."""
+    index_not_known: tuple[str, ...]
+    """Materials whose index is taken not to change."""
+    not_named: tuple[str, ...]
+    """Parts that do not change, because nothing says what they are made of."""
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """Everything that `roslf evaluate` says of a design. Lengths in mm, angles in rad."""
 
@@ -362,10 +400,14 @@ class Evaluation:
     """The traced main lens; None where it is ideal."""
     object_space: LookedThrough | None = None
     """None where all is air."""
+    temperature: Temperatures | None = None
+    """None of a design without `[environment]`."""
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
+        if self.temperature is None:
+            del data["temperature"]
         if self.object_space is None:
             del data["object_space"]
         elif self.object_space.mapping is None:

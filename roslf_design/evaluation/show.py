@@ -67,15 +67,20 @@ def fact_tables(result: Evaluation) -> list[Table]:
             ("object sample", f"{number(sampling.object_sample_mm)} mm", "one microlens at the focal plane"),
             ("view baseline", f"{number(sampling.view_baseline_mm)} mm", "one pixel, on the FAP"),
         ],
-        "Depth at the focal plane": [
-            ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
-            ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
-            *(() if depth.assumes is None else _light_facts(depth.assumes)),
-        ],
+        "Depth at the focal plane": depth_facts(depth),
     }  # fmt: skip
     if result.real_lens is not None:
         facts["Real main lens, traced"] = _lens_facts(result.real_lens)
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in facts.items()]
+
+
+def depth_facts(depth: Depth) -> list[tuple[str, str, str]]:
+    """Depth precision and what it is told for: name, value, remark."""
+    return [
+        ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
+        ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
+        *(() if depth.assumes is None else _light_facts(depth.assumes)),
+    ]
 
 
 def depth_remark(depth: Depth) -> str:
@@ -143,6 +148,31 @@ def _seen(part: SeenPart) -> str:
         if own is not None and seen is not None and not math.isclose(own, seen, rel_tol=1e-6)
     ]
     return ", ".join(told)
+
+
+def temperature_table(result: Evaluation) -> Table | None:
+    """The camera at temperatures it meets; nothing of a design that says nothing of them."""
+    if (warm := result.temperature) is None:
+        return None
+    rows = tuple(
+        (
+            f"{row.temperature_degc:g} °C" + (" (here)" if row.temperature_degc == warm.temperature_degc else ""),
+            f"{row.focal_length_mm:.7g} mm",
+            f"{row.mla_distance_mm:.7g} mm",
+            f"{row.focal_plane_mm:.6g} mm",
+            "-" if row.focus_shift_pitches is None else _cell(row.focus_shift_pitches, 3, "+"),
+            f"{row.fill_factor:.5f}",
+            "yes" if row.fits else "no",
+        )
+        for row in warm.at
+    )
+    held = f"housing of {warm.housing}, {1e6 * warm.expansion_per_k:.3g}e-6 /K" if warm.housing else "rigid housing"
+    caption = (
+        f"The camera as it is focused, in a {held}; disparity between the FAP's rims is that of what is in focus at "
+        f"{warm.temperature_degc:g} °C."
+    )
+    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
+    return Table(rows, "lrrrrrl", headings, "Temperature", caption)
 
 
 def mapping_table(result: Evaluation) -> Table | None:
@@ -265,9 +295,10 @@ def _cell(value: float | None, decimals: int, sign: str = "") -> str:
 def _tables(result: Evaluation) -> list[Table]:
     fields = [field_table(result), budget_table(result)] if result.fields else []
     lens = [] if result.real_lens is None else [lens_table(result.real_lens)]
-    seen, mapping = seen_table(result), mapping_table(result)
+    seen, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
-    return [*([] if seen is None else [seen]), *fact_tables(result), *fields, *lens, effects_table(result)]
+    first, last = ([] if table is None else [table] for table in (seen, warm))
+    return [*first, *fact_tables(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

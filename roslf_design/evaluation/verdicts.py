@@ -10,10 +10,12 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..design.environment import not_known, not_named
 from ..design.mapping import angle_in_air
+from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched
-from ..words import place
+from ..words import listed, place
 from .fields import default_fields, field_discs
 from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
 
@@ -198,6 +200,15 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             "square microlenses as wide as the pitch overlap in a hexagonal layout, whose rows are 0.866 pitch apart; "
             'lens_shape = "circular" fits'
         )
+    environment = design.environment
+    if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
+        if silent := not_named(design):
+            yield (
+                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as they are at "
+                f"{environment.reference:g} degC: name their materials (housing in [environment], material of parts)"
+            )
+        if unknown := not_known(design):
+            yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
     half_x, half_y = (size / 2 for size in array.size)
     for field in fields:
         x, y = field.x_ml_mm

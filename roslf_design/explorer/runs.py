@@ -93,7 +93,7 @@ REACH = 2.0
 """Bounds of a variable where nobody says otherwise, as factors of its value."""
 FILLED = (0.98, 1.0)
 """Fill factor that counts as matched."""
-STARTS, SECONDS = 8, 40.0
+STARTS = 8
 FRONT_POINTS = 9
 
 
@@ -295,7 +295,7 @@ def _tolerances(result: ToleranceResult) -> dict[str, Any]:
     share = result.share
     return {
         "headline": f"{_percent(share.value)} of the builds hold every limit "
-        f"(95 % interval {_percent(share.low)} to {_percent(share.high)})",
+        f"(95 % interval {_percent(share.low)} to {_percent(share.high)}; {share.builds} builds)",
         "question": to_html(result.question),
         "rows": [
             {"label": to_html(label), "share": _percent(share.value)}
@@ -357,7 +357,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     plan, study, grades = tolerance_plan(data, design)
     few = min(trials, CURVE_TRIALS)
     # In builds: the run itself, the offenders (as long as one run of fewer), one run of fewer for each point.
-    total = trials + few * (1 + len(grades.names) + len(SCALES))
+    total = trials + few * (len(grades.names) + len(SCALES) - 1)
     done = 0
     tallies = []
     for index in range(plan.chunks):
@@ -375,12 +375,18 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         return _share(yield_at(asked, scale, few))
 
     graded = {name: make_plan(study.model_copy(update={"grade": name}), design, grades) for name in grades.names}
-    by_grade = [(name, few_builds(f"grade {name}", other, 1.0)) for name, other in graded.items()]
-    curve = [(scale, few_builds(f"all tolerances times {scale:g}", plan, scale)) for scale in SCALES]
+    own = _share(variant.result)
+    by_grade = [
+        (name, own if name == request.grade else few_builds(f"grade {name}", other, 1.0))
+        for name, other in graded.items()
+    ]
+    curve = [
+        (scale, own if scale == 1.0 else few_builds(f"all tolerances times {scale:g}", plan, scale)) for scale in SCALES
+    ]
     decoder = "calibrated on each build" if request.calibrated else "as designed"
     return ToleranceResult(
         grade=request.grade,
-        share=_share(variant.result),
+        share=own,
         limits=tuple((_label(limit.label), _share(limit.result)) for limit in variant.limits),
         offenders=tuple(offenders),
         spreads=tuple(_spreads(variant)),
@@ -393,7 +399,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
 
 
 def _share(result: Yield) -> YieldShare:
-    return YieldShare(result.value, *result.interval)
+    return YieldShare(result.value, *result.interval, result.trials)
 
 
 def _label(column: str) -> str:
@@ -484,7 +490,7 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
         "microlens_in_focus": request.in_focus,
         "seed": request.seed,
         "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
-        "solver": {"starts": STARTS, "seconds": SECONDS},
+        "solver": {"starts": STARTS},
     }
     limits: list[dict[str, Any]] = []
     if request.matched:

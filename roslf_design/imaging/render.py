@@ -151,9 +151,9 @@ class _Job:
         self.rays = 0
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
-        self.traced |= scene.white is not None and (
-            real is not None or self.camera.tilted or effects.on("plate_aberration")
-        )
+        exact = effects.on("plate_aberration")
+        self.white = self._white(exact) if scene.white is not None and real is None and not self.camera.tilted else ()
+        self.traced |= scene.white is not None and not self.white
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         self.series = self._series()
         ways = {
@@ -196,8 +196,12 @@ class _Job:
         """Light without diffraction, on any pixels, and whether its rays carry the defocus of whole microlenses."""
         if not self.traced:
             level = np.float32(self.scene.white or 0.0)
-            geometry = WhiteGeometry.of(self.camera, effects)
-            return lambda region, fine: level * geometry.image(region, fine), False
+
+            def lit(region: Region, fine: int) -> Image:
+                first, *others = (way.image(region, fine) for way in self.white)
+                return level * (np.mean([first, *others], axis=0) if others else first)
+
+            return lit, False
         real = real_camera(self.design, self.scene, effects)
         tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene)
 
@@ -208,6 +212,16 @@ class _Job:
 
         return traced, tracer.finite
 
+    def _white(self, exact: bool) -> tuple[WhiteGeometry, ...]:
+        """Shapes of a uniform scene's images, one a wavelength by Snell's law; none where rays have to tell them."""
+        geometry = WhiteGeometry.of(self.camera, self.plan)
+        if not exact:
+            return (geometry,)
+        colours = self.scene.light.wavelengths or (self.design.wavelength,)
+        most = self.plan["plate_aberration"].budget
+        ways = [way for colour in colours if (way := geometry.by_snell(most, colour)) is not None]
+        return tuple(ways) if len(ways) == len(colours) else ()
+
     def _harmonics(self, series: HarmonicSeries, region: Region) -> Image:
         x, y = pixel_centres(self.camera, region)
         image = series.at(x, y)
@@ -216,6 +230,8 @@ class _Job:
     def _series(self) -> HarmonicSeries | None:
         """The exact series, where neighbours are alike and diffraction ends it."""
         if self.scene.white is None or self.traced or not self.transfer.wavelengths:
+            return None
+        if self.plan.on("plate_aberration"):
             return None
         if self.plan.on("vignetting") and self.plan["vignetting"].estimate > 0:
             return None

@@ -404,6 +404,8 @@ def to_scene(
     fx, fy, gx, gy = hx, hy, ox, oy
     if flags[EXACT]:
         ex, ey, tx, ty, fate = outwards(table, media, takers, law, buffer, work, hx, hy, ox, oy)
+        if fate != 0 or (law.shape[0] == 0 and not flags[IN_FOCUS] and kick_x == 0.0 and kick_y == 0.0):
+            return ex, ey, tx, ty, fate == 0
         fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
         fx, fy, gx, gy, imaged = mapped(law, front, fx, fy, gx, gy)
     if flags[IN_FOCUS]:

@@ -18,6 +18,7 @@ from ..design import Design
 from ..design.mapping import illumination
 from ..effects import Plan, plan
 from ..effects.waves import pixel_box
+from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
@@ -67,11 +68,36 @@ class WhiteGeometry:
     """Whether brightness falls off with the chief ray's angle."""
     own_only: bool
     """Whether light on top of a neighbour's is left out: no pixel gets more than a whole image gives."""
+    exact: ExactDiscs | None = None
+    """Where rays by Snell's law put the shapes; None leaves them where first order does."""
 
     @classmethod
     def of(cls, camera: Camera, plan: Plan) -> WhiteGeometry:
         """For a planned camera."""
         return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"))
+
+    def by_snell(self, error: float, wavelength: float) -> WhiteGeometry | None:
+        """The same with shapes where exact rays through elements put them.
+
+        Parameters
+        ----------
+        error : float
+            By how much an image's edge may be off [px].
+        wavelength : float
+            Of the light in the elements [mm].
+
+        Returns
+        -------
+        WhiteGeometry or None
+            None where no discs are known that near.
+        """
+        half, pixel = np.array(self.camera.pixels) * float(self.camera.q) / 2, float(self.camera.q)
+        axis = self.lattice.microlens(self.lattice.indices(-half[0], half[0], -half[1], half[1]))
+        exact = ExactDiscs.of(self.camera, axis.min(0), axis.max(0), wavelength) if len(axis) else None
+        if exact is None or exact.error > error * pixel:
+            return None
+        farther = replace(self.lattice, reach=self.lattice.reach + exact.farthest)
+        return replace(self, lattice=farther, exact=exact)
 
     def image(self, region: Region, fine: int = 1) -> Image:
         """Relative intensities of a region's pixels, float32; parameters as `coverage`."""
@@ -114,7 +140,7 @@ class WhiteGeometry:
     def _discs(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Floats, Floats]:
         """Microlens axes in the sensor's frame (n, 2), discs relative to them (n, K, 2) and (n, K) [mm]."""
         axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
-        centres, radii = stop_discs(self.camera, *axis.T)
+        centres, radii = stop_discs(self.camera, *axis.T) if self.exact is None else self.exact.at(*axis.T)
         apart = np.hypot(*np.moveaxis(centres - centres[:, :1], -1, 0))
         cuts = (apart + radii[:, :1] > radii).any(0)
         cuts[0] = True

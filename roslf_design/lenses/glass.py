@@ -1,7 +1,7 @@
 """Optical materials: refractive index from Sellmeier or Schott coefficients, refused outside the measured range.
 
-Indices are relative to air at 20 degrees C, so air is 1 exactly at every wavelength; what a source of the catalogue
-that ships (`glasses.toml`) gives against vacuum is converted. An unknown glass is an error, never a guess.
+Indices are relative to air of the glass's own temperature, so air is 1 exactly at every wavelength; what a source of
+`glasses.toml` gives against vacuum is converted. An unknown glass is an error, never a guess.
 """
 
 from __future__ import annotations
@@ -24,8 +24,47 @@ Array = NDArray[np.float64]
 
 COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "abbe": ("index", "abbe"), "constant": ("index",)}
 """The keys of a glass table that hold its formula's coefficients."""
+WARMING_KEYS = ("cte", "dndt", "warming_source")
+MOST_EXPANSION = 1e-2
+"""No solid grows faster [1/K]."""
+ROOM = 20.0
+"""Temperature of the catalogue's indices [degrees C]."""
 F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
 """Wavelengths of Abbe numbers [um]."""
+
+
+@dataclass(frozen=True)
+class Warming:
+    """What temperature does to a medium.
+
+    Attributes
+    ----------
+    expansion : float
+        Linear, of lengths [1/K]; 0 of liquids, which fill what room there is.
+    law : {"schott", "rate", "water", "none"}
+        How the index follows: by Schott's dispersion formula of dn/dT (TIE-19); at a constant rate; as liquid water
+        does; not known.
+    coefficients : tuple of float
+        ``(D0, D1, D2, E0, E1, lambda_TK [um])``, or ``(dn/dT,)`` [1/K].
+    against : {"air", "vacuum"}
+        What a constant rate is relative to.
+    coldest, hottest : float
+        For which it holds [degrees C].
+    source : str
+    """
+
+    expansion: float = 0.0
+    law: str = "none"
+    coefficients: tuple[float, ...] = ()
+    against: str = "air"
+    coldest: float = -np.inf
+    hottest: float = np.inf
+    source: str = ""
+
+
+WARMING = {"schott": (-100.0, 140.0), "water": (0.0, 150.0)}
+"""Range of laws [degrees C]: SCHOTT TIE-19; Kell's density of water."""
+NOT_KNOWN = Warming()
 
 
 @dataclass(frozen=True)
@@ -49,6 +88,10 @@ class Glass:
         Added to the index: a melt's departure from the catalogue, for tolerancing.
     against : {"air", "vacuum"}
         What the coefficients are relative to; the index always is to air.
+    warming : Warming
+        What temperature does to it.
+    temperature : float
+        Which it has [degrees C].
     """
 
     name: str
@@ -59,19 +102,23 @@ class Glass:
     source: str = ""
     offset: float = 0.0
     against: str = "air"
+    warming: Warming = NOT_KNOWN
+    temperature: float = ROOM
 
-    def index(self, wavelength: ArrayLike) -> Array:
-        """Refractive index relative to air.
+    def index(self, wavelength: ArrayLike, temperature: ArrayLike | None = None) -> Array:
+        """Refractive index relative to air of the same temperature.
 
         Parameters
         ----------
         wavelength : array_like
             In air [mm].
+        temperature : array_like, optional
+            Another than the glass's own [degrees C].
 
         Returns
         -------
         ndarray
-            Same shape.
+            Shape of both together.
 
         Raises
         ------
@@ -88,11 +135,24 @@ class Glass:
             message = f"{text} is outside the range of {self.name} ({known}); choose a wavelength inside it"
             raise InputError((Problem("wavelength", message),))
         index = _index(self.formula, self.coefficients, length * 1e3)
-        return self.offset + (index / _air(length * 1e3) if self.against == "vacuum" else index)
+        index = self.offset + (index / _air(length * 1e3) if self.against == "vacuum" else index)
+        warm = np.asarray(self.temperature if temperature is None else temperature, float)
+        if self.warming.law == "none" or np.all(warm == ROOM):
+            return index + np.zeros(warm.shape) if warm.ndim else index
+        return _warmed(self.warming, index, length * 1e3, warm)
 
     def with_offset(self, change: float) -> Glass:
         """The same glass with its index raised by `change`."""
         return replace(self, offset=self.offset + change)
+
+    def at(self, temperature: float) -> Glass:
+        """The same glass at a temperature [degrees C]; itself where nothing is known of its index."""
+        known = self.warming.law != "none" and temperature != self.temperature
+        return replace(self, temperature=temperature) if known else self
+
+    def grown(self, before: ArrayLike, after: ArrayLike) -> Array:
+        """A length at temperature `after` over the same at `before` [degrees C]."""
+        return growth(self.warming.expansion, before, after)
 
 
 def _index(formula: str, coefficients: tuple[float, ...], micrometres: Array) -> Array:
@@ -114,11 +174,49 @@ def _index(formula: str, coefficients: tuple[float, ...], micrometres: Array) ->
     return np.asarray(np.sqrt(total))
 
 
-def _air(micrometres: Array) -> Array:
-    """Index of air at 20 degrees C and 1013.25 hPa against vacuum: Kohlrausch's formula, as in SCHOTT's TIE-19."""
+def growth(expansion: ArrayLike, before: ArrayLike, after: ArrayLike) -> Array:
+    """A length at one temperature over the same at another [degrees C], at a rate of its length at `ROOM` [1/K]."""
+    rate = np.asarray(expansion, float)
+    return np.asarray((1 + rate * (np.asarray(after) - ROOM)) / (1 + rate * (np.asarray(before) - ROOM)))
+
+
+def _warmed(warming: Warming, index: Array, micrometres: Array, temperature: Array) -> Array:
+    """Index relative to air at a temperature, from that at `ROOM`."""
+    step = temperature - ROOM
+    if warming.law == "rate" and warming.against == "air":
+        return np.asarray(index + warming.coefficients[0] * step)
+    if warming.law == "rate":
+        change = warming.coefficients[0] * step
+    elif warming.law == "water":
+        change = water_index(micrometres, temperature) - water_index(micrometres, np.asarray(ROOM))
+    else:
+        d0, d1, d2, e0, e1, resonance = warming.coefficients
+        bound = (e0 + e1 * step) / (micrometres * micrometres - resonance * resonance)
+        change = (index * index - 1) / (2 * index) * step * (d0 + step * (d1 + step * d2) + bound)
+    return np.asarray((index * _air(micrometres) + change) / _air(micrometres, temperature))
+
+
+def water_index(micrometres: Array, temperature: Array) -> Array:
+    """Index of liquid water against vacuum at a temperature [degrees C]; the range of `WARMING`.
+
+    IAPWS R9-97 with the density at 1 atm by G. S. Kell, J. Chem. Eng. Data 20, 97 (1975), boiling or not.
+    """
+    t = temperature
+    cubic = 46.170461e-6 - t * (105.56302e-9 - 280.54253e-12 * t)
+    grams = (999.83952 + t * (16.945176 - t * (7.9870401e-3 + t * cubic))) / (1 + 16.879850e-3 * t)
+    density, warmth = grams / 1000, (t + 273.15) / 273.15
+    square = np.square(micrometres / 0.589)
+    bound = 1.58920570e-3 / square + 2.45934259e-3 / (square - 0.2292020**2) + 0.900704920 / (square - 5.432937**2)
+    bound = bound + 0.244257733 + 9.74634476e-3 * density - 1.66626219e-2 * density * density
+    bound = density * (bound - 3.73234996e-3 * warmth + 2.68678472e-4 * square * warmth)
+    return np.asarray(np.sqrt((1 + 2 * bound) / (1 - bound)))
+
+
+def _air(micrometres: Array, temperature: ArrayLike = ROOM) -> Array:
+    """Index of air at 1013.25 hPa against vacuum: Kohlrausch's formula, as in SCHOTT's TIE-19."""
     square = micrometres * micrometres
     at_15 = 6432.8 + 2949810 * square / (146 * square - 1) + 25540 * square / (41 * square - 1)
-    return np.asarray(1 + at_15 * 1e-8 / (1 + 5 * 3.4785e-3))
+    return np.asarray(1 + at_15 * 1e-8 / (1 + (np.asarray(temperature) - 15) * 3.4785e-3))
 
 
 AIR = Glass("air", "constant", (1.0,))
@@ -132,7 +230,8 @@ def catalogue() -> Mapping[str, Glass]:
     glasses = {"AIR": AIR}
     for name, table in data["glasses"].items():
         entries = {key: value for key, value in table.items() if key not in ("also", "nd", "vd")}
-        glass, problems = read_glass(name, {**entries, "source": data["sources"][table["source"]]})
+        entries |= {key: data["sources"][entries[key]] for key in ("source", "warming_source") if key in entries}
+        glass, problems = read_glass(name, entries)
         if glass is None:
             raise InputError(problems, "glasses.toml")
         for spelling in (name, *table.get("also", ())):
@@ -196,14 +295,16 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
         The glass's name.
     table : mapping
         ``formula``, its coefficients (``b`` and ``c``, ``a``, ``index`` and ``abbe``, or ``index``), ``range``,
-        ``source``, and ``against = "vacuum"`` where it is that to which the coefficients are relative.
+        ``source``, and ``against = "vacuum"`` where it is that to which the coefficients are relative. Where known,
+        ``cte`` [1/K], ``dndt`` (``{d = [D0, D1, D2], e = [E0, E1], lambda_tk}``, ``{rate}`` [1/K] with its own
+        ``against``, or ``"water"``) and ``warming_source``.
     """
     formula = table.get("formula")
     if formula not in COEFFICIENTS:
         known = ", ".join(COEFFICIENTS)
         return None, (Problem("formula", f"{formula!r} is not a known formula; write one of {known}"),)
     needed = COEFFICIENTS[formula]
-    allowed = ("formula", "source", "range", "against", *needed)
+    allowed = ("formula", "source", "range", "against", *needed, *WARMING_KEYS)
     unknown = f"is not a known key of a {formula} glass; known: {', '.join(allowed)}"
     problems = [Problem(key, unknown) for key in table if key not in allowed]
     columns: list[tuple[float, ...]] = []
@@ -221,11 +322,13 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
     if against not in ("air", "vacuum"):
         problems.append(Problem("against", f'must be "air" or "vacuum", got {against!r}'))
     bounds, faults = _read_range(table.get("range"), formula)
-    problems += faults
+    warming, wrong = _read_warming(table)
+    problems += faults + wrong
     if problems:
         return None, tuple(problems)
     coefficients = tuple(v for pair in zip(*columns, strict=True) for v in pair) if len(columns) == 2 else columns[0]
-    glass = Glass(name, formula, coefficients, *bounds, str(table.get("source", "")), against=str(against))
+    source = str(table.get("source", ""))
+    glass = Glass(name, formula, coefficients, *bounds, source, against=str(against), warming=warming)
     ends = np.linspace(*bounds, 9) * 1e3 if np.isfinite(bounds[1]) else np.ones(1)
     with np.errstate(all="ignore"):
         real = _index(formula, coefficients, ends[ends > 0])
@@ -233,6 +336,32 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
         message = f"give an index from {np.min(real):.3g} to {np.max(real):.3g} in the range; check them and the range"
         return None, (Problem(needed[0], message),)
     return glass, ()
+
+
+def _read_warming(table: Mapping[str, Any]) -> tuple[Warming, list[Problem]]:
+    expansion, law, problems = table.get("cte", 0.0), table.get("dndt"), []
+    if not (_is_number(expansion) and abs(expansion) < MOST_EXPANSION):
+        message = f"must be a coefficient of linear expansion [1/K] such as 7.1e-6, got {expansion!r}"
+        problems, expansion = [Problem("cte", message)], 0.0
+    source = str(table.get("warming_source", ""))
+    if law is None:
+        return Warming(float(expansion), source=source), problems
+    if law == "water":
+        return Warming(float(expansion), "water", (), "vacuum", *WARMING["water"], source), problems
+    rows = law if isinstance(law, Mapping) else {}
+    rate, against = _row([rows.get("rate")], 1), rows.get("against", "air")
+    if rows.keys() <= {"rate", "against"} and rate and abs(rate[0]) < 1 and against in ("air", "vacuum"):
+        return Warming(float(expansion), "rate", (rate[0],), against, source=source), problems
+    terms = (*_row(rows.get("d"), 3), *_row(rows.get("e"), 2), *_row([rows.get("lambda_tk")], 1))
+    if rows.keys() == {"d", "e", "lambda_tk"} and len(terms) == 6:
+        return Warming(float(expansion), "schott", terms, "vacuum", *WARMING["schott"], source), problems
+    message = f"must be {{d = [D0, D1, D2], e = [E0, E1], lambda_tk = um}} or {{rate = -8.5e-5}} per K, got {law!r}"
+    return NOT_KNOWN, [*problems, Problem("dndt", message)]
+
+
+def _row(values: object, count: int) -> list[float]:
+    right = isinstance(values, list) and len(values) == count and all(_is_number(value) for value in values)
+    return [float(value) for value in values] if right else []  # type: ignore[attr-defined]
 
 
 def _is_number(value: object) -> bool:

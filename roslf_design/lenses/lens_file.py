@@ -5,6 +5,7 @@
     name = "LA1050-A"
     source = "Thorlabs catalogue"
     wavelength = "587.6 nm"       # optional: the maker's design wavelength
+    temperature = "20 degC"       # optional: at which its lengths hold
 
     [[surfaces]]                  # from the scene to the sensor
     radius = "51.5 mm"            # "inf" for a plane; or curvature = "0.0194 mm^-1"
@@ -42,10 +43,10 @@ from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
 from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
-from .glass import AIR, COEFFICIENTS, Glass, catalogue, find_glass, read_glass
+from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 
-TOP = ("name", "source", "wavelength", "surfaces", "glasses")
+TOP = ("name", "source", "wavelength", "temperature", "surfaces", "glasses")
 SURFACE = ("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset", "shift", "tilt")
 POWERS = tuple(f"r{2 * i}" for i in range(1, ASPHERE_TERMS + 1))
 _POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
@@ -99,12 +100,15 @@ def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
     wavelength = top.length("wavelength") if "wavelength" in data else None
     texts = {key: data.get(key, "") for key in ("name", "source")}
     problems += [Problem(k, f"must be text, got {v!r}") for k, v in texts.items() if not isinstance(v, str)]
+    warmth = top.quantity("temperature", data["temperature"], "temperature") if "temperature" in data else ROOM
     whole = tuple(surface for surface in surfaces if surface is not None)
+    if warmth != ROOM:
+        whole = tuple(replace(surface, glass=surface.glass.at(warmth)) for surface in whole)
     if len(whole) == len(rows):
         problems += faults(whole)
     if not problems:
         try:
-            return Prescription(whole, texts["name"], texts["source"], wavelength)
+            return Prescription(whole, texts["name"], texts["source"], wavelength, warmth)
         except LensError as error:
             problems += error.problems
     raise LensError(tuple(problems), origin)
@@ -222,8 +226,11 @@ def table_of(lens: Prescription) -> dict[str, Any]:
     data: dict[str, Any] = {key: text for key in ("name", "source") if (text := getattr(lens, key))}
     if lens.wavelength is not None:
         data["wavelength"] = format_quantity(lens.wavelength, "length")
+    if lens.temperature != ROOM:
+        data["temperature"] = format_quantity(lens.temperature, "temperature")
     data["surfaces"] = [_row(surface) for surface in lens.surfaces]
-    own = {s.glass.name: replace(s.glass, offset=0.0) for s in lens.surfaces if s.glass.name.upper() not in catalogue()}
+    strange = (surface.glass for surface in lens.surfaces if surface.glass.name.upper() not in catalogue())
+    own = {glass.name: replace(glass, offset=0.0, temperature=ROOM) for glass in strange}
     if own:
         data["glasses"] = {name: _glass_table(glass) for name, glass in own.items()}
     return data
@@ -269,7 +276,18 @@ def _glass_table(glass: Glass) -> dict[str, Any]:
         table["range"] = [format_quantity(glass.shortest, "length"), format_quantity(glass.longest, "length")]
     if glass.source:
         table["source"] = glass.source
-    return table
+    return table | _warming_table(glass.warming)
+
+
+def _warming_table(warming: Warming) -> dict[str, Any]:
+    laws: dict[str, Any] = {"water": "water"}
+    if warming.law == "schott":
+        *terms, resonance = warming.coefficients
+        laws["schott"] = {"d": terms[:3], "e": terms[3:], "lambda_tk": resonance}
+    elif warming.law == "rate":
+        laws["rate"] = {"rate": warming.coefficients[0], "against": warming.against}
+    told = {"cte": warming.expansion, "dndt": laws.get(warming.law), "warming_source": warming.source}
+    return {key: value for key, value in told.items() if value}
 
 
 # What the old camera looked at and how it was computed, drawn or optimised: nothing of the lens itself.

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
-from .prescription import LensError, Prescription, abcd, rotation, sag, surface_table
+from .prescription import LensError, Prescription, abcd, grow_cells, lens_growth, rotation, sag, surface_table
 from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, SurfaceStack
 
 Array = NDArray[np.float64]
@@ -180,6 +180,7 @@ def lens_builds(
     light: Array | None = None,
     diameter: Array | None = None,
     tilt: tuple[Array | float, Array | float] = (0.0, 0.0),
+    warmth: tuple[Array, float] | None = None,
 ) -> LensBuilds:
     """Builds of a lens.
 
@@ -199,17 +200,21 @@ def lens_builds(
         D of the builds [mm], (T,): the narrowest surfaces are made as wide.
     tilt : pair
         Of the whole lens about the middle of its principal planes, about x, then about y [rad].
+    warmth : pair, optional
+        Temperature of each build [degrees C], (T,), and the expansion of what spaces the lens [1/K]; the places'
+        numbers are those at the lens's own temperature.
     """
-    table, gaps, right = _shaped(lens, values, trials, diameter)
+    table, gaps, right = _shaped(lens, values, trials, diameter, warmth)
     sound = right & _sound(lens, table, gaps, values)
     if not sound.all():  # a build that is no lens is traced as the nominal one, and told apart
         drawn = lens_values(lens, wavelength)
         values = {place: np.where(sound, value, drawn[place]) for place, value in values.items()}
         wide = None if diameter is None else np.where(sound, diameter, lens.clear_diameter)
-        table, gaps, _ = _shaped(lens, values, trials, wide)
+        table, gaps, _ = _shaped(lens, values, trials, wide, warmth)
     media = np.ones((len(lens.surfaces) + 1, trials))
+    temperature = None if warmth is None else warmth[0]
     for row, surface in enumerate(lens.surfaces):
-        media[row + 1] = surface.glass.index(wavelength if light is None else light)
+        media[row + 1] = surface.glass.index(wavelength if light is None else light, temperature)
     media[1:] += _offsets(lens, wavelength, values, trials)
     bends = [table[:, row, 3] + s.vertex_curvature - s.curvature for row, s in enumerate(lens.surfaces)]
     a, _, c, d = abcd(bends, list(gaps), list(media))
@@ -228,7 +233,11 @@ def lens_builds(
 
 
 def _shaped(
-    lens: Prescription, values: Mapping[str, Array], trials: int, diameter: Array | None = None
+    lens: Prescription,
+    values: Mapping[str, Array],
+    trials: int,
+    diameter: Array | None = None,
+    warmth: tuple[Array, float] | None = None,
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Shapes and vertices of builds: kernels' rows (T, S, COLUMNS), gaps (S, T), whose radii keep their signs (T,)."""
     table = np.tile(surface_table(lens), (trials, 1)).reshape(trials, -1, COLUMNS)
@@ -236,6 +245,7 @@ def _shaped(
     if diameter is not None:
         right &= diameter > 0
     vertex = np.zeros(trials)
+    growths = None if warmth is None else lens_growth(lens, *warmth)
     for row, surface in enumerate(lens.surfaces):
         name, cells = f"surfaces.{row + 1}", table[:, row]
         if f"{name}.radius" in values:
@@ -252,6 +262,9 @@ def _shaped(
         cells[:, 25] *= SAG_ROOM
         cells[:, 2] = surface.shift[2] + vertex
         gaps[row] = values.get(f"{name}.thickness", surface.thickness)
+        if growths is not None:
+            grow_cells(cells, growths[row][0])
+            gaps[row] *= growths[row][1]
         vertex = vertex + gaps[row]
     return table, gaps, right
 

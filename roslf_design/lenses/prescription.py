@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
 from ..units import FARTHEST
-from .glass import AIR, Glass
+from .glass import AIR, ROOM, Glass, growth
 from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
 
 Array = NDArray[np.float64]
@@ -112,6 +112,8 @@ class Prescription:
         What it is called and where the numbers come from.
     wavelength : float or None
         Its design wavelength [mm].
+    temperature : float
+        At which its lengths hold [degrees C].
 
     Raises
     ------
@@ -123,6 +125,7 @@ class Prescription:
     name: str = ""
     source: str = ""
     wavelength: float | None = None
+    temperature: float = ROOM
 
     def __post_init__(self) -> None:
         problems = tuple(faults(self.surfaces))
@@ -156,6 +159,23 @@ class Prescription:
     def is_centred(self) -> bool:
         """Every surface's axis is the z axis, so that the lens is symmetric about it."""
         return all(s.tilt == (0.0, 0.0) and s.shift[:2] == (0.0, 0.0) for s in self.surfaces)
+
+    def warmed(self, temperature: float, barrel: float = 0.0) -> Prescription:
+        """The same lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
+        if temperature == self.temperature and all(s.glass == s.glass.at(temperature) for s in self.surfaces):
+            return self
+        surfaces = []
+        for surface, growths in zip(self.surfaces, lens_growth(self, temperature, barrel), strict=True):
+            shape, gap = (float(factor) for factor in growths)
+            changed = {
+                "curvature": surface.curvature / shape,
+                "semi_diameter": surface.semi_diameter * shape,
+                "thickness": surface.thickness * gap,
+                "glass": surface.glass.at(temperature),
+                "asphere": tuple(a * shape ** (1 - 2 * i) for i, a in enumerate(surface.asphere, start=1)),
+            }
+            surfaces.append(replace(surface, **changed))  # type: ignore[arg-type]
+        return replace(self, surfaces=tuple(surfaces), temperature=temperature)
 
     def at(self, wavelength: ArrayLike) -> SurfaceStack:
         """The lens in numbers at one wavelength, or as one build for each of several (T,) [mm].
@@ -350,6 +370,64 @@ def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
     curvatures, gaps = ([getattr(s, name) for s in lens.surfaces] for name in ("vertex_curvature", "thickness"))
     matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)
     return FirstOrder(-float(matrix[1, 0]), matrix, lens.length)
+
+
+def lens_growth(lens: Prescription, temperature: Any, barrel: float) -> list[tuple[Array, Array]]:
+    """How much each surface's shape and the gap behind it grow on the way to temperatures [degrees C].
+
+    A cemented surface grows as the mean of its glasses; air, and a diaphragm in it, as what spaces the lens [1/K].
+    """
+    glasses = [AIR, *(surface.glass for surface in lens.surfaces)]
+    held = [barrel if glass == AIR else glass.warming.expansion for glass in glasses]
+    grown = []
+    for (before, after), rates in zip(pairwise(glasses), pairwise(held), strict=True):
+        solid = [rate for glass, rate in zip((before, after), rates, strict=True) if glass != AIR] or [barrel]
+        pair = sum(solid) / len(solid), rates[1]
+        grown.append((growth(pair[0], lens.temperature, temperature), growth(pair[1], lens.temperature, temperature)))
+    return grown
+
+
+def grow_cells(cells: Array, shape: Any) -> None:
+    """Grow the shape of a surface of builds in place: its kernels' rows (..., COLUMNS)."""
+    cells[..., 3] /= shape
+    cells[..., 5] *= shape * shape
+    for term in range(1, ASPHERE_TERMS + 1):
+        cells[..., 16 + term] *= shape ** (1.0 - 2 * term)
+    cells[..., 25] *= shape
+
+
+class WarmConstants(NamedTuple):
+    """Gaussian constants of a lens at temperatures: as of `FirstOrder`, numbers or arrays."""
+
+    matrix: tuple[Any, Any, Any, Any]
+    length: Any
+
+    @property
+    def focal_length(self) -> Any:
+        """Effective focal length [mm]."""
+        return -1 / self.matrix[2]
+
+    @property
+    def front_principal(self) -> Any:
+        """Along z from the first vertex [mm]."""
+        return (1 - self.matrix[3]) * self.focal_length
+
+    @property
+    def rear_principal(self) -> Any:
+        """Along z from the first vertex [mm]."""
+        return self.length + (self.matrix[0] - 1) * self.focal_length
+
+
+def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel: float) -> WarmConstants:
+    """Gaussian constants of a lens at temperatures [degrees C] that broadcast with wavelengths [mm].
+
+    `barrel` is the expansion of what spaces it [1/K].
+    """
+    grown = lens_growth(lens, temperature, barrel)
+    media = [1.0, *(surface.glass.index(wavelength, temperature) for surface in lens.surfaces)]
+    bends = [surface.vertex_curvature / shape for surface, (shape, _) in zip(lens.surfaces, grown, strict=True)]
+    gaps = [surface.thickness * gap for surface, (_, gap) in zip(lens.surfaces, grown, strict=True)]
+    return WarmConstants(abcd(bends, gaps, media), sum(gaps[:-1], start=0.0 * gaps[0]))
 
 
 def abcd(curvatures: Sequence[Any], gaps: Sequence[Any], media: Sequence[Any]) -> tuple[Any, Any, Any, Any]:

@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
+from ..design.environment import TEMPERATURE
 from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
@@ -31,7 +32,7 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import AnyLength, Length, format_quantity, parse_quantity
+from ..units import AnyLength, Length, Temperature, format_quantity, parse_quantity
 
 Array = NDArray[np.float64]
 
@@ -130,6 +131,8 @@ class _Asked(StrictTable):
     quantity: Annotated[InstanceOf[Quantity], BeforeValidator(_of_cameras)]
     at: Length | None = None
     """Ahead of the bore's tip [mm]."""
+    temperature: Temperature | None = None
+    """Of the camera [degrees C]; that of its design where left out."""
 
     @model_validator(mode="after")
     def _distance(self) -> _Asked:
@@ -143,11 +146,16 @@ class _Asked(StrictTable):
     @property
     def label(self) -> str:
         """E.g. ``sigma_z_mm at 40 mm``."""
-        return self.quantity.name if self.at is None else f"{self.quantity.name} at {self.at:g} mm"
+        name = self.quantity.name if self.at is None else f"{self.quantity.name} at {self.at:g} mm"
+        return name if self.temperature is None else f"{name} at {self.temperature:g} degC"
+
+    def warm(self, camera: Camera) -> Camera:
+        """The camera at the temperature asked for."""
+        return camera if self.temperature is None else camera.replace({TEMPERATURE: self.temperature})
 
     def values(self, camera: Camera) -> Array:
         """The quantity itself, of every build; of several rims that of the worst."""
-        return self.quantity(camera, self.at)
+        return self.quantity(self.warm(camera), self.at)
 
     def each(self, camera: Camera, over: SensorField | None = None) -> Array:
         """The same, or (K, ...) of each of several rims; of the magnitude of something of either sign, that.
@@ -155,6 +163,7 @@ class _Asked(StrictTable):
         What hangs on how much the sensor sees is taken for the rectangle `over`, where one is given.
         """
         assert self.quantity.of is not None
+        camera = self.warm(camera)
         if over is not None and self.quantity.over is not None:
             return self.quantity.over(camera, self.at, over)
         return (self.quantity.signed or self.quantity.of)(camera, self.at)
@@ -211,7 +220,7 @@ class Constraint(_Asked):
     def measured(self, camera: Camera) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
         if self.quantity.name == "fill_factor":
-            return np.abs(inverse_fill_factor(camera))
+            return np.abs(inverse_fill_factor(self.warm(camera)))
         return self.values(camera) if self.quantity.worst is None else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
@@ -243,7 +252,7 @@ class Goal(_Asked):
     def held(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
-        return Constraint(quantity=self.quantity, at=self.at, min=low, max=high)
+        return Constraint(quantity=self.quantity, at=self.at, temperature=self.temperature, min=low, max=high)
 
 
 End = Callable[[Camera], Number]
@@ -295,6 +304,12 @@ class DesignProblem:
     def n(self) -> int:
         """How many variables."""
         return len(self.variables)
+
+    @property
+    def summed(self) -> bool:
+        """Whether a goal or limit takes milliseconds: an error of depth predicted from light and texture."""
+        numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
+        return any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
 
     def values(self, units: Array) -> dict[str, Array]:
         """Place to its values [mm], derived lengths turned into those that they set; units as for `cameras`."""
@@ -436,12 +451,12 @@ class DesignProblem:
         return result
 
     def merit(self, cameras: Camera) -> Array:
-        """Weighted mean of the goals, small is good; shape (N,)."""
+        """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
             value = goal.values(cameras)
             total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
-        return total / sum(goal.weight for goal in self.goals)
+        return total / (sum(goal.weight for goal in self.goals) or 1.0)
 
     def with_scales(self) -> DesignProblem:
         """The same problem with its scales written down, so that merits on other parts compare."""
@@ -471,7 +486,7 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
     """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
-    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.")
+    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in SEEING]
     lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED])

@@ -1,20 +1,20 @@
-"""What a simulated measurement of depth gave: map, profile, errors against prediction, epipolar-plane image."""
+"""What a measurement of depth gave: map, profile, errors against prediction, epipolar-plane image."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .marks import Area, Dots, Floats, Image, Line, Mark, box_key, dot_key, line_key, stairs
+from .marks import Area, Dots, Floats, Image, Key, Line, Mark, box_key, dot_key, line_key, stairs
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
 from .theme import short
 
 if TYPE_CHECKING:
     from ..depth.estimate import EpipolarPlane
-    from ..depth.measure import Trial
+    from ..depth.measure import Depths, Measurement, Prediction
 
 UNKNOWN = {
     1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 100: "pale",
@@ -36,18 +36,21 @@ REACH = 4.0
 """Standard errors that a histogram shows; what is beyond counts at its ends."""
 
 
-def depth_map(trial: Trial, reasons: dict[int, str]) -> Picture:
+def depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     """Draw depth and its standard error at every microlens of the first exposure.
 
     Parameters
     ----------
-    trial : Trial
+    trial : Measurement
     reasons : dict
         Words for the numbers of `Depths.status`.
     """
     run = trial.first
     x, y = run.x_ml[0, :, 0], run.x_ml[:, 0, 1]
     dx, dy = (float(at[1] - at[0]) / 2 for at in (x, y))
+    turn = slice(None, None, 1 if y[-1] > y[0] else -1)  # pictures' rows may run downwards, a panel's go upwards
+    status, known, depth, sigma = (values[turn] for values in (run.status, run.measured, run.depth, run.sigma))
+    y, dy = y[turn], abs(dy)
     box = float(x[0]) - dx, float(x[-1]) + dx, float(y[0]) - dy, float(y[-1]) + dy
     across, up = Scale(*box[:2]), Scale(*box[2:])
     ratio = (up.high - up.low) / (across.high - across.low)
@@ -58,12 +61,11 @@ def depth_map(trial: Trial, reasons: dict[int, str]) -> Picture:
     if height > HIGHEST:
         width, height = width * HIGHEST / height, HIGHEST
     stretched = height < FLATTEST
-    codes = [code for code in np.unique(run.status).tolist() if code]
-    marks = [Image(np.where(run.status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
-    known = run.measured
-    pictures = []
+    codes = [code for code in np.unique(status).tolist() if code]
+    marks = [Image(np.where(status == code, 1.0, np.nan), box, UNKNOWN[code]) for code in codes]
+    pictures, words = [], _Words.of(run)
     for title, values, label in (
-        ("depth", run.depth, "Z [mm]"), ("its standard error", run.sigma, "σ [mm]"),
+        (words.quantity, depth, words.symbol), ("its standard error", sigma, f"σ [{words.unit}]"),
     ):  # fmt: skip
         some = values[known]
         low, high = (0.0, 1.0) if not some.size else (float(q) for q in np.quantile(some, (0.005, 0.995)))
@@ -71,31 +73,70 @@ def depth_map(trial: Trial, reasons: dict[int, str]) -> Picture:
         shades = Image(np.where(known, values, np.nan), box, "cividis", low, high)
         note = ", stretched upwards" if stretched else ""
         panel = Panel(
-            (LEFT, TOP, width, max(height, FLATTEST)), across, up, (shades, *marks), "microlens x on the array [mm]",
-            "y [mm]", title + note, grid="", equal=not stretched,
+            (LEFT, TOP, width, max(height, FLATTEST)), across, up, (shades, *marks), words.place,
+            f"y [{run.geometry.place_unit}]", title + note, grid="", equal=not stretched,
         )  # fmt: skip
         size = page, panel.bottom + BELOW
         pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
     shares = run.unknown()
     keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.2g} %", UNKNOWN[n], edge="grey") for n in codes]
-    title = f"Depth of {known.sum()} of {known.size} microlenses and its standard error"
+    of = "microlenses" if run.geometry.place_unit == "mm" else "pixels"
+    title = f"{words.quantity.capitalize()} of {known.sum()} of {known.size} {of} and its standard error"
     return beside("depth-map", title, pictures, keys, down=down)
 
 
-def profile(trial: Trial) -> Picture:
-    """Draw depth along the middle row: estimate with its error, truth and prediction; below, what it is off by."""
+class _Words(NamedTuple):
+    """Of a measurement's axes."""
+
+    quantity: str
+    unit: str
+    symbol: str
+    place: str
+
+    @classmethod
+    def of(cls, run: Depths) -> _Words:
+        on_array = run.geometry.place_unit == "mm"
+        place = "microlens x on the array [mm]" if on_array else "x from the middle of the view [px]"
+        if run.geometry.unit == "px":
+            return cls("disparity", "px", "from view to view [px]", place)
+        return cls("depth", "mm", "Z [mm]", place)
+
+
+def profile(trial: Measurement) -> Picture:
+    """Draw depth along the middle row, with the truth as far as it is known; below, what it is off by, or its error."""
     run, row = trial.first, trial.true.shape[0] // 2
-    x, true, known = run.x_ml[row, :, 0], trial.true[row], run.measured[row]
-    depth, sigma = (np.where(known, values[row], np.nan) for values in (run.depth, run.sigma))
-    error = depth - true
+    x, true, known, words = run.x_ml[row, :, 0], trial.true[row], run.measured[row], _Words.of(run)
+    depth = np.where(known, run.depth[row], np.nan)
+    across = Scale(float(x[0]), float(x[-1]))
+    size, compared = 1.5 if x.size > 100 else 3.0, bool(np.isfinite(true).any())
+    sigma = np.where(known, run.sigma[row], np.nan)
+    behind: Mark = Line(x, true, "ink", 1.6) if compared else Area(*_band(x, depth - sigma, depth + sigma), "sky", 0.45)
+    estimate: list[Mark] = [behind, Dots(x, depth, "blue", size=size, opacity=0.8, clip=True)]
+    ends = [*true, *depth] if compared else [*(depth - sigma), *(depth + sigma)]
+    symbol = "depth Z [mm]" if words.unit == "mm" else "disparity [px]"
+    above = Panel(
+        (0, 0, 1, 1), across, Scale.around(ends), tuple(estimate), "", symbol,
+        f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} {run.geometry.place_unit}",
+    )  # fmt: skip
+    under, keys = (_off if compared else _told)(trial, row, size)
+    first = line_key("truth", "ink") if compared else box_key("± its standard error", "sky", 0.45)
+    keys = [first, dot_key("measured", "blue", size=2.2), *keys]
+    parts = (
+        one_panel("above", "", (PAGE, 230.0), above, left=68, top=TOP, foot=24),
+        one_panel("under", "", (PAGE, 210.0), under, left=68),
+    )
+    title = f"{words.quantity.capitalize()} along the middle row, and its errors"
+    return beside("depth-profile", title, parts, keys, down=True)
+
+
+def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
+    """What a row is off by, against the errors told and predicted."""
+    run, words = trial.first, _Words.of(trial.first)
+    x, known = run.x_ml[row, :, 0], run.measured[row]
+    sigma = np.where(known, run.sigma[row], np.nan)
+    error = np.where(known, run.depth[row], np.nan) - trial.true[row]
     at, predicted = _predicted_along(trial, row)
     across = Scale(float(x[0]), float(x[-1]))
-    size = 1.5 if x.size > 100 else 3.0
-    estimate: list[Mark] = [Line(x, true, "ink", 1.6), Dots(x, depth, "blue", size=size, opacity=0.8, clip=True)]
-    above = Panel(
-        (0, 0, 1, 1), across, Scale.around([*true, *depth]), tuple(estimate), "", "depth Z [mm]",
-        f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} mm",
-    )  # fmt: skip
     shown = [*error, *predicted, *-predicted, *(2 * sigma[known])]
     reach = float(np.nanquantile(np.abs(shown), 0.99)) * 1.15 if np.isfinite(shown).any() else 1.0
     marks: list[Mark] = [
@@ -104,25 +145,34 @@ def profile(trial: Trial) -> Picture:
         Dots(x, error, "blue", size=size, opacity=0.8, clip=True),
         Line(at, predicted, "vermillion", 1.8, "7 4"), Line(at, -predicted, "vermillion", 1.8, "7 4"),
     ]  # fmt: skip
-    under = Panel(
-        (0, 0, 1, 1), across, Scale(-reach, reach), tuple(marks), "microlens x on the array [mm]", "off by [mm]"
-    )
-    keys = [
-        line_key("truth", "ink"), dot_key("measured", "blue", size=2.2),
-        box_key("± standard error told with it", "sky", 0.45),
-        line_key("± predicted from light, noise and texture", "vermillion", 1.8, "7 4"),
-    ]  # fmt: skip
-    parts = (
-        one_panel("above", "", (PAGE, 230.0), above, left=68, top=TOP, foot=24),
-        one_panel("under", "", (PAGE, 210.0), under, left=68),
-    )
-    return beside(
-        "depth-profile", "Depth along the middle row beside the truth, and its errors", parts, keys, down=True
-    )
+    keys = [box_key("± standard error told with it", "sky", 0.45)]
+    if trial.prediction is not None:
+        keys.append(line_key("± predicted from light, noise and texture", "vermillion", 1.8, "7 4"))
+    panel = Panel((0, 0, 1, 1), across, Scale(-reach, reach), tuple(marks), words.place, f"off by [{words.unit}]")
+    return panel, keys
 
 
-def _predicted_along(trial: Trial, row: int) -> tuple[Floats, Floats]:
+def _told(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
+    """Standard errors told along a row, by where they come from."""
+    run, words = trial.first, _Words.of(trial.first)
+    x, known = run.x_ml[row, :, 0], run.measured[row]
+    noise = np.where(known, run.noise_sigma[row], np.nan)
+    marks: list[Mark] = [Dots(x, noise, "purple", size=size, opacity=0.8, clip=True)]
+    keys, top = [dot_key("σ of its light, texture and matching", "purple", size=2.2)], noise
+    if run.calibration_sigma is not None:
+        own, both = (np.where(known, values[row], np.nan) for values in (run.calibration_sigma, run.sigma))
+        marks = [Line(x, both, "sky", 3.0), *marks, Line(x, own, "vermillion", 1.8, "7 4")]
+        keys += [line_key("σ of calibration, common to all", "vermillion", 1.8, "7 4"), line_key("both", "sky", 3.0)]
+        top = both
+    high = float(np.nanquantile(top, 0.99)) * 1.25 if np.isfinite(top).any() else 1.0
+    across = Scale(float(x[0]), float(x[-1]))
+    return Panel((0, 0, 1, 1), across, Scale(0.0, high), tuple(marks), words.place, f"σ [{words.unit}]"), keys
+
+
+def _predicted_along(trial: Measurement, row: int) -> tuple[Floats, Floats]:
     """Predicted standard error along the predicted row nearest to another: places [mm], errors [mm]."""
+    if trial.prediction is None:
+        return np.zeros(0), np.zeros(0)
     rows = trial.prediction.row
     mine = rows == rows[np.abs(rows - row).argmin()]
     values = trial.prediction.depth[mine]
@@ -139,7 +189,7 @@ def _band(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([*xs, gap]), np.concatenate([*ys, gap])
 
 
-def errors(trial: Trial) -> Picture:
+def errors(trial: Measurement) -> Picture:
     """Draw errors in units of the standard error told, and their rms over the field against prediction."""
     some = trial.compared
     sigma = np.stack([run.sigma[some] for run in trial.runs])
@@ -156,8 +206,12 @@ def errors(trial: Trial) -> Picture:
         (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error told",
         "share per unit", f"{inside}; 68 % where errors are right",
     )  # fmt: skip
-    keys = [box_key("errors of all microlenses", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
-    predicted, off = _by_place(trial)
+    keys = [box_key("all errors", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
+    each = PAGE / 2, 340.0
+    histogram = one_panel("normalised", "", each, left, keys, left=60, top=TOP)
+    if trial.prediction is None:
+        return beside("depth-errors", "Errors against the errors told", (histogram,))
+    predicted, off = _by_place(trial, trial.prediction)
     ends = np.concatenate([predicted, off])
     scale = Scale(float(ends.min()) / 1.25, float(ends.max()) * 1.25, log=True) if ends.size else Scale(0.1, 1, True)
     diagonal = np.array([scale.low, scale.high])
@@ -170,21 +224,18 @@ def errors(trial: Trial) -> Picture:
         "over the field, each dot a patch",
     )  # fmt: skip
     more = [line_key("as predicted", "ink", 1.2), line_key("1.3 times that", "grey", 1.2, "6 4")]
-    each = PAGE / 2, 340.0
     parts = (
-        one_panel("normalised", "", each, left, keys, left=60, top=TOP),
+        histogram,
         one_panel("against", "", each, right, more, left=66, top=TOP),
     )
     return beside("depth-errors", "Errors of depth against the errors told and predicted", parts)
 
 
-def _by_place(trial: Trial) -> tuple[Floats, Floats]:
+def _by_place(trial: Measurement, prediction: Prediction) -> tuple[Floats, Floats]:
     """Predicted standard error, and rms error of the microlenses nearest to each place of the prediction."""
-    rows, columns = (np.unique(index) for index in (trial.prediction.row, trial.prediction.column))
+    rows, columns = (np.unique(index) for index in (prediction.row, prediction.column))
     table = np.full((len(rows), len(columns)), np.nan)
-    table[np.searchsorted(rows, trial.prediction.row), np.searchsorted(columns, trial.prediction.column)] = (
-        trial.prediction.depth
-    )
+    table[np.searchsorted(rows, prediction.row), np.searchsorted(columns, prediction.column)] = prediction.depth
     places = zip(trial.true.shape, (rows, columns), strict=True)
     near = [np.abs(np.arange(size)[:, None] - own).argmin(1) for size, own in places]
     patch: NDArray[np.intp] = near[0][:, None] * len(columns) + near[1]
@@ -198,7 +249,7 @@ def _by_place(trial: Trial) -> tuple[Floats, Floats]:
     return table.ravel()[shown], np.sqrt(square[shown] / count[shown])
 
 
-def epipolar(plane: EpipolarPlane) -> Picture:
+def epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
     """Draw the stretch of an epipolar-plane image with the steepest slopes, and those fitted to it."""
     steep = np.nan_to_num(np.abs(plane.disparity))
     length = min(STRETCH, steep.size)
@@ -224,19 +275,17 @@ def epipolar(plane: EpipolarPlane) -> Picture:
     every = max(1, math.ceil(measured.size / LINES))
     chosen = measured[every // 2 :: every].tolist()
     marks: list[Mark] = [shades, *(Line(*plane.line(index), FITTED, 2.0) for index in chosen)]
-    keys = [line_key("slope fitted at a microlens: its disparity", FITTED, 2.0)]
-    panel = Panel(
-        (0, 0, 1, 1), Scale(*box_u), Scale(low, high), tuple(marks), "microlens u [pitches from the array's centre]",
-        "place on the FAP [D_F]", grid="",
-    )  # fmt: skip
+    keys = [line_key("slope fitted there: the disparity", FITTED, 2.0)]
+    names = "u [px from the middle of the view]", "view [share of all across]"
+    if on_array:
+        names = "microlens u [pitches from the array's centre]", "place on the FAP [D_F]"
+    panel = Panel((0, 0, 1, 1), Scale(*box_u), Scale(low, high), tuple(marks), *names, grid="")
     return one_panel("depth-epi", "Epipolar-plane image with fitted slopes", (PAGE, 300.0), panel, keys, left=66)
 
 
-def depth_pictures(trial: Trial, plane: EpipolarPlane, reasons: dict[int, str]) -> dict[str, Picture]:
-    """All of them, by name."""
-    return {
-        "map": depth_map(trial, reasons),
-        "profile": profile(trial),
-        "errors": errors(trial),
-        "epi": epipolar(plane),
-    }
+def depth_pictures(trial: Measurement, plane: EpipolarPlane, reasons: dict[int, str]) -> dict[str, Picture]:
+    """All of them, by name; errors where there is a truth."""
+    shown = {"map": depth_map(trial, reasons), "profile": profile(trial)}
+    if np.isfinite(trial.true).any():
+        shown["errors"] = errors(trial)
+    return shown | {"epi": epipolar(plane, trial.first.geometry.place_unit == "mm")}

@@ -46,11 +46,12 @@ FLOOR = 1e-8
 
 
 class YieldShare(NamedTuple):
-    """A measured yield, 0 to 1, with the ends of its 95 % interval."""
+    """A measured yield, 0 to 1, with the ends of its 95 % interval, and of how many builds."""
 
     value: float
     low: float
     high: float
+    builds: int
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,16 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     left = 14 + 1.1 * names_width(names)
     box = (left, 12.0 if target is None else 24.0, max(size[0] - left - RIGHT - 60, 80.0), ROW * len(names))
     bold = f"{result.grade} grade"
-    panel = rows_panel(box, Scale(0, 100), names, marks, "builds that hold every limit [%]", bold=bold)
+    label = f"builds that hold every limit [% of {_builds(shares)}]"
+    panel = rows_panel(box, Scale(0, 100), names, marks, label, bold=bold)
     told = (f"{100 * share.value:.1f} % {name}" for name, share in zip(names, shares, strict=True))
     return as_tall("yield", f"Yield by grade: {', '.join(told)}", panel, size=size)
+
+
+def _builds(shares: Sequence[YieldShare]) -> str:
+    """How many builds lie behind shares, fewest and most."""
+    counts = sorted({share.builds for share in shares})
+    return " to ".join(f"{count:,}" for count in dict.fromkeys((counts[0], counts[-1])))
 
 
 def yield_curve(
@@ -124,7 +132,7 @@ def yield_curve(
 ) -> Picture:
     """Draw the yield over a common factor on all tolerances, with its interval, the target and what factor meets it."""
     scales = np.array([scale for scale, _ in result.curve])
-    value, low, high = 100 * np.array([share for _, share in result.curve]).T
+    value, low, high = 100 * np.array([share[:3] for _, share in result.curve]).T
     least, most = float(scales.min()), float(scales.max())
     marks: list[Mark] = [
         Area(np.append(scales, scales[::-1]), np.append(high, low[::-1]), "blue", 0.22),
@@ -143,7 +151,8 @@ def yield_curve(
     ticks = ticks[(ticks >= least) & (ticks <= most)]
     grade = f"all tolerances of the grade {result.grade}, times" if result.grade else "all tolerances times"
     panel = Panel(
-        (0, 0, 1, 1), Scale(least, most, log=True), Scale(0, 105), tuple(marks), grade, "yield [%]",
+        (0, 0, 1, 1), Scale(least, most, log=True), Scale(0, 105), tuple(marks), grade,
+        f"yield [% of {_builds([share for _, share in result.curve])}]",
         x_ticks=named_ticks(ticks.tolist()),
     )  # fmt: skip
     told = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))
@@ -300,7 +309,8 @@ def distributions(
         density = counts / counts.sum() / np.diff(cuts)
         x, y = stairs(cuts, density)
         marks.append(Area(x, y, "sky", 0.6) if filled else Line(x, y, "blue", 1.8))
-        keys.append(box_key(name, "sky", 0.6) if filled else line_key(name, "blue", 1.8))
+        told = f"{name}, {counts.sum():,.0f} builds"
+        keys.append(box_key(told, "sky", 0.6) if filled else line_key(told, "blue", 1.8))
         ends += [float(cuts[0]), float(cuts[-1])]
         top = max(top, float(density.max()))
     reach = max([span[1] - span[0], *(abs(edge - nominal) for edge in limits)])

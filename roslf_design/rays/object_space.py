@@ -19,9 +19,10 @@ from .._jit import kernel
 from ..camera import Camera, Number
 from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
+from ..design.environment import TEMPERATURE
 from ..design.mapping import stretch
 from ..design.parts import PATHS
-from ..lenses.prescription import rotation, surface_table
+from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_table
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
@@ -200,7 +201,8 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             faces = [(row, beyond, 1.0, back, name)]
         else:
             assert isinstance(element, LensGroup)
-            faces = _group(element, n[PATHS["wavelength"]], vertex, axes, radius, (back, front), name)
+            warmth = n.get(TEMPERATURE), chain.housing
+            faces = _group(element, n[PATHS["wavelength"]], warmth, vertex, axes, radius, (back, front), name)
             if np.any(np.not_equal(beyond, 1)):  # as in the closed forms: the liquid ends at a window of no thickness
                 faces.append((_row(far_vertex, axes, math.inf), beyond, 1.0, front, name))
         yield (_first(z), 1), faces
@@ -209,6 +211,7 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
 def _group(
     element: LensGroup,
     wavelength: Number,
+    warmth: tuple[Number | None, float],
     vertex: Floats,
     axes: Floats,
     radius: Number,
@@ -216,13 +219,21 @@ def _group(
     name: str,
 ) -> list[Face]:
     lens = element.lens
-    media: list[Number] = [1.0, *(surface.glass.index(wavelength) for surface in lens.surfaces)]
+    media: list[Number] = [1.0, *(surface.glass.index(wavelength, warmth[0]) for surface in lens.surfaces)]
+    growths = lens_growth(lens, lens.temperature if warmth[0] is None else warmth[0], warmth[1])
+    places, at = [np.zeros(())], np.zeros(())
+    for surface, (_, gap) in zip(lens.surfaces, growths, strict=True):
+        at = at + surface.thickness * gap
+        places.append(at)
     faces: list[Face] = []
     rows = surface_table(lens).reshape(-1, COLUMNS)
-    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius))
+    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius), np.shape(at))
     for k in reversed(range(len(rows))):
         row = np.array(np.broadcast_to(rows[k], (*shape, COLUMNS)))
-        row[..., :3] = vertex + axes @ (rows[k, :3] - [0.0, 0.0, lens.length])
+        grow_cells(row, growths[k][0])
+        aside = np.zeros((*np.shape(at), 3)) + rows[k, :3]
+        aside[..., 2] += places[k] - lens.vertices[k] - places[-1]
+        row[..., :3] = vertex + (axes @ aside if aside.ndim == 1 else (axes @ aside[..., None])[..., 0])
         turn = axes @ rows[k, 8:17].reshape(3, 3)
         row[..., 8:17] = turn.reshape(*turn.shape[:-2], 9)
         row[..., TURNED] = _turned(turn)
@@ -260,6 +271,22 @@ def cross_flat(
     row: Any, scene: float, sensor: float, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> Any:
     """One ray through a flat face, however it is turned: position, direction, and 0 or why not."""
+    if row[TURNED] == 0.0:
+        if not dz < 0.0:
+            return x, y, z, dx, dy, dz, MISSED
+        t = (row[2] - z) / dz
+        x, y = x + t * dx, y + t * dy
+        px, py = x - row[0], y - row[1]
+        if px * px + py * py > row[LIMIT]:
+            return x, y, row[2], dx, dy, dz, CLIPPED
+        if scene != sensor:
+            mu = sensor / scene
+            dx, dy = mu * dx, mu * dy
+            square = 1.0 - dx * dx - dy * dy
+            if square < 0.0:
+                return x, y, row[2], dx, dy, dz, REFLECTED
+            dz = -sqrt(square)
+        return x, y, row[2], dx, dy, dz, 0
     nx, ny, nz = row[10], row[13], row[16]
     cosine = dx * nx + dy * ny + dz * nz
     if not cosine < 0.0:

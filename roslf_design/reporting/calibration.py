@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from .. import __version__
@@ -182,12 +183,35 @@ class FoundPosterior(LenientTable):
     message: str
 
 
+class FoundCovariance(LenientTable):
+    """How sure its lengths are, together."""
+
+    places: Annotated[tuple[str, ...], Field(min_length=1)]
+    matrix: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _square(self) -> FoundCovariance:
+        count = len(self.places)
+        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+            raise ValueError(f"matrix is not {count} x {count}")
+        matrix = np.array(self.matrix)
+        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
+        unit = np.where(lengths > 0, lengths, 1)
+        scaled = matrix / unit / unit[:, None]
+        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
+            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
+        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
+            raise ValueError("matrix is no covariance: it has a negative variance")
+        return self
+
+
 class FoundTable(LenientTable):
     """A whole calibration.json."""
 
     schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
     design: str
     quantities: dict[str, FoundQuantity]
+    covariance: FoundCovariance | None = None
     posterior: FoundPosterior | None = None
     converged: bool | None = None
     images_used: tuple[str, ...] = ()

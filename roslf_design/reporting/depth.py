@@ -1,4 +1,4 @@
-"""A measurement of depth, simulated, as a page; the terminal shares its words."""
+"""A measurement of depth, simulated or of a capture, as a page; the terminal shares its words."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from ..depth.estimate import epipolar_plane
-from ..depth.measure import REASONS, Summary, Trial
+from ..depth.measure import REASONS, Measurement, Summary, Trial
 from ..pictures.depth import depth_pictures
 from ..pictures.picture import Picture
 from ..words import length, listed, number
@@ -47,8 +47,8 @@ FIGURES = {
 """Title and caption of each picture."""
 
 
-def trial_pictures(trial: Trial) -> dict[str, Picture]:
-    """Every picture of a trial."""
+def measurement_pictures(trial: Measurement) -> dict[str, Picture]:
+    """Every picture of a measurement."""
     run = trial.first
     plane = epipolar_plane(run.field, run.pupil, run.disparities, trial.true.shape[0] // 2)
     return depth_pictures(trial, plane, REASONS)
@@ -79,7 +79,8 @@ def _what(trial: Trial) -> str:
     run, count = trial.first, len(trial.runs)
     known = run.depth[run.measured]
     between = f", between {known.min():.5g} and {known.max():.5g} mm from the main lens" if known.size else ""
-    other = "" if run.design is trial.raw.design else f" Depth is computed for another camera, {run.design.name}."
+    wrong = trial.believed is not trial.raw.design
+    other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
     times = "one exposure" if count == 1 else f"{count} exposures that differ by noise"
     return (
         f"The camera took {times} of {trial.scene.name or 'the scene'}; depth was measured in each, and compared with "
@@ -90,7 +91,7 @@ def _what(trial: Trial) -> str:
 def statements(trial: Trial) -> Iterator[Statement]:
     """A verdict for each question."""
     found = trial.summary()
-    yield _known(trial, found)
+    yield known(trial, found)
     if found.bias_mm is None or found.spread_mm is None or found.told_mm is None or found.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
@@ -130,10 +131,11 @@ def statements(trial: Trial) -> Iterator[Statement]:
         yield Statement("good", text)
 
 
-def _known(trial: Trial, found: Summary) -> Statement:
+def known(trial: Measurement, found: Summary) -> Statement:
+    """How much of the field has a depth, and why the rest has none."""
     reasons = trial.unknown()
-    why = listed([f"{_percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
-    text = f"How much of the field has a depth? {_percent(found.measured)} of the microlenses."
+    why = listed([f"{percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
+    text = f"How much of the field has a depth? {percent(found.measured)} of the microlenses."
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
     tone: Tone = "good" if found.measured >= FEW else "caution" if found.measured > 0 else "bad"
     return Statement(tone, text, remedy)
@@ -201,7 +203,7 @@ def basis(trial: Trial) -> tuple[Block, ...]:
         "The camera is known exactly; what a calibration leaves open comes on top (roslf calibrate --plan).",
         "Away from depth steps: windows that see two depths are told as unknown, or take the better side.",
     ]
-    if trial.first.design is not trial.raw.design:
+    if trial.believed is not trial.raw.design:
         notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
     return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
 
@@ -232,5 +234,6 @@ def _share(part: float, whole: float) -> str:
     return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} %"
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """A share in words: all and none are told apart from nearly so."""
     return "100 %" if share == 1 else "none" if share == 0 else f"{min(max(100 * share, 0.1), 99.9):.3g} %"

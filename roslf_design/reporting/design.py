@@ -24,6 +24,7 @@ from ..evaluation.show import (
     lens_table,
     mapping_table,
     seen_table,
+    temperature_table,
 )
 from ..evaluation.verdicts import near_cases
 from ..units import format_quantity
@@ -72,6 +73,12 @@ MODEL = (
     "Geometry is paraxial in the closed forms; an ideal lens makes it exact at any field, so traced rays agree.",
 )
 """True of every report."""
+
+
+WARMTH = (
+    "Lengths between parts grow as the housing, glass as glass, and the indices follow the temperature; the camera has "
+    "it all over, and nothing is refocused."
+)
 
 
 STUDIES = ("optimisation", "tolerances", "calibration")
@@ -127,6 +134,7 @@ def design_report(
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section("Evaluation", (*fact_tables(result), *_mapping(result), field_table(result), budget_table(result))),
+        *_temperature(result),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
@@ -293,6 +301,12 @@ def _seen(result: Evaluation) -> tuple[Table, ...]:
 def _mapping(result: Evaluation) -> tuple[Table, ...]:
     table = mapping_table(result)
     return () if table is None else (table,)
+
+
+def _temperature(result: Evaluation) -> tuple[Section, ...]:
+    """The camera at temperatures it meets; nothing of a design that says nothing of them."""
+    table = temperature_table(result)
+    return () if table is None else (Section("Temperature", (Paragraph(WARMTH), replace(table, title=""))),)
 
 
 def _stops(design: Design) -> Iterator[Table]:

@@ -24,9 +24,11 @@ from ..pictures.studies import (
 )
 from ..tables import Column
 from ..tolerancing.analyses import Yield
+from ..tolerancing.budgets import Budget, Change
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
+from ..tolerancing.study import CALIBRATION
 from ..words import in_words
 from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 
@@ -34,6 +36,8 @@ TOP = 12
 """Rows of a ranking."""
 MOST = 14
 """Bars that a ranking shows."""
+MOST_CHANGES = 8
+"""Changes that a table shows."""
 QUANTILES = 5
 """Columns of quantiles that fit on a page; the rest is in the results' file."""
 MOST_RATIO = 1e3
@@ -122,6 +126,9 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
     else:
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
+        if result.budget is not None and result.budget.changes:
+            best = result.budget.changes[0]
+            remedy = f"Cheapest: {change_words(result, best)} ({_cost(best.cost)}); yield {_share(best.result)}."
     return Statement("bad", text, remedy)
 
 
@@ -165,7 +172,10 @@ def _weakest_row(result: StudyResult) -> int:
 def tables(result: StudyResult, brief: bool = False) -> list[Table]:
     """The tables of a study; `brief`: of each metric the field that fails most often, and no sources."""
     shown = _shown(result, brief)
-    made = [_limits(result, shown), _quantiles(result, shown), _tolerances(result, brief), _rss(result, shown)]
+    made = [_limits(result, shown), _quantiles(result, shown), _tolerances(result, brief)]
+    if result.budget is not None:
+        made += _budget(result, result.budget)
+    made.append(_rss(result, shown))
     return made if result.sobol is None else [*made, _sobol(result)]
 
 
@@ -182,8 +192,9 @@ def _limits(result: StudyResult, shown: set[str]) -> Table:
     ]
     every = ("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
     heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
+    count = f"Of {result.plan.trials:,} builds."
     places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
-    caption = f"Fields, by the position of their microlens [mm]: {places}." if places else ""
+    caption = f"{count} Fields, by the position of their microlens [mm]: {places}." if places else count
     return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
 
 
@@ -216,25 +227,92 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
     design = result.plan.question.design
     kinds = perturbable(design)
-    alone = {a.place: (display(a.tolerance, kinds[a.place]), a.limited_by) for a in result.allowed}
+    allowed = {a.place: a for a in result.allowed}
     scale = None if result.scale_for_target is None else result.scale_for_target[0]
     shares = dict(ranking(result))
+
+    def own(value: str, place: str) -> str:
+        return display(getattr(allowed[place], value), kinds[place]) if place in allowed else ""
+
     source: Column = ("source", "l", lambda p: p.source.split(";")[0])
     columns: tuple[Column, ...] = (
         ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
-        ("alone up to", "r", lambda p: alone.get(p.place, ("", ""))[0]),
-        ("limited by", "l", lambda p: alone.get(p.place, ("", ""))[1]),
+        ("alone up to", "r", lambda p: own("alone", p.place)),
+        ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
+        ("shared budget", "r", lambda p: own("tolerance", p.place)),
         ("for the wanted yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
-        f"r²: squared correlation with the weakest metric. Alone up to: what uses {share} of a "
-        "limit's room by itself. For the wanted yield: all tolerances scaled by one factor."
+        "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails. "
+        f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
+        "all tolerances scaled by one factor."
     )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0))
     return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
+
+
+def _budget(result: StudyResult, found: Budget) -> Iterator[Table]:
+    """What reaches the wanted yield, cheapest first, and what may be looser."""
+    design = result.plan.question.design
+    if found.changes:
+        columns: tuple[Column, ...] = (
+            ("change", "l", lambda change: change_words(result, change)),
+            ("cost", "d", lambda change: _cost(change.cost)),
+            ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+        )
+        caption = (
+            f"What reaches {100 * found.target:.4g} %, cheapest first, of {found.changes[0].result.trials:,} builds. "
+            "Cost: more than now, in the unit of the grades' file; a tolerance between two grades by its logarithm."
+        )
+        yield Table.of(found.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+    if found.looser:
+        shown: tuple[Column, ...] = (
+            ("parameter", "l", lambda part: short_name(part.place, design)),
+            ("± now", "r", lambda part: _width(design, part.place, part.given)),
+            ("may be ±", "r", lambda part: _width(design, part.place, part.tolerance)),
+            ("grade", "l", lambda part: part.grade),
+            ("saves", "d", lambda part: _cost(part.saved)),
+        )
+        after = "after the cheapest change, " if found.changes else ""
+        caption = (
+            f"All together, {after}a yield of {100 * found.result.value:.2f} % of {found.result.trials:,} builds"
+            + ("" if found.cost is None else f", for {_cost(found.cost)} in all")
+            + "."
+        )
+        yield Table.of(found.looser, shown, "What may be looser", caption)
+
+
+def change_words(result: StudyResult, change: Change) -> str:
+    """A change as one would ask a shop for it."""
+    design = result.plan.question.design
+    if change.kind == "all tolerances":
+        assert result.scale_for_target is not None
+        return f"all tolerances times {result.scale_for_target[0]:.3g}"
+    said = []
+    for place, grade, to in change.steps:
+        name = "calibration of each build" if place == CALIBRATION else short_name(place, design)
+        if change.kind == "adjustment":
+            said.append(f"adjust: {name}" + (f", ± {_width(design, place, to)}" if math.isfinite(to) else ""))
+        else:
+            said.append(f"{name} to ± {_width(design, place, to)}" + (f" ({grade})" if grade else ""))
+    return "; ".join(said)
+
+
+def _width(design: Design, place: str, value: float) -> str:
+    """A half-width at a place, which may lack its axis."""
+    kinds = perturbable(design)
+    return display(value, kinds.get(place) or kinds[f"{place}.0"])
+
+
+def _share(measured: Yield) -> str:
+    return f"{100 * measured.value:.2f} % of {measured.trials:,} builds"
+
+
+def _cost(cost: float | None) -> str:
+    return "not known" if cost is None else f"{cost:+.2f}"
 
 
 def _rss(result: StudyResult, shown: set[str]) -> Table:
@@ -339,7 +417,7 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
 
 def _yields(result: StudyResult) -> Yields:
     def share(measured: Yield) -> YieldShare:
-        return YieldShare(measured.value, *measured.interval)
+        return YieldShare(measured.value, *measured.interval, measured.trials)
 
     grades = tuple((grade.grade, share(grade.result)) for grade in result.grades)
     own = dict(grades).get(result.study.grade or "", share(result.final.result))

@@ -125,7 +125,7 @@ def common(
     """
     n, k = centres.shape[:2]
     table, status, clipping = np.empty((n, 8)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
-    run = kernel.interpreted if n * k < interpreted_below else kernel.compiled
+    run = kernel.interpreted if n * k < interpreted_below and not kernel.ready else kernel.compiled
     run(centres, sizes, table, status, clipping)
     area, kept, lost = table[:, :3].T.reshape(3, *lead)
     return DiscIntersection(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import Array, product, ratio
+from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.mapping import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
@@ -75,7 +75,7 @@ def object_sample(c: Camera) -> Array:
 
 def object_scale(c: Camera) -> Array:
     """Millimetres on the focal plane per millimetre on the array, ``d_f/d_1`` in air; inf at d_f = inf."""
-    return product(c.inverse_m, np.abs(c.focus.magnification))
+    return product(c.inverse_m, magnitude(c.focus.magnification))
 
 
 def chief_spread(c: Camera) -> Number:
@@ -85,7 +85,7 @@ def chief_spread(c: Camera) -> Number:
     Lambertian surface through its image, the entrance pupil, wherever that lies.
     """
     _, front = c.front
-    return np.abs(front.d - front.c * c.d_3)
+    return magnitude(front.d - front.c * c.d_3)
 
 
 def chief_slope(c: Camera) -> Array:

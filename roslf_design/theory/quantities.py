@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._arrays import Array, product, ratio
+from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
@@ -158,7 +158,7 @@ def _object_scale(c: Camera, at: Depth | Array) -> Array:
     """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
     if at is None:
         return light.object_scale(c)
-    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * np.abs(_plane_at(c, at).magnification))
+    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * magnitude(_plane_at(c, at).magnification))
 
 
 def _on_object(c: Camera, at: Depth, place: Array) -> Array:

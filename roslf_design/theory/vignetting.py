@@ -140,7 +140,7 @@ def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
     """Radii on the focal plane as the main lens sees them, where they are [mm]."""
-    straight = radii * np.abs(c.focus.magnification)
+    straight = radii * magnitude(c.focus.magnification)
     return straight if c.law is None else product(straight, c.stretch(outer_slope(c, np.abs(radii) / c.inverse_m)))
 
 

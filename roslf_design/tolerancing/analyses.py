@@ -79,21 +79,24 @@ def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
 
 def _passing(plan: TolerancePlan, scale: float, trials: int) -> Iterator[int]:
     """How many builds hold all limits, block by block."""
-    deviations = _first_draws(plan.draws, trials)
+    deviations = first_draws(plan.draws, trials)
     for at in range(0, trials, BLOCK):
         block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
         yield int(plan.passes(block).all(axis=0).sum())
 
 
 @lru_cache(maxsize=2)
-def _first_draws(draws: Draws, trials: int) -> Array:
+def first_draws(draws: Draws, trials: int) -> Array:
     """Deviations of the first trials, which a curve's every point shares."""
     return draws.deviations(draws.uniforms(0, trials))
 
 
-def yield_curve(plan: TolerancePlan) -> tuple[tuple[float, Yield], ...]:
-    """Yield over a common factor on all tolerances."""
-    return tuple((scale, yield_at(plan, scale, curve_trials(plan))) for scale in SCALES)
+def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
+    """Yield over a common factor on all tolerances; at 1 the run's `own` where there is one."""
+    return tuple(
+        (scale, own if own is not None and scale == 1.0 else yield_at(plan, scale, curve_trials(plan)))
+        for scale in SCALES
+    )
 
 
 def scale_for_yield(
@@ -341,21 +344,25 @@ def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iter
 
 @dataclass(frozen=True)
 class Allowed:
-    """What one perturbation alone may be, so that it uses no more than its share of any limit."""
+    """What one perturbation may be: alone until a limit fails, and as its share of the limits' room."""
 
     place: str
     tolerance: float
-    """Half-width [mm or rad]; infinite where nothing up to `LOOSEST` times the given one uses the share."""
+    """Half-width that uses no more than the study's share of any limit's room [mm or rad]; infinite where nothing up to
+    `LOOSEST` times the given one does."""
     given: float
     limited_by: str
-    """Label of the column whose limit binds; empty where none does."""
+    """Label of the column whose share binds; empty where none does."""
+    alone: float
+    """Half-width at which, all else nominal, the first limit fails."""
+    alone_limited_by: str
 
 
 def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
-    """Largest tolerance of each perturbation that uses no more than a share of the way from nominal to any limit.
+    """Largest tolerance of each perturbation alone: until a limit fails, and until it uses a share of a limit's room.
 
-    Found on the real response by bisection, not from a derivative: margins and decentres bend. Where something is
-    adjusted, what is left after adjustment counts.
+    By bisection on the real response, not from a derivative: margins and decentres bend. Where something is adjusted,
+    what is left after adjustment counts.
 
     Raises
     ------
@@ -366,30 +373,42 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     if misses:
         raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
     perturbations, limits = plan.draws.perturbations, plan.limits
-    rows, which, sides = (part.ravel() for part in np.indices((len(perturbations), len(limits), 2)))
+    # One case for each perturbation, end of its tolerance and part of the room: all of it, the share.
+    rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))
     cases = np.arange(rows.size)
-    column = np.array([limit.column for limit in limits])[which]
-    here, ends = plan.nominal[column], np.array([(limit.low, limit.high) for limit in limits])[which].T
-    low, high = here + share * (ends - here)
+    columns = np.array([limit.column for limit in limits])
+    here = plan.nominal[columns, None]
+    room = np.where(parts == 0, 1.0, share)
+    low, high = (
+        np.where(parts == 0, edge, here + room * (edge - here))
+        for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
+    )
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
-    trial = np.ones(rows.size)
+    trial, broken = np.ones(rows.size), np.zeros(rows.size, np.intp)
     for _ in range(HALVINGS):
         deviations = np.zeros((len(perturbations), rows.size))
-        deviations[rows, cases] = np.where(sides == 0, trial, -trial)
-        value = measure_finally(plan, deviations)[column, cases]
-        held = (value >= low) & (value <= high)
-        inside = np.where(held, trial, inside)
-        outside = np.where(held, outside, trial)
+        deviations[rows, cases] = np.where(ends == 0, trial, -trial)
+        value = measure_finally(plan, deviations)[columns]
+        good = (value >= low) & (value <= high)
+        held = good.all(axis=0)
+        broken = np.where(held, broken, np.argmin(good, axis=0))
+        inside, outside = np.where(held, trial, inside), np.where(held, outside, trial)
         trial = np.where(
             np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
         )
-    widths = np.where(inside >= LOOSEST * (1 - 1e-9), np.inf, inside).reshape(len(perturbations), -1)
+    widths, broken = (part.reshape(len(perturbations), 2, 2) for part in (inside, broken))
+
+    def narrower(index: int, part: int) -> tuple[float, str]:
+        end = int(np.argmin(widths[index, :, part]))
+        width = float(widths[index, end, part])
+        if width >= LOOSEST * (1 - 1e-9):
+            return math.inf, ""
+        return width * perturbations[index].tolerance, plan.columns[limits[broken[index, end, part]].column].label
+
     allowed = []
-    for p, row in zip(perturbations, widths, strict=True):
-        tightest = int(np.argmin(row))
-        width = float(row[tightest])
-        label = plan.columns[limits[tightest // 2].column].label if math.isfinite(width) else ""
-        allowed.append(Allowed(p.place, width * p.tolerance if label else math.inf, p.tolerance, label))
+    for index, p in enumerate(perturbations):
+        (alone, fails), (tolerance, binds) = narrower(index, 0), narrower(index, 1)
+        allowed.append(Allowed(p.place, tolerance, p.tolerance, binds, alone, fails))
     return tuple(allowed)
 
 

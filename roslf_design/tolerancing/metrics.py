@@ -129,7 +129,7 @@ def builds_of(
     nominal, changes = Camera.of(design.thin_twin), values
     if design.lens is not None:
         mount = mounted(design, values, trials)
-        changes = mount.twins
+        nominal, changes = nominal.as_measured, mount.twins
     camera = nominal.replace(changes)
     valid = np.broadcast_to(camera.valid, (trials,))
     if not valid.all():

@@ -13,12 +13,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
 from ..design.chain import MEDIUM
 from ..design.conjugates import REFRACTING
+from ..design.environment import TEMPERATURE
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values
@@ -40,6 +41,7 @@ SHOWN = {
     "gradient": (1.0, " /mm"),
     "ratio": (100.0, " %"),
     "angle": (1e3, " mrad"),
+    "temperature": (1.0, " K"),
 }
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
 SHIPPED = Path(__file__).with_name("grades.toml")
@@ -52,8 +54,8 @@ def perturbable(design: Design) -> dict[str, str]:
     Returns
     -------
     dict
-        Dotted place to what it measures: "length", "angle", "ratio", "number" (an index) or "gradient"; in a real lens
-        also "curvature".
+        Dotted place to what it measures: "length", "angle", "ratio", "number" (an index), "gradient" or "temperature";
+        in a real lens also "curvature".
     """
     built = [place for place in Camera.of(design).numbers if place != TIP and place not in SEEING]
     kinds = {place: _kind(place) for place in built if ".size." not in place}
@@ -64,6 +66,8 @@ def perturbable(design: Design) -> dict[str, str]:
 
 
 def _kind(place: str) -> str:
+    if place == TEMPERATURE:
+        return "temperature"
     if place.endswith("relay_magnification"):
         return "ratio"
     if place.endswith((".index", ".gradient")):
@@ -129,6 +133,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         )
     if in_lens(name) and design.lens is None:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
+    if name == TEMPERATURE:
+        raise ValueError("the design says nothing of what grows; add [environment] to it, with temperature and housing")
     names = [*known, *(place[:-2] for place in known if place.endswith(".0")), *PATHS, *SHORT]
     near = difflib.get_close_matches(name, names, 1, 0.4)
     remedy = f"known are {', '.join(PATHS)} and dotted places such as aperture.tilt"
@@ -150,6 +156,8 @@ def short_name(place: str, design: Design | None = None) -> str:
     if place in symbols:
         return symbols[place]
     part, _, rest = place.partition(".")
+    if place == TEMPERATURE:
+        return rest
     if part == "stops":
         index, _, rest = rest.partition(".")
         part = f"stop {int(index) + 1}"
@@ -187,7 +195,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
     text : object
         "0.05 mm", "3 mrad", or percent of the nominal value: "1 %". A ratio or a number takes percent or a bare number,
         a curvature "1e-5 /mm".
-    kind : {"length", "angle", "ratio", "number", "gradient", "curvature"}
+    kind : {"length", "angle", "ratio", "number", "gradient", "temperature", "curvature"}
         What the place measures.
     nominal : float
         The design's value there.
@@ -198,6 +206,8 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         Not readable, not finite, negative, or percent of a nominal zero.
     """
     if isinstance(text, str) and text.strip().endswith("%"):
+        if kind == "temperature":
+            raise ValueError(f'"{text}" of a temperature means nothing; write e.g. "10 K"')
         try:
             share = float(text.strip()[:-1])
         except ValueError:
@@ -212,7 +222,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         except (TypeError, ValueError):
             raise ValueError(f"{text!r} is not a {kind}; write e.g. {BARE[kind]}") from None
     else:
-        value = parse_quantity(text, kind)
+        value = parse_quantity(text, "temperature difference" if kind == "temperature" else kind)
     if not math.isfinite(value) or value < 0:
         raise ValueError(f'"{text}" must be a finite half-width that is not negative')
     return within_reach(value, kind, text) if kind in FARTHEST else value
@@ -227,6 +237,18 @@ class GradeLine(NamedTuple):
     """One text a grade, e.g. "1 %"."""
     provenance: str
     """Where the figures come from."""
+    costs: tuple[float, ...]
+    """Of one such part in every grade; differences count."""
+
+
+class AdjustmentLine(NamedTuple):
+    """A part that could be adjusted on each build, or "calibration" of the decoder, and what that costs."""
+
+    place: str
+    range: str
+    """How far it can be moved either way; empty for calibration."""
+    cost: float
+    provenance: str
 
 
 @dataclass(frozen=True)
@@ -238,6 +260,15 @@ class Grades:
     meanings: tuple[str, ...]
     """One sentence each."""
     lines: tuple[GradeLine, ...]
+    adjustments: tuple[AdjustmentLine, ...] = ()
+
+    def line_of(self, design: Design, place: str) -> tuple[GradeLine, tuple[float, ...]] | None:
+        """The line that speaks of a place, and its half-widths there in every grade; None where none does."""
+        lines = [line for line in self.lines if place in _covered(design, line.place)]
+        if not lines:
+            return None
+        line, kind, nominal = lines[-1], perturbable(design)[place], nominal_values(design)[place]
+        return line, tuple(parse_tolerance(text, kind, nominal) for text in line.tolerances)
 
     def tolerances(self, grade: str, design: Design) -> dict[str, float]:
         """Half-widths, to one of the grades, at every place of a design that the table speaks of.
@@ -278,32 +309,76 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     Raises
     ------
     InputError
-        Every fault of the file: no grades, a line without its place, a value for each grade or its provenance.
+        Every fault of the file: no grades, a line without its place, a value for each grade or its provenance, costs
+        that are not one number a grade.
     """
     data = read_toml(path, str(path))
     names = data.get("grades")
     if not isinstance(names, dict) or not names:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
-    wanted = ("place", *names, "provenance")
-    lines = data.get("line", [])
-    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
-        raise InputError((Problem("line", "must be tables, each headed [[line]]"),), str(path))
     problems = [
         Problem(f"grades.{name}", f"must be a sentence on what it means, got {meaning!r}")
         for name, meaning in names.items()
         if not isinstance(meaning, str)
     ]
+    lines = _rows(data, "line", ("place", *names, "provenance"), ("cost",), tuple(names), problems)
+    parts = _rows(data, "adjustment", ("place", "cost", "provenance"), ("range",), (), problems)
     for index, line in enumerate(lines, 1):
-        missing = [key for key in wanted if key not in line]
-        unknown = [key for key in line if key not in wanted]
-        problems += [
-            Problem(f"line.{index}.{key}", f"must be text, got {line[key]!r}")
-            for key in wanted
-            if key in line and not isinstance(line[key], (str, int, float) if key in names else str)
-        ]
-        problems += [Problem(f"line.{index}.{key}", "is missing; add it") for key in missing]
-        problems += [Problem(f"line.{index}.{key}", f"is not known; known are {', '.join(wanted)}") for key in unknown]
+        costs = line.get("cost", [])
+        if "cost" in line and not (
+            isinstance(costs, list) and len(costs) == len(names) and all(_is_cost(cost) for cost in costs)
+        ):
+            example = [1.0 * step for step in range(1, len(names) + 1)]
+            message = f"must be one number for each of {', '.join(names)}, none below 0, e.g. {example}; got {costs!r}"
+            problems.append(Problem(f"line.{index}.cost", message))
+    for index, part in enumerate(parts, 1):
+        if "cost" in part and not _is_cost(part["cost"]):
+            message = f"must be a number that is not negative, got {part['cost']!r}"
+            problems.append(Problem(f"adjustment.{index}.cost", message))
     if problems:
         raise InputError(tuple(problems), str(path))
-    rows = (GradeLine(line["place"], tuple(str(line[n]) for n in names), line["provenance"]) for line in lines)
-    return Grades(tuple(names), tuple(names.values()), tuple(rows))
+    usual = [1.0 * step for step in range(len(names))]
+    rows = (
+        GradeLine(
+            line["place"],
+            tuple(str(line[n]) for n in names),
+            line["provenance"],
+            tuple(float(cost) for cost in line.get("cost", usual)),
+        )
+        for line in lines
+    )
+    adjusted = (AdjustmentLine(p["place"], p.get("range", ""), float(p["cost"]), p["provenance"]) for p in parts)
+    return Grades(tuple(names), tuple(names.values()), tuple(rows), tuple(adjusted))
+
+
+def _rows(
+    data: Mapping[str, Any],
+    key: str,
+    wanted: tuple[str, ...],
+    more: tuple[str, ...],
+    widths: tuple[str, ...],
+    problems: list[Problem],
+) -> list[dict[str, Any]]:
+    """The tables [[key]] of a file of grades: keys `wanted`, `more` if need be; `widths` may be numbers."""
+    lines = data.get(key, [])
+    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
+        problems.append(Problem(key, f"must be tables, each headed [[{key}]]"))
+        return []
+    known = (*wanted, *more)
+    for index, line in enumerate(lines, 1):
+        at = f"{key}.{index}"
+        problems += [
+            Problem(f"{at}.{name}", f"must be text, got {line[name]!r}")
+            for name in known
+            if name in line
+            and name != "cost"
+            and not isinstance(line[name], (str, int, float) if name in widths else str)
+        ]
+        problems += [Problem(f"{at}.{name}", "is missing; add it") for name in wanted if name not in line]
+        unknown = [name for name in line if name not in known]
+        problems += [Problem(f"{at}.{name}", f"is not known; known are {', '.join(known)}") for name in unknown]
+    return lines
+
+
+def _is_cost(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < math.inf

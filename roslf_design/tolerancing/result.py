@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from .analyses import (
     yield_at,
     yield_curve,
 )
+from .budgets import Budget, budget
 from .metrics import METRICS, builds_of
 from .places import Grades
 from .run import Tally
@@ -115,6 +116,8 @@ class StudyResult:
     yield_curve: tuple[tuple[float, Yield], ...]
     scale_for_target: tuple[float, Yield] | None
     """Common factor on all tolerances that meets the wanted yield."""
+    budget: Budget | None
+    """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit."""
     grades: tuple[GradeYield, ...]
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
@@ -156,6 +159,7 @@ class StudyResult:
             "yield": {
                 "value": self.final.result.value,
                 "interval_95": self.final.result.interval,
+                "trials": self.final.result.trials,
                 "of": self.final.name,
             },
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
@@ -175,6 +179,7 @@ class StudyResult:
             "inverse_sensitivity": self.allowed,
             "yield_curve": [{"scale": scale, **_yield(result)} for scale, result in self.yield_curve],
             "inverse_by_yield": by_yield,
+            "budget": None if self.budget is None else _budget(self.budget),
             "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
             "worst": [{"trial": w.number, "score": w.score, "file": w.file} for w in self.worst],
@@ -186,6 +191,23 @@ class StudyResult:
 
 def _yield(result: Yield) -> dict[str, Any]:
     return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
+
+
+def _budget(found: Budget) -> dict[str, Any]:
+    return {
+        "target": found.target,
+        "changes": [
+            {
+                "kind": change.kind,
+                "steps": [{"place": place, "grade": grade, "to": to} for place, grade, to in change.steps],
+                "cost": change.cost,
+                **_yield(change.result),
+            }
+            for change in found.changes
+        ],
+        "looser": found.looser,
+        "together": {"cost": found.cost, **_yield(found.result)},
+    }
 
 
 def _variant(variant: Variant) -> dict[str, Any]:
@@ -223,7 +245,9 @@ def analyse(
     misses = plan.nominal_misses()
     count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
-    curve = yield_curve(plan)
+    given = variants[-1].result
+    curve = yield_curve(plan, given)
+    scaled = scale_for_yield(plan, study.yield_target, curve)
     return StudyResult(
         plan=plan,
         study=study,
@@ -233,8 +257,9 @@ def analyse(
         sobol=sobol_indices(plan, study.sobol_samples) if study.sobol_samples else None,
         allowed=() if misses else inverse_sensitivity(plan, share),
         yield_curve=curve,
-        scale_for_target=scale_for_yield(plan, study.yield_target, curve),
-        grades=_grades(plan, study, grades, curve),
+        scale_for_target=scaled,
+        budget=None if misses else budget(plan, study, grades, given, scaled),
+        grades=_grades(plan, study, grades, given),
         correlations=correlations(tally),
         worst=worst,
         warnings=(*(lens.notes() if lens else ()), *_warnings(plan, variants, rss, misses)),
@@ -253,14 +278,12 @@ def trace_check(plan: TolerancePlan) -> TraceCheck | None:
     return check_traced(design, builds, values)
 
 
-def _grades(
-    plan: TolerancePlan, study: Study, grades: Grades, curve: Sequence[tuple[float, Yield]]
-) -> tuple[GradeYield, ...]:
-    """The study at each grade; at its own the curve has it."""
+def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> tuple[GradeYield, ...]:
+    """The study at each grade; at its own the run has it."""
 
     def yield_of(name: str) -> Yield:
         if name == study.grade:
-            return dict(curve)[1.0]
+            return given
         other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
         return yield_at(other, 1.0, curve_trials(plan))
 

@@ -15,10 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera, Number
+from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
 from ..design.conjugates import CONJUGATES, followed
+from ..design.environment import TEMPERATURE
+from ..design.parts import PATHS
 from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
@@ -88,6 +90,10 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
     """
     nominal, camera, drawn = nominal_values(design), camera_of(design), design.lens
     assert drawn is not None
+    warmth, diameter = None, values.get(PATHS["D"])
+    if TEMPERATURE in values and design.environment is not None:
+        warmth = values[TEMPERATURE], design.environment.expansion
+        values = {**values, **_warmed(design, values)}
 
     def number(place: str) -> Array:
         return values.get(place, np.full(trials, nominal[place]))
@@ -101,8 +107,9 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         of_lens(values),
         trials,
         light=values.get("light.wavelength"),
-        diameter=values.get("main_lens.diameter"),
+        diameter=diameter,
         tilt=pair("main_lens.tilt"),
+        warmth=warmth,
     )
     around, front = _around(design, values), camera.first_order.front_principal
     mla = camera.first_order.rear_principal + _mla_distance(around, values, number(DISTANCE))
@@ -134,10 +141,20 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
     return Mounted(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
 
 
+def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
+    """What stands around the lens, at the temperatures of builds; where parts stand, not what lenses do."""
+    camera = Camera.of(design)
+    assert camera.growth is not None
+    numbers = {**camera.numbers, **{place: value for place, value in values.items() if not in_lens(place)}}
+    moved = camera.growth.moved(numbers, camera[TEMPERATURE], values[TEMPERATURE], lens_stays=True)
+    trials = np.shape(values[TEMPERATURE])
+    return {place: np.broadcast_to(value, trials).copy() for place, value in moved.items() if place not in (FOCAL, TIP)}
+
+
 def _around(design: Design, values: Mapping[str, Any]) -> Camera:
     """What stands around the nominal lens, its object-side principal plane at 0; the lens and the focus as drawn."""
     changed = {place: value for place, value in values.items() if not in_lens(place) and place not in CONJUGATES}
-    return Camera.of(design.thin_twin).replace(changed)
+    return Camera.of(design.thin_twin).as_measured.replace(changed)
 
 
 def _mla_distance(around: Camera, values: Mapping[str, Any], given: Any) -> Any:
@@ -175,7 +192,9 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     for place in (f"{part}.distance" for part in (*stops_of(design), *elements)):
         changes[place] = own.front_principal - (constants.front_principal - values.get(place, nominal[place]))
     changes |= {"main_lens.prescription": made, "main_lens.reversed": False, "main_lens.diameter": None}
-    return design.replace({**changes, "main_lens.focal_length": None})
+    temperature = changes.pop(TEMPERATURE, None)
+    built = design.replace({**changes, "main_lens.focal_length": None})
+    return built if temperature is None else built.replace({TEMPERATURE: temperature})
 
 
 class LocalMaps(NamedTuple):

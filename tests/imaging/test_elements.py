@@ -15,7 +15,7 @@ from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Checkerboard, Plane, Points, Scene, Sinusoid
-from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.theory.stop_images import MicrolensImages, stop_discs
 from tests.oracles.object_space import object_side
 
 PAPER = roslf.load("paper").replace({"aperture.distance": 117.0})
@@ -178,6 +178,37 @@ def test_exact_rays_change_pictures_by_less_than_the_plan_says(design, scene, ov
     ]
     size = np.abs(images[0].pixels.astype(float) - images[1].pixels).max()
     assert 0.01 < size <= on["plate_aberration"].estimate
+
+
+def test_white_images_by_snells_law_are_discs_between_the_edges_that_rays_find():
+    """Edges across the field by mpmath; a corner's pixels by sampled rays, as near as the discs say."""
+    alone = GLAZED.replace({"microlens_array.pitch": ALONE})
+    lines = plan(alone, overrides=[*PINHOLES, "+plate_aberration"])
+    camera = planned_camera(alone, lines)
+    white = WhiteGeometry.of(camera, lines).by_snell(0.1, alone.wavelength)
+    off = white.exact.error / alone.q
+    assert 0.001 < off < 0.1
+    glass = [("plate", 37.5, 22.5, float(alone.elements[0].material.index(alone.wavelength)))]
+    c = 4.0
+
+    def at_fap(p):
+        slope = p / alone.d_2
+        height = c - slope * alone.d_1
+        return object_side(height, slope + height / alone.f, glass, 1, [alone.d_3], True)[0]
+
+    (centres, radii), (first, _) = white.exact.at(np.array([c]), np.array([0.0])), stop_discs(camera, c, 0.0)
+    edges = sorted(float(mp.findroot(lambda p, e=e: at_fap(p) - e * alone.D_F / 2, first[0, 0])) for e in (-1, 1))
+    seen = centres[0, 0, 0] + radii[0, 0] * np.array([-1, 1])
+    np.testing.assert_allclose(seen, edges, rtol=0, atol=white.exact.error)
+    assert abs(first[0, 0] - centres[0, 0, 0]) > 2 * white.exact.error
+    width, height = alone.pixels
+    region = Region(width - 140, height - 140, 70, 70)
+    rays, _ = Tracer.of(alone, lines, WHITE_FIELD).image(region, RaySampling(1024, 1024, 0.0, 1))
+    image = white.image(region)
+    assert np.ptp(image) > 0.9, "an edge is in it"
+    np.testing.assert_allclose(image, rays, rtol=0, atol=math.sqrt(2) * off + 0.01)  # along a diagonal; 1024 rays
+    tilted = camera.replace({"elements.0.wedge.0": 1e-3})
+    assert WhiteGeometry.of(tilted, lines).by_snell(0.1, alone.wavelength) is None
 
 
 def test_exact_pictures_are_textures_met_by_snells_law():

@@ -64,9 +64,10 @@ def shared(design: Design) -> None:
         assert hash(again) == hash(design)
     names = {"Design": Design, "Prescription": Prescription, "Surface": Surface}
     from roslf_design.design import Light, MainLens, MicrolensArray, Sensor, Stop
-    from roslf_design.lenses.glass import Glass
+    from roslf_design.lenses.glass import Glass, Warming
 
-    names |= {part.__name__: part for part in (Light, MainLens, MicrolensArray, Sensor, Stop, Glass)} | {"inf": np.inf}
+    parts = (Light, MainLens, MicrolensArray, Sensor, Stop, Glass, Warming)
+    names |= {part.__name__: part for part in parts} | {"inf": np.inf}
     assert eval(repr(design), names) == design
 
 

@@ -65,7 +65,7 @@ def test_labels_of_a_small_plane_stay_inside(d_3, D_F):
 
 
 def test_no_target_line_runs_through_a_yield():
-    share = YieldShare(0.904, 0.89, 0.91)
+    share = YieldShare(0.904, 0.89, 0.91, 4096)
     panel = yield_bars(Yields("precision", share, (("precision", share),), ()), target=0.95).panels[0]
     line = next(mark for mark in panel.marks if isinstance(mark, Line) and mark.colour == "orange")
     words = next(mark for mark in panel.marks if isinstance(mark, Text) and mark.text == "90.4 %")

@@ -30,7 +30,7 @@ from roslf_design.pictures.studies import (
 )
 
 SVG = "{http://www.w3.org/2000/svg}"
-HALF, MOST = YieldShare(0.5, 0.45, 0.55), YieldShare(0.9, 0.88, 0.92)
+HALF, MOST = YieldShare(0.5, 0.45, 0.55, 4096), YieldShare(0.9, 0.88, 0.92, 4096)
 TOLERANCE = ToleranceResult(
     grade="precision",
     share=HALF,
@@ -46,8 +46,12 @@ TOLERANCE = ToleranceResult(
         LimitSpread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
         LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
-    grades=(("commercial", YieldShare(0.1, 0.08, 0.12)), ("precision", YieldShare(0.48, 0.4, 0.56)), ("high", MOST)),
-    curve=((0.5, MOST), (1.0, HALF), (2.0, YieldShare(0.0, 0.0, 0.01))),
+    grades=(
+        ("commercial", YieldShare(0.1, 0.08, 0.12, 4096)),
+        ("precision", YieldShare(0.48, 0.4, 0.56, 4096)),
+        ("high", MOST),
+    ),
+    curve=((0.5, MOST), (1.0, HALF), (2.0, YieldShare(0.0, 0.0, 0.01, 4096))),
     question="",
 )
 OPTIMUM = OptimiseResult(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import depth_of, disparity_of
+from roslf_design.depth.geometry import depth_of, disparity_of
 
 FOLDER = Path(__file__).parents[2] / "studies" / "depth"
 spec = importlib.util.spec_from_file_location("depth_study", FOLDER / "depth_study.py")

@@ -1,0 +1,93 @@
+"""Raw images of users, read and decoded: what `roslf decode` and `roslf depth` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .. import calibration
+from ..calibration import CalibrationError, LightField
+from ..calibration.frames import Image, grey_frame, read_image_and_notes, same_size
+from ..camera import Camera
+from ..depth.decoded import RawSource
+from ..design import Design
+from ..errors import InputError, Problem
+from .failures import UnfinishedError, what_there_was
+from .terminal import refusal
+
+OTHER_CAMERA = 0.02
+"""Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
+
+
+class RawDecoded(NamedTuple):
+    """A raw image as a light field."""
+
+    field: LightField
+    source: RawSource
+    pixels: Image
+    """As they are stored."""
+    notes: Mapping[str, Any]
+    """What `roslf` noted in the file."""
+
+
+def from_raw(
+    image: Path, white: Path | None, dark: Path | None, design: Design | None, progress: Callable[[str], None]
+) -> RawDecoded:
+    """Read and decode a raw image; without a white image by the design's lattice, wherever that lies in it.
+
+    Raises
+    ------
+    InputError
+        Files that cannot be read or differ in size; neither white image nor design.
+    UnfinishedError
+        No microlens images are found.
+    """
+    progress("reading")
+    if white is None and design is None:
+        raise refusal(
+            "--white",
+            "is missing: give a white image; or name the camera by --design, and the microlens images are looked for in"
+            " the image itself",
+        )
+    pixels, notes = read_raw(image)
+    even, black = (None if path is None else read_raw(path)[0] for path in (white, dark))
+    layout = None if design is None else design.microlens_array.layout
+    pitch = None if design is None else calibration.image_pitch(design)
+    radius = None
+    if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
+        radius = calibration.undistorted_radius(design) or None
+    try:
+        for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
+            if other is not None:
+                same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
+        frame = grey_frame(pixels, black, image.name)
+    except CalibrationError as error:
+        raise InputError((Problem("", str(error)),)) from None
+    progress("finding microlens centres")
+    searched = pixels if even is None else even
+    try:
+        if even is not None:
+            centres = calibration.find_centres(
+                even, black, layout=layout, pitch=pitch, undistorted_radius=radius
+            )  # fmt: skip
+        else:
+            assert layout is not None
+            assert pitch is not None
+            centres = calibration.find_centres_in_scene(pixels, black, layout=layout, pitch=pitch)
+        progress("decoding")
+        field = calibration.decode(pixels, centres.lattice, white=even, dark=black)
+    except CalibrationError as error:
+        raise UnfinishedError(str(error), what_there_was(searched, str(error), pitch)) from None
+    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes)
+
+
+def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
+    """Pixels of a raw image, and what `roslf` noted in the file; errors as of `from_raw`."""
+    try:
+        pixels, notes = read_image_and_notes(path)
+        grey_frame(pixels, None, "picture")
+    except CalibrationError as error:
+        said = str(error).removeprefix(f"{path.name} ")
+        raise InputError((Problem("", said),), str(path)) from None
+    return pixels, notes

@@ -1,0 +1,205 @@
+"""Depth in pictures that a camera took: a raw image decoded, its noise, where to search; what came of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.decoding import LightField
+from ..calibration.frames import Image, saturation_level
+from ..calibration.lattice import CentreLattice
+from ..calibration.refocusing import sharp_disparities
+from ..camera import Camera
+from ..imaging.camera import Region
+from ..json_data import plain
+from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.photometry import dark_variance, electrons
+from .estimate import PixelNoise
+from .geometry import GridGeometry, ViewGeometry
+from .measure import MARGIN, POINTS, Measurement, lattice_of, measure, sampled
+
+FULL = 0.98
+"""Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
+FIRST_NOISE = 0.02
+"""Of views whose noise is not known, against their brightness, to begin with."""
+QUIET = 1e8
+"""Electrons of views whose noise has nothing to do with light."""
+MOST_ELECTRONS = 1e12
+"""That a file is believed to stand for in a pixel."""
+FAINTEST = 1e-4
+"""Least noise of such views, against their brightness: what rounding and interpolation leave."""
+
+
+@dataclass(frozen=True)
+class CaptureNoise:
+    """Noise of a capture's samples, and where it is known from."""
+
+    pixel: PixelNoise
+    scale: float
+    """Value of the samples that is white, 1, to `pixel`."""
+    source: str
+    """In words."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCapture(Measurement):
+    """Depths in a picture that somebody took."""
+
+    source: str
+    """Name of the file or folder."""
+    kind: str
+    """"raw", "views" or "matlab"."""
+    camera: str
+    """What describes the camera: a design by its name; empty where nothing does."""
+    calibration: str
+    """Folder whose lengths, and their errors, depths are computed with; empty where they are taken as exact."""
+    noise: CaptureNoise
+    truth: str = ""
+    """File that the truth is from."""
+    warnings: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object of `roslf depth`."""
+        first, flat, noise = self.first, self.first.flatness(), self.noise.pixel
+        unit = first.geometry.unit
+        summary = plain(self.summary())
+        if unit == "px":
+            keys = {key.replace("_mm", "_px") if key.endswith("_mm") else key: value for key, value in summary.items()}
+            summary = {key: None for key in summary if key.endswith("_mm")} | keys
+        return {
+            "schema": "roslf.depth/1",
+            "source": self.source,
+            "kind": self.kind,
+            "design": self.camera or None,
+            "calibration": self.calibration or None,
+            "truth": self.truth or None,
+            "unit": unit,
+            "microlenses": [self.true.shape[1], self.true.shape[0]],
+            "window": first.disparities.window,
+            "searched_pitches": list(first.disparities.search),
+            "noise": {"electrons": noise.electrons, "read_noise": noise.read_noise, "from": self.noise.source},
+            "summary": summary | {"unknown": self.unknown()},
+            "plane": None if flat is None else {f"rms_{unit}": flat.rms, "inside_68": flat.inside_68},
+            "points": list(sampled(first, self.true, POINTS)),
+            "warnings": list(self.warnings),
+        }
+
+
+def on_array(field: LightField, lattice: CentreLattice, camera: Camera, region: Region) -> LightField:
+    """A decoded light field whose u and v count microlenses from the array's centre, as the design has it.
+
+    Which microlens is in the middle is told by the design, to half a pitch: nothing in an image shows it.
+
+    Parameters
+    ----------
+    field : LightField
+        Decoded with `lattice`.
+    lattice : CentreLattice
+    camera : Camera
+        As designed.
+    region : Region
+        Of its sensor that was decoded.
+    """
+    designed = lattice_of(camera, region)
+    middle = np.rint(designed.indices([(region.columns - 1) / 2, (region.rows - 1) / 2]))
+    i, j = middle - np.rint(lattice.indices(designed.nodes(*middle)))
+    if field.hexagonal is None:
+        return replace(field, u=field.u + i, v=field.v + j)
+    along = i + 0.5 * j
+    rows = field.hexagonal._replace(starts=field.hexagonal.starts + along)
+    return replace(field, u=field.u + along, v=field.v + math.sqrt(3) / 2 * j, hexagonal=rows)
+
+
+def raw_noise(camera: Camera, image: Image, notes: Mapping[str, Any], field: LightField) -> CaptureNoise:
+    """Noise of a decoded raw image.
+
+    Whole numbers are taken for the counts of the design's sensor, which saturates at the largest of its bits; where
+    they are larger, of their type. Pictures of `roslf render` with an exposure say themselves how many electrons they
+    stand for; others that are no counts are taken to be as bright, on average, as the design's light makes a scene.
+    """
+    level = _brightness(field)
+    dark = math.sqrt(float(dark_variance(camera)))
+    full_well = float(camera["sensor.full_well"])
+    light = _light_of(notes)
+    if light is not None:
+        exposure, read = light
+        return CaptureNoise(PixelNoise(exposure * level, read), level, "the exposure that the file was rendered with")
+    if image.dtype.kind in "ui" and "full_scale" not in notes:
+        most = 2 ** int(camera["sensor.bits"]) - 1
+        top = float(most) if float(image.max()) <= most else saturation_level(image)
+        said = f"the design's sensor, full at {top:g} counts"
+        return CaptureNoise(PixelNoise(full_well / top * level, dark, full_well * FULL), level, said)
+    total = float(field.weight.sum(dtype=float))
+    mean = float((field.values * field.weight).sum(dtype=float)) / max(total, 1e-30)
+    count = float(electrons(camera)) * level / mean if mean > 0 else 1.0
+    return CaptureNoise(PixelNoise(count, dark), level, "the design's light: the file has no counts")
+
+
+def _light_of(notes: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Electrons of a fully lit pixel and read noise that a rendered picture tells of itself."""
+    scene = notes.get("scene")
+    light = scene.get("light") if isinstance(scene, dict) else None
+    if not isinstance(light, dict):
+        return None
+    exposure, read = (light.get(key, 0.0) for key in ("exposure", "read_noise"))
+    if not all(isinstance(value, (int, float)) and 0 <= value < MOST_ELECTRONS for value in (exposure, read)):
+        return None
+    return (float(exposure), float(read)) if exposure > 0 else None
+
+
+def _brightness(field: LightField) -> float:
+    """Median of the samples with light; 0 where there are none."""
+    lit = field.values[field.weight > 0]
+    return float(np.median(lit[:: 1 + lit.size // 1_000_000])) if lit.size else 0.0
+
+
+def searched(field: LightField, across: float) -> tuple[float, float]:
+    """Disparities over the pupil at which some part of a light field is sharp, and a little more.
+
+    Parameters
+    ----------
+    field : LightField
+    across : float
+        Samples of the views from rim to rim of the pupil.
+    """
+    sharp = sharp_disparities(field) * (across / field.pitch)
+    low, high = float(sharp.min()), float(sharp.max())
+    reach = MARGIN + 0.1 * (high - low)
+    return low - reach, high + reach
+
+
+def image_width(camera: Camera) -> float:
+    """Diameter of a microlens image [px]."""
+    return abs(float(microlens_image_diameter(camera) / camera.q))
+
+
+def measured_noise(
+    geometry: ViewGeometry, field: LightField, search: tuple[float, float], progress: Callable[[str], None]
+) -> CaptureNoise:
+    """Noise of views that nobody knows the sensor of: what is left between them once they lie on each other."""
+    level = _brightness(field) or 1.0
+    progress("measuring noise")
+    guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
+    chi2 = measure(geometry, scaled(field, level), guess, search=search).disparities.chi2
+    some = chi2[chi2 > 0]
+    noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
+    said = f"what is left between views: {100 * noise:.2g} % of their brightness"
+    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said)
+
+
+def scaled(field: LightField, level: float) -> LightField:
+    """The same with `level` as 1."""
+    gain = np.float32(1 / (level or 1.0))
+    rows = field.hexagonal
+    rows = rows if rows is None else rows._replace(values=rows.values * gain)
+    return replace(field, values=field.values * gain, hexagonal=rows)
+
+
+def truth_of(geometry: GridGeometry, disparity: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Depths of a map of disparities from view to view [px], as benchmarks have them; NaN where it has none."""
+    return geometry.depth(np.where(np.isfinite(disparity), disparity, np.nan) * geometry.across)

@@ -1,0 +1,232 @@
+"""Where the views of a light field look from, and which depth a disparity has: of a camera, of a grid of cameras."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.decoding import LightField
+from ..calibration.result import LengthCovariance
+from ..camera import Camera
+from ..design import Design
+from ..errors import InputError, Problem
+from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
+from .unmixing import places_on_array, unmixed
+from .view_files import CameraGrid
+
+Array = NDArray[np.float64]
+Unit = Literal["mm", "px"]
+STEP = 0.05
+"""Of a length, for derivatives [standard deviations]."""
+
+
+def first_order(design: Design) -> Camera:
+    """The camera that depth is computed with.
+
+    Raises
+    ------
+    InputError
+        Its objective maps angles otherwise than f tan.
+    """
+    camera = Camera.of(design.thin_twin)
+    if camera.chain is not None and camera.chain.mapped is not None:
+        message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
+        raise InputError((Problem(f"elements.{camera.chain.mapped + 1}.mapping", message),), design.name)
+    return camera
+
+
+def depth_of(camera: Camera, disparity: Array) -> Array:
+    """Z from the main lens of what has a disparity between the FAP's rims [mm]; NaN beyond infinity.
+
+    The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        seen = camera.A / (camera.m + disparity * camera.d / camera.D_F)
+        z = np.asarray(camera.plane_seen_at(seen + camera.d_3), float)
+    return np.where(seen > 0, z, np.nan)
+
+
+def disparity_of(camera: Camera, z: Array) -> Array:
+    """Disparity between the FAP's rims of what stands at Z from the main lens [pitches]."""
+    return np.asarray(rim_disparity(camera, camera.plane(z).distance - camera.d_3))
+
+
+def sigma_of(camera: Camera, z: Array, disparity_error: Array) -> Array:
+    """Standard error of depth at Z from the main lens for that of the disparity [mm]."""
+    plane = camera.plane(z)
+    with np.errstate(invalid="ignore"):
+        return np.abs(depth_sigma(camera, plane.distance - camera.d_3, disparity_error) * plane.depth)
+
+
+def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) -> Array:
+    """Standard error that a camera's lengths, known to a covariance, put into depths measured with it.
+
+    What views show of a point is its slope in the epipolar-plane image; lengths that are off make another depth of it
+    (Eq. 12), the same in all pictures. To first order.
+
+    Parameters
+    ----------
+    design : Design
+        As calibrated.
+    covariance : LengthCovariance
+    z : ndarray
+        From the main lens [mm], shape (n,).
+    """
+    camera = Camera.of(design)
+    slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.d_3))
+    sigma = np.sqrt(np.diag(covariance.matrix))
+    uncertain = np.flatnonzero(sigma)
+    if not uncertain.size:
+        return np.zeros(np.shape(z))
+    steps = STEP * np.diag(sigma)[uncertain]
+    best = np.array([float(camera[place]) for place in covariance.places])
+    lengths = best + np.concatenate([steps, -steps])
+    many = Camera.of(design, dict(zip(covariance.places, lengths.T, strict=True))).spread(1)
+    told = np.asarray(many.plane_seen_at(many.d_3 + depth_of_slope(many, slope)))
+    rates = (told[: len(steps)] - told[len(steps) :]) / (2 * STEP * sigma[uncertain, None])
+    own = covariance.matrix[np.ix_(uncertain, uncertain)]
+    return np.asarray(np.sqrt(np.maximum(np.einsum("in,ij,jn->n", rates, own, rates), 0.0)))
+
+
+class ViewGeometry(Protocol):
+    """What makes depths of the disparities of a light field."""
+
+    @property
+    def unit(self) -> Unit:
+        """Of depths; where nothing says how far away things are, disparities from view to view stand for them."""
+
+    @property
+    def place_unit(self) -> Unit:
+        """Of `places`."""
+
+    @property
+    def window(self) -> int:
+        """Microlenses, or pixels of views, that are matched together."""
+
+    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
+        """A decoded light field with its views' own light, and where on the pupil they look from.
+
+        As `estimate_disparity` takes them.
+        """
+
+    def places(self, field: LightField) -> Array:
+        """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
+
+    def depth(self, disparity: Array) -> Array:
+        """Of what has a disparity over the pupil; NaN beyond infinity."""
+
+    def disparity(self, depth: Array) -> Array:
+        """The other way."""
+
+    def sigma(self, depth: Array, disparity_error: Array) -> Array:
+        """Standard error of a depth for that of the disparity."""
+
+    def calibration_sigma(self, depth: Array) -> Array | None:
+        """Standard error that calibration leaves in a depth; None where it is taken as exact."""
+
+
+@dataclass(frozen=True)
+class ArrayGeometry:
+    """Of a camera with a microlens array; depths from its main lens [mm]."""
+
+    design: Design
+    covariance: LengthCovariance | None = None
+    """Of its lengths; None of exact ones."""
+    matched: int | None = None
+    """Instead of the design's window."""
+    unit: Unit = "mm"
+    place_unit: Unit = "mm"
+
+    @cached_property
+    def camera(self) -> Camera:
+        """To first order; errors as of `first_order`."""
+        return first_order(self.design)
+
+    @property
+    def window(self) -> int:
+        """As the design has it, odd."""
+        return max(3, (self.matched or self.design.depth.window) | 1)
+
+    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
+        """Freed of neighbours' light."""
+        return unmixed(self.camera, field)
+
+    def places(self, field: LightField) -> Array:
+        """On the array [mm]."""
+        return places_on_array(self.camera, field)
+
+    def depth(self, disparity: Array) -> Array:
+        """Z from the main lens [mm]."""
+        return depth_of(self.camera, disparity)
+
+    def disparity(self, depth: Array) -> Array:
+        """Between the FAP's rims [pitches]."""
+        return disparity_of(self.camera, depth)
+
+    def sigma(self, depth: Array, disparity_error: Array) -> Array:
+        """Standard error of Z [mm]."""
+        return sigma_of(self.camera, depth, disparity_error)
+
+    def calibration_sigma(self, depth: Array) -> Array | None:
+        """[mm]; NaN where there is no depth."""
+        if self.covariance is None:
+            return None
+        sigma, known = np.full(np.shape(depth), np.nan), np.isfinite(depth)
+        sigma[known] = calibration_sigma(self.design.thin_twin, self.covariance, depth[known])
+        return sigma
+
+
+@dataclass(frozen=True)
+class GridGeometry:
+    """Of views side by side; disparities between the outermost, and one step beyond."""
+
+    across: int
+    """Views along the longer side of the grid."""
+    grid: CameraGrid | None = None
+    """Where it is known how the cameras stood: depths from them [mm]; else disparities from view to view [px]."""
+    window: int = 7
+    place_unit: Unit = "px"
+
+    @property
+    def unit(self) -> Unit:
+        """Of depths."""
+        return "px" if self.grid is None else "mm"
+
+    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
+        """As it is: cameras to the right see near points further left."""
+        t, s = np.meshgrid(field.t, field.s, indexing="ij")
+        return field, np.stack([-s, -t]) / self.across
+
+    def places(self, field: LightField) -> Array:
+        """To the right and upwards from the middle of the views [px]."""
+        u, v = np.meshgrid(field.u, field.v)
+        return np.stack([u, -v], -1)
+
+    def depth(self, disparity: Array) -> Array:
+        """From the cameras [mm], or disparity from view to view [px], above 0 for what is near."""
+        step = np.asarray(disparity, float) / self.across
+        if self.grid is None:
+            return step
+        z = np.asarray(self.grid.distance(-step))
+        return np.where((z > 0) & (z < math.inf), z, np.nan)
+
+    def disparity(self, depth: Array) -> Array:
+        """Over all views [px]."""
+        depth = np.asarray(depth, float)
+        return self.across * (depth if self.grid is None else -np.asarray(self.grid.slope(depth)))
+
+    def sigma(self, depth: Array, disparity_error: Array) -> Array:
+        """In the unit of depths."""
+        step = disparity_error / self.across
+        if self.grid is None:
+            return np.asarray(step)
+        return np.asarray(depth**2 * step / (self.grid.baseline * self.grid.focal_length))
+
+    def calibration_sigma(self, depth: Array) -> Array | None:
+        """Not known."""
+        return None

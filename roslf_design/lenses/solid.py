@@ -1,0 +1,71 @@
+"""What housings, spacers and sensors are made of: how lengths grow with temperature."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+from ..errors import InputError, Problem
+from .glass import MOST_EXPANSION, catalogue
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A material whose lengths grow with temperature."""
+
+    name: str
+    expansion: float
+    """Linear [1/K]."""
+    source: str = ""
+
+
+@cache
+def solids() -> Mapping[str, Solid]:
+    """Every material that ships, by its names in lower case; glasses with a known expansion among them."""
+    known = {
+        spelling.lower(): Solid(glass.name, glass.warming.expansion, glass.warming.source)
+        for spelling, glass in catalogue().items()
+        if glass.warming.expansion
+    }
+    data = tomllib.loads(files(__package__).joinpath("solids.toml").read_text("utf-8"))
+    for name, table in data["solids"].items():
+        solid = Solid(name, table["cte"], data["sources"][table["source"]])
+        known |= {spelling.lower(): solid for spelling in (name, *table.get("also", ()))}
+    return known
+
+
+def find_solid(name: str) -> Solid:
+    """The material of that name, in any case.
+
+    Raises
+    ------
+    InputError
+        Unknown; names the nearest one known.
+    """
+    if solid := solids().get(name.strip().lower()):
+        return solid
+    near = difflib.get_close_matches(name.lower(), solids(), 1, 0.5)
+    metals = dict.fromkeys(solid.name for solid in solids().values() if solid.name.upper() not in catalogue())
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(metals)}, and glasses by name"
+    message = f"'{name}' is no material with a known expansion; {hint}; or give it: {{expansion = 23.6e-6}} per K"
+    raise InputError((Problem("material", message),))
+
+
+def solid_of(table: Mapping[str, object]) -> Solid:
+    """A material from its ``expansion`` [1/K] and, where it has one, its ``name``.
+
+    Raises
+    ------
+    InputError
+        Other keys; no expansion, or none that a solid has.
+    """
+    rate, name = table.get("expansion"), table.get("name", "")
+    number = isinstance(rate, (int, float)) and not isinstance(rate, bool) and abs(rate) < MOST_EXPANSION
+    if not number or not isinstance(name, str) or table.keys() - {"expansion", "name"}:
+        message = f"must be a name, or a table such as {{expansion = 23.6e-6}} per K, got {dict(table)!r}"
+        raise InputError((Problem("material", message),))
+    return Solid(name or f"{rate:g} /K", float(rate))  # type: ignore[arg-type]

@@ -1,0 +1,307 @@
+"""What reaches the wanted yield for the least money, and what may be looser: single changes, each tried on builds.
+
+A change is one part to a better grade, one more adjustment, one part measured and sorted to what suffices, or, where no
+single one does, several grades or all tolerances together. Costs are the grades file's; the same draws serve every
+trial, so that changes differ by what they do and not by chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .analyses import Yield, curve_trials, first_draws
+from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
+from .study import CALIBRATION, Adjuster, Study, TolerancePlan
+from .trials import measure_finally
+
+Array = NDArray[np.float64]
+Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
+
+STEPS_TRIALS = 2048
+"""Builds by which the next of several steps is chosen; what is told is measured on as many as a curve's points."""
+HALVINGS = 12
+"""Of a bisection for what suffices: to 1/4096 of the tolerance."""
+UNNOTICED = 0.002
+"""Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
+
+
+class Part(NamedTuple):
+    """What is toleranced by one line: a place with its two axes."""
+
+    place: str
+    """Without the axis."""
+    rows: tuple[int, ...]
+    """Of the perturbations."""
+    tolerance: float
+    """[mm, rad or none]."""
+    kind: str
+    """What it measures, as `perturbable` has it."""
+    line: GradeLine | None
+    """Of the grades; None where no line speaks of it: its cost is not known."""
+    widths: tuple[float, ...]
+    """Its half-widths in every grade, loose to tight."""
+
+    def cost(self, tolerance: float) -> float | None:
+        """Of one such part, between grades by the logarithm of its tolerance; beyond the tightest at the same rate.
+
+        None where it is not known; what is looser than every grade costs as the loosest.
+        """
+        if self.line is None or min(self.widths) <= 0:
+            return None
+        if tolerance <= 0:
+            return math.inf
+        # Finer from grade to grade; a table whose grades repeat a width has the dearer of both.
+        points = dict(zip((-math.log(width) for width in self.widths), self.line.costs, strict=True))
+        at, costs = np.array(sorted(points)), np.array([points[place] for place in sorted(points)])
+        fine = -math.log(tolerance)
+        beyond = 0.0
+        if fine > at[-1] and len(at) > 1:
+            beyond = (fine - at[-1]) * (costs[-1] - costs[-2]) / (at[-1] - at[-2])
+        return float(np.interp(fine, at, costs)) + max(beyond, 0.0)
+
+    def extra(self, tolerance: float) -> float | None:
+        """What another tolerance costs more than the present one."""
+        new, now = self.cost(tolerance), self.cost(self.tolerance)
+        return None if new is None or now is None else new - now
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that reaches the wanted yield."""
+
+    kind: Kind
+    steps: tuple[tuple[str, str, float], ...]
+    """Place, grade (empty where it is none of them), and half-width, or an adjuster's reach [mm or rad]."""
+    cost: float | None
+    """More than now, in the grades file's unit; None where some cost is not known."""
+    result: Yield
+
+
+@dataclass(frozen=True)
+class Looser:
+    """A part that may be looser."""
+
+    place: str
+    grade: str
+    given: float
+    tolerance: float
+    saved: float | None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What would reach a wanted yield, and what may be looser."""
+
+    target: float
+    changes: tuple[Change, ...]
+    """That reach it, cheapest first; empty where the study does already, or nothing known does."""
+    looser: tuple[Looser, ...]
+    """Together, after the cheapest change where one is needed."""
+    result: Yield
+    """With that change and everything looser."""
+
+    @property
+    def cost(self) -> float | None:
+        """Of the cheapest change less what looser parts save; None where some cost is not known."""
+        spent = [self.changes[0].cost if self.changes else 0.0]
+        saved = [part.saved for part in self.looser]
+        if None in spent or None in saved:
+            return None
+        return sum(filter(None, spent)) - sum(filter(None, saved))
+
+
+class Builds(NamedTuple):
+    """A study's builds with some tolerances changed."""
+
+    plan: TolerancePlan
+    factors: Array
+    """On each perturbation's tolerance, (P,)."""
+
+    def with_part(self, part: Part, tolerance: float) -> Builds:
+        """One part to another tolerance."""
+        factors = self.factors.copy()
+        factors[list(part.rows)] = tolerance / part.tolerance
+        return self._replace(factors=factors)
+
+    def columns(self, trials: int) -> Array:
+        """What is limited, of the first trials, (C, trials)."""
+        return measure_finally(self.plan, first_draws(self.plan.draws, trials) * self.factors[:, None])
+
+    def result(self, trials: int) -> Yield:
+        """Share that holds all limits."""
+        return Yield(int(self.plan.passes(self.columns(trials)).all(axis=0).sum()), trials)
+
+    def used(self, target: float, trials: int) -> float:
+        """What the wanted share of builds uses of the limits' room at most: 1 is a yield on target."""
+        worst = np.nan_to_num(self.plan.used_room(self.columns(trials)), posinf=1e9)
+        return float(np.quantile(worst, target, method="higher"))
+
+
+def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
+    """What a study's perturbations are as parts that a shop makes; a tolerance of zero is none."""
+    design = plan.question.design
+    kinds, rows = perturbable(design), dict[str, list[int]]()
+    for index, p in enumerate(plan.draws.perturbations):
+        base, _, axis = p.place.rpartition(".")
+        if p.tolerance > 0:
+            rows.setdefault(base if axis in ("0", "1") else p.place, []).append(index)
+    parts = []
+    for place, members in rows.items():
+        first = plan.draws.perturbations[members[0]]
+        line, widths = grades.line_of(design, first.place) or (None, ())
+        parts.append(Part(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
+    return tuple(parts)
+
+
+def budget(
+    plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
+) -> Budget:
+    """What would reach a study's wanted yield, and what may be looser.
+
+    Parameters
+    ----------
+    plan : TolerancePlan
+    study : Study
+        Whose `yield_target` is wanted.
+    grades : Grades
+        What other tolerances there are, and what each costs.
+    given : Yield
+        As the run has it.
+    scaled : (factor, yield), optional
+        The common factor on all tolerances that reaches it.
+    """
+    target, trials = study.yield_target, curve_trials(plan)
+    parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
+    start, changes = now, tuple[Change, ...]()
+    reached = given.value >= target
+    if not reached:
+        found = [*_single(now, parts, grades, target, trials)]
+        found += [change for change in (_several(now, parts, grades, target, trials),) if change is not None]
+        if scaled is not None:
+            extras = [part.extra(scaled[0] * part.tolerance) for part in parts]
+            steps = tuple((part.place, "", scaled[0] * part.tolerance) for part in parts)
+            cost = None if None in extras else sum(filter(None, extras))
+            found.append(
+                (Change("all tolerances", steps, cost, scaled[1]), now._replace(factors=now.factors * scaled[0]))
+            )
+        found.sort(key=lambda pair: (math.inf if pair[0].cost is None else pair[0].cost, -pair[0].result.value))
+        changes = tuple(change for change, _ in found)
+        if found:
+            start, reached = found[0][1], True
+    floor = target if reached else given.value - UNNOTICED
+    moved = {place for place, *_ in changes[0].steps} if changes else set()
+    looser, builds = _loosened(start, [part for part in parts if part.place not in moved], grades, floor, trials)
+    return Budget(target, changes, looser, builds.result(trials) if looser or changes else given)
+
+
+def _single(
+    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+) -> Iterator[tuple[Change, Builds]]:
+    """Changes of one thing alone that reach the target."""
+    for part in parts:
+        if now.with_part(part, 0.0).result(trials).value < target:
+            continue  # not even a perfect one
+        for name, width in zip(grades.names, part.widths, strict=True) if part.line else ():
+            if width < part.tolerance:
+                better = now.with_part(part, width)
+                if (reached := better.result(trials)).value >= target:
+                    yield Change("grade", ((part.place, name, width),), part.extra(width), reached), better
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            held = now.with_part(part, middle * part.tolerance).result(trials).value >= target
+            low, high = (middle, high) if held else (low, middle)
+        if low > 0:
+            width, better = low * part.tolerance, now.with_part(part, low * part.tolerance)
+            yield Change("tightening", ((part.place, "", width),), part.extra(width), better.result(trials)), better
+    yield from _adjusted(now, grades, target, trials)
+
+
+def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterator[tuple[Change, Builds]]:
+    """One more adjustment that reaches the target."""
+    plan = now.plan
+    design = plan.question.design
+    kinds = perturbable(design)
+    own = {adjuster.place for adjuster in plan.adjusters}
+    for line in grades.adjustments:
+        reach = math.inf
+        if line.place == CALIBRATION:
+            if plan.calibrated:
+                continue
+            other = replace(plan, calibrated=True)
+        else:
+            places = [place for place in expand(design, line.place) if place not in own]
+            if not places:
+                continue
+            reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
+            other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
+        better = now._replace(plan=other)
+        if (reached := better.result(trials)).value >= target:
+            yield Change("adjustment", ((line.place, "", reach),), line.cost, reached), better
+
+
+def _several(
+    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+) -> tuple[Change, Builds] | None:
+    """Parts taken to better grades one after the other, each time what helps most for its cost, until the target."""
+    few = min(trials, STEPS_TRIALS)
+    builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
+    steps: dict[str, tuple[str, float]] = {}
+    while left:
+        best: tuple[float, float, Part, str, float, Builds] | None = None
+        for part in left.values():
+            at = steps[part.place][1] if part.place in steps else part.tolerance
+            spent = part.extra(at) or 0.0
+            for name, width in zip(grades.names, part.widths, strict=True):
+                cost = part.extra(width)
+                if width >= at or cost is None:
+                    continue
+                other = builds.with_part(part, width)
+                after = other.used(target, few)
+                merit = (used - after) / max(cost - spent, 1e-9)
+                if after < used and (best is None or merit > best[0]):
+                    best = merit, after, part, name, width, other
+        if best is None:
+            return None
+        _, used, part, name, width, builds = best
+        steps[part.place] = name, width
+        if width <= min(part.widths):
+            del left[part.place]
+        if used <= 1 and (reached := builds.result(trials)).value >= target:
+            by_place = {part.place: part for part in parts}
+            cost = sum(by_place[place].extra(width) or 0.0 for place, (_, width) in steps.items())
+            if len(steps) == 1:
+                return None  # a single change, which is there already
+            listed = tuple((place, name, width) for place, (name, width) in steps.items())
+            return Change("several grades", listed, cost, reached), builds
+    return None
+
+
+def _loosened(
+    start: Builds, parts: Sequence[Part], grades: Grades, floor: float, trials: int
+) -> tuple[tuple[Looser, ...], Builds]:
+    """Parts to looser grades, those that matter least first, as long as the yield stays."""
+    options = []
+    for part in parts:
+        wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
+        if part.line is not None and wider:
+            wider.sort(reverse=True)
+            options.append(
+                (start.with_part(part, wider[0][0]).used(max(floor, 0.01), min(trials, STEPS_TRIALS)), part, wider)
+            )
+    builds, looser = start, []
+    for _, part, wider in sorted(options, key=lambda option: option[0]):
+        for width, name in wider:
+            other = builds.with_part(part, width)
+            if other.result(trials).value >= floor:
+                extra = part.extra(width)
+                looser.append(Looser(part.place, name, part.tolerance, width, None if extra is None else -extra))
+                builds = other
+                break
+    return tuple(looser), builds

@@ -1,0 +1,219 @@
+"""Temperature: lengths, curvatures and indices against formulas written out here, makers' tables, and traced rays."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from roslf_design import Camera, DesignError, evaluate, load, loads
+from roslf_design.design.files import dumps
+from roslf_design.lenses.glass import find_glass
+from roslf_design.lenses.lens_file import dumps_lens, load_lens, loads_lens
+from roslf_design.lenses.prescription import first_order
+from roslf_design.lenses.solid import find_solid
+from roslf_design.optimization.problem import Constraint
+from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.traced import check_traced
+
+TEMPERATURE = "environment.temperature"
+E_LINE, G_LINE, INFRARED = 546.0740e-6, 435.8343e-6, 1060e-6
+STEEL = 17.2e-6
+
+
+def warm(name, degrees=37.0, housing="stainless steel", **more):
+    keys = "".join(f"{key} = {value}\n" for key, value in more.items())
+    return loads(dumps(load(name)) + f'\n[environment]\ntemperature = "{degrees} degC"\nhousing = "{housing}"\n{keys}')
+
+
+def air(micrometres, degrees):
+    """Kohlrausch's formula, as SCHOTT's TIE-19 prints it."""
+    square = mpmath.mpf(micrometres) ** 2
+    at_15 = 6432.8 + 2949810 * square / (146 * square - 1) + 25540 * square / (41 * square - 1)
+    return 1 + at_15 * mpmath.mpf("1e-8") / (1 + (degrees - 15) * mpmath.mpf("3.4785e-3"))
+
+
+def bk7(micrometres, degrees):
+    """N-BK7 relative to air by the catalogue's Sellmeier and thermal constants, typed from its data sheet."""
+    square, t = mpmath.mpf(micrometres) ** 2, mpmath.mpf(degrees) - 20
+    terms = (1.03961212, 0.00600069867), (0.231792344, 0.0200179144), (1.01046945, 103.560653)
+    n = mpmath.sqrt(1 + sum(b * square / (square - c) for b, c in terms))
+    d = 1.86e-6 * t + 1.31e-8 * t**2 - 1.37e-11 * t**3 + (4.34e-7 * t + 6.27e-10 * t**2) / (square - 0.170**2)
+    absolute = n * air(micrometres, 20) + (n**2 - 1) / (2 * n) * d
+    return absolute / air(micrometres, degrees)
+
+
+@pytest.mark.parametrize("degrees", [-40.0, 0.0, 37.0, 134.0])
+def test_schotts_formula_by_its_constants(degrees):
+    for line in (E_LINE, 550e-6, INFRARED):
+        own = float(find_glass("N-BK7").index(line, degrees))
+        assert own == pytest.approx(float(bk7(line * 1e3, degrees)), abs=3e-16)
+        assert float(find_glass("N-BK7").at(degrees).index(line)) == own
+
+
+@pytest.mark.parametrize(
+    ("middle", "relative", "absolute"),
+    [(-30, (2.4, 2.9, 3.3), (0.3, 0.8, 1.2)), (30, (2.4, 3.0, 3.5), (1.1, 1.6, 2.1)),
+     (70, (2.5, 3.1, 3.7), (1.5, 2.1, 2.7))],
+)  # fmt: skip
+def test_dn_dt_of_n_bk7_as_its_data_sheet_prints_it(middle, relative, absolute):
+    # 1e-6/K, means over 20 K at 1060 nm, e and g; printed to a tenth.
+    glass = find_glass("N-BK7")
+    for line, to_air, to_vacuum in zip((INFRARED, E_LINE, G_LINE), relative, absolute, strict=True):
+        ends = [(float(glass.index(line, t)), float(air(line * 1e3, t))) for t in (middle - 10, middle + 10)]
+        assert 1e6 * (ends[1][0] - ends[0][0]) / 20 == pytest.approx(to_air, abs=0.0501)
+        assert 1e6 * (ends[1][0] * ends[1][1] - ends[0][0] * ends[0][1]) / 20 == pytest.approx(to_vacuum, abs=0.0501)
+
+
+def test_water_as_measured_and_as_tabled():
+    water = find_glass("water")
+    # Daimon and Masumura's own Sellmeier constants at 24.0 C; they told 1e-5.
+    terms = (5.666959820e-1, 5.084151894e-3), (1.731900098e-1, 1.818488474e-2)
+    terms += (2.095951857e-2, 2.625439472e-2), (1.125228406e-1, 1.073842352e1)
+    for nanometres in (435.8, 546.1, 589.3, 656.3):
+        square = (nanometres * 1e-3) ** 2
+        measured = np.sqrt(1 + sum(b * square / (square - c) for b, c in terms)) / float(air(nanometres * 1e-3, 24))
+        assert float(water.index(nanometres * 1e-6, 24.0)) == pytest.approx(measured, abs=2e-5)
+    # CRC Handbook, sodium line, relative to air: 1.33299 at 20, 1.33051 at 40 and 1.32718 at 60 degrees C.
+    for degrees, told in ((20, 1.33299), (40, 1.33051), (60, 1.32718)):
+        assert float(water.index(589.3e-6, degrees)) == pytest.approx(told, abs=1e-4)
+    change = find_glass("saline").index(550e-6, 37) - find_glass("saline").index(550e-6)
+    assert change == pytest.approx(float(water.index(550e-6, 37) - water.index(550e-6)), abs=1e-7)
+
+
+def test_constant_rates_and_what_is_not_known():
+    sapphire, plastic = find_glass("sapphire"), find_glass("PMMA")
+    assert float(sapphire.index(550e-6, 37) - sapphire.index(550e-6)) == pytest.approx(17 * 13.1e-6, rel=1e-9)
+    absolute = [plastic.index(550e-6, t) * float(air(0.55, t)) for t in (20, 60)]
+    assert absolute[1] - absolute[0] == pytest.approx(40 * -8.5e-5, rel=1e-9)
+    cover = find_glass("D263")
+    assert cover.at(134) is cover
+    assert cover.index(550e-6, 134) == cover.index(550e-6)
+    assert cover.grown(20, 120) == pytest.approx(1 + 7.2e-4)
+
+
+def test_an_aluminium_tube_and_a_lens_of_n_bk7():
+    design = warm("paper", housing="aluminium")
+    d_1 = 140 * (1 + 23.6e-6 * 17)
+    assert design.d_1 == pytest.approx(d_1, rel=1e-15)
+    assert design.d_f == pytest.approx(1 / (1 / 100 - 1 / d_1), rel=1e-13)
+    assert design.d_f - 350 == pytest.approx(-0.35, abs=0.001)
+    lens = loads(dumps(load("paper")).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"')).at_temperature(37)
+    grown = (1 + 7.1e-6 * 17) * (bk7(0.55, 20) - 1) / (bk7(0.55, 37) - 1)
+    assert lens.f == pytest.approx(100 * float(grown), rel=1e-14)
+    assert 1e3 * (lens.f - 100) == pytest.approx(2, abs=0.5)  # um
+
+
+def test_nothing_changes_without_an_environment():
+    for name in ("paper", "arthroscope", "paper-singlet"):
+        plain = load(name)
+        assert plain.environment is None
+        assert TEMPERATURE not in Camera.of(plain).numbers
+        at_room = Camera.of(plain.at_temperature(20.0))
+        assert all(at_room[place] == value for place, value in Camera.of(plain).numbers.items())
+
+
+@pytest.mark.parametrize("name", ["arthroscope", "cystoscope", "paper-singlet", "grin-needle"])
+def test_designs_and_cameras_warm_by_one_rule(name):
+    cold, hot = warm(name, 20), warm(name, 60)
+    both = Camera.of(cold, {TEMPERATURE: np.array([20.0, 60.0])})
+    for place, value in Camera.of(hot).numbers.items():
+        assert both.build(1)[place] == pytest.approx(value, rel=3e-15, abs=1e-15), place
+    assert hot.at_temperature(20).d_f == pytest.approx(cold.d_f, rel=1e-12)
+    assert loads(dumps(hot)) == hot
+
+
+def test_glass_keeps_touching_what_it_touches():
+    # Substrate on sensor, window soldered behind the prism's gap: nothing runs into another however it grows.
+    for housing in ("invar", "aluminium"):
+        design = warm("arthroscope", 134, housing)
+        assert bool(Camera.of(design).valid)
+        assert design.d_2 == pytest.approx(0.19 * (1 + 0.5e-6 * 114), rel=1e-15)
+        prism, window = design.elements
+        own = find_solid(housing).expansion
+        assert prism.distance == pytest.approx(0.6 * (1 + own * 114), rel=1e-14)
+        assert window.distance == pytest.approx(0.6 + 0.2 + 3.2 + 114 * (0.8 * own + 3.2 * 7.37e-6), rel=1e-14)
+
+
+def test_a_real_lens_by_its_surfaces():
+    # A plano-convex lens by hand: R and thickness grow, f = R/(n - 1), the back focus less a reduced thickness.
+    lens, degrees = load_lens("LA1050-A"), 60.0
+    hot, grown = lens.warmed(degrees), 1 + 7.1e-6 * 40
+    n = float(bk7(0.55, degrees))
+    front = lens.surfaces[0]
+    assert first_order(hot, 550e-6).focal_length == pytest.approx(front.radius * grown / (n - 1), rel=1e-12)
+    assert hot.surfaces[0].thickness == pytest.approx(front.thickness * grown, rel=1e-15)
+    assert loads_lens(dumps_lens(hot)) == hot
+    design = warm("paper-singlet", degrees)
+    plain = load("paper-singlet")
+    gap = [first_order(d.lens, d.wavelength).rear_principal - d.lens.length + d.d_1 for d in (plain, design)]
+    assert gap[1] == pytest.approx(gap[0] * (1 + STEEL * 40), rel=1e-12)  # last vertex to the array: the housing's
+    assert first_order(lens.warmed(degrees).reversed(), 550e-6).focal_length == pytest.approx(
+        first_order(lens.reversed().warmed(degrees), 550e-6).focal_length, rel=1e-14
+    )
+
+
+def test_builds_of_a_real_lens_are_the_designs_traced():
+    design = warm("paper-singlet", 20)
+    question = Question(design, ("centre_error_px", "image_diameter_px"), ((8.0, 0.0),), design.d_f)
+    values = {TEMPERATURE: np.array([5.0, 60.0]), "main_lens.surfaces.1.thickness": np.array([9.7, 9.65])}
+    builds, valid = builds_of(question, values, 2)
+    assert valid.all()
+    check = check_traced(design, builds, values)
+    # Where the array stands is measured from the lens as drawn there and as made here: 0.05 mm * 17e-6 * 40.
+    assert check.builds == 2
+    assert check.largest["image_centre_px"] < 1e-4
+    assert check.largest["image_diameter_share"] < 1e-6
+
+
+def test_builds_behind_an_ideal_lens_and_limits_at_a_temperature():
+    design = warm("paper", 20, "aluminium")
+    question = Question(design, ("depth_error_mm", "fill_factor"), ((5.0, 0.0),), 350.0)
+    depth, fill = evaluate_builds(question, {TEMPERATURE: np.array([20.0, 37.0])}, 2)
+    hot = warm("paper", 37, "aluminium")
+    assert fill[1] == pytest.approx(fill_of(hot), rel=1e-13)
+    assert abs(depth[0]) < 1e-9 < abs(depth[1])
+    limit = Constraint.model_validate({"quantity": "fill_factor", "max": 1.1, "temperature": 37.0})
+    assert float(limit.values(Camera.of(design))) == pytest.approx(float(fill[1]), rel=1e-13)
+
+
+def fill_of(design):
+    return float(evaluate_builds(Question(design, ("fill_factor",), ((0.0, 0.0),), design.d_f), {}, 1)[0, 0])
+
+
+def test_evaluation_tells_the_range():
+    result = evaluate(warm("arthroscope", 37, "titanium", range='["20 degC", "134 degC"]')).temperature
+    assert [row.temperature_degc for row in result.at] == [20.0, 37.0, 134.0]
+    assert all(row.fits for row in result.at)
+    assert result.at[1].focus_shift_pitches == 0
+    assert result.not_named == ("the main lens",)
+    assert evaluate("paper").temperature is None
+    assert "temperature" not in evaluate("paper").to_dict()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('temperature = 37', 'has no unit'),
+        ('temperature = "310 K"', "is a unit of temperature difference"),
+        ('temperature = "400 degC"', "environment.temperature"),
+        ('housing = "aluminum foil"', "is no material with a known expansion; did you mean 'aluminum'?"),
+        ('housing = {expansion = "x"}', "per K"),
+        ('range = ["40 degC", "10 degC"]', "does not rise"),
+        ('reference = "20 mm"', "is a unit of length"),
+        ('colour = 1', "is not a known key"),
+    ],
+)  # fmt: skip
+def test_bad_environments_are_told(text, message):
+    with pytest.raises(DesignError) as error:
+        loads(dumps(load("paper")) + f"\n[environment]\n{text}\n")
+    assert "environment" in str(error.value)
+    assert message in str(error.value)
+
+
+def test_water_does_not_freeze_and_a_prescription_knows_its_glass():
+    with pytest.raises(DesignError, match="outside what is known of saline"):
+        warm("arthroscope", -5)
+    with pytest.raises(DesignError, match=r"range\.2: 145 degC is outside what is known of N-LASF9"):
+        warm("arthroscope", 20, range='["0 degC", "145 degC"]')
+    text = dumps(load("paper-singlet")).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"')
+    with pytest.raises(DesignError, match="the prescription says what the lens is made of"):
+        loads(text)

@@ -1,0 +1,129 @@
+"""What reaches a wanted yield, against responses whose yields are known in closed form."""
+
+import math
+
+import pytest
+
+from roslf_design.design import load
+from roslf_design.errors import InputError
+from roslf_design.tolerancing.analyses import scale_for_yield, summarise
+from roslf_design.tolerancing.budgets import budget, parts_of
+from roslf_design.tolerancing.places import load_grades
+from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.study import tolerance_plan
+
+SHOP = """
+[grades]
+loose = "turned"
+fair = "ground"
+fine = "lapped"
+[[line]]
+place = "sensor.distance"
+loose = "40 um"
+fair = "20 um"
+fine = "5 um"
+cost = [0, 2, 10]
+provenance = "this test"
+[[line]]
+place = "aperture.decentre"
+loose = "0.4 mm"
+fair = "0.2 mm"
+fine = "0.1 mm"
+cost = [0, 3, 5]
+provenance = "this test"
+[[adjustment]]
+place = "sensor.distance"
+range = "1 mm"
+cost = 9
+provenance = "this test"
+[[adjustment]]
+place = "microlens_array.rotation"
+cost = 0
+provenance = "this test: mends nothing here"
+"""
+
+
+@pytest.fixture
+def shop(tmp_path):
+    """A study of a sensor's distance, uniform within 20 um, held to 12 um above nominal: a yield of 0.8."""
+    (tmp_path / "shop.toml").write_text(SHOP)
+
+    def made(**more):
+        data = {
+            "name": "shop",
+            "design": "paper",
+            "grades": "shop.toml",
+            "grade": "fair",
+            "distribution": "uniform",
+            "trials": 8192,
+            "sampling": "sobol",
+            "goals": [{"metric": "f_number_microlens", "max": (2.0 + 0.012) / 0.063}],
+        }
+        plan, study, grades = tolerance_plan({**data, **more}, folder=tmp_path)
+        given = summarise(plan, tally_chunk(plan, 0))[-1].result
+        return budget(plan, study, grades, given, scale_for_yield(plan, study.yield_target)), plan
+
+    return made
+
+
+def test_the_cheapest_change_is_the_one_that_suffices(shop):
+    found, plan = shop(yield_target=0.95)
+    by_kind = {change.kind: change for change in found.changes}
+    # At half-width w the part below the limit is (1 + 12/w)/2: 0.95 at 13.33 um, between 20 um and 5 um by logarithm.
+    sorted_out = by_kind["tightening"]
+    ((place, grade, width),) = sorted_out.steps
+    assert (place, grade) == ("sensor.distance", "")
+    assert width == pytest.approx(0.012 / 0.9, rel=2e-3)
+    assert sorted_out.cost == pytest.approx(8 * math.log(1.5) / math.log(4), rel=3e-3)
+    assert by_kind["grade"].steps == (("sensor.distance", "fine", 0.005),)
+    assert (by_kind["grade"].cost, by_kind["grade"].result.value) == (8, 1.0)
+    assert (by_kind["adjustment"].cost, by_kind["adjustment"].result.value) == (9, 1.0)
+    assert "several grades" not in by_kind
+    costs = [change.cost for change in found.changes]
+    assert costs == sorted(costs)
+    # The aperture's place matters to nothing: its two axes are one part, as loose as may be.
+    (part,) = found.looser
+    assert (part.place, part.grade, part.tolerance, part.saved) == ("aperture.decentre", "loose", 0.4, 3.0)
+    assert found.result.value >= 0.95
+    assert found.cost == pytest.approx(costs[0] - 3)
+    assert len(parts_of(plan, load_grades())) == 2
+
+
+def test_a_yield_on_target_only_loosens_and_a_hopeless_one_says_so(shop):
+    found, _ = shop(yield_target=0.79)
+    assert found.changes == ()
+    assert {part.place: part.tolerance for part in found.looser} == {"aperture.decentre": 0.4}  # 40 um: 0.65
+    goals = [{"metric": name, "max": most} for name, most in (("f_number_microlens", 31.9), ("centre_error_px", 1e-9))]
+    hopeless, _ = shop(goals=goals)
+    assert hopeless.changes == ()
+
+
+def test_several_grades_where_no_single_one_does(shop):
+    """The sensor's distance leaves 0.8 of the builds, the aperture's shift 0.6; lapped, each leaves all."""
+    shift = 0.2 * 2 / (140 * 230 / 350) / load("paper").q  # e d_2/(d_1 (d_f - d_3)/d_f), in pixels
+    goals = [
+        {"metric": "f_number_microlens", "max": (2.0 + 0.012) / 0.063},
+        {"metric": "centre_error_x_px", "min": -0.6 * shift, "max": 0.6 * shift, "fields": [0]},
+    ]
+    found, _ = shop(goals=goals, yield_target=0.97)
+    by_kind = {change.kind: change for change in found.changes}
+    assert set(by_kind) == {"several grades", "all tolerances"}
+    steps = {place: grade for place, grade, _ in by_kind["several grades"].steps}
+    assert steps == {"sensor.distance": "fine", "aperture.decentre": "fine"}
+    assert (by_kind["several grades"].cost, by_kind["several grades"].result.value) == (10, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        (SHOP.replace("[0, 2, 10]", "[0, 2]"), "line.1.cost"),
+        (SHOP.replace("[0, 2, 10]", "[0, -2, 3]"), "line.1.cost"),
+        (SHOP.replace("cost = 9", 'cost = "9"'), "adjustment.1.cost"),
+        (SHOP.replace("cost = 9", "cost = 9\nrang = 3"), "adjustment.1.rang"),
+    ],
+)
+def test_bad_costs_are_told(tmp_path, text, key):
+    (tmp_path / "g.toml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_grades(tmp_path / "g.toml")
+    assert [problem.key for problem in caught.value.problems] == [key]
