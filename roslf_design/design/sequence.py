@@ -70,7 +70,9 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
             message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"
             raise InputError((Problem(f"elements.{k}", message),))
         if isinstance(element, Block):
-            rows.append(SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material)))
+            rows.append(
+                SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material))
+            )
             rows.append(SequenceRow(f"{name}, back", at, Surface(0.0, semi)))
         elif isinstance(element, FieldLens):
             rows.append(SequenceRow(name, at, Surface(0.0, semi), float(element.focal_length)))
@@ -155,7 +157,7 @@ def _zmx_surface(row: SequenceRow) -> Iterator[str]:
     if row.is_stop:
         yield "STOP"
     yield f"TYPE {kind}"
-    yield f"CURV {surface.curvature!r} 0 0 0 0 \"\""
+    yield f'CURV {surface.curvature!r} 0 0 0 0 ""'
     if row.name:
         yield f"COMM {row.name}"
     if surface.conic:
