@@ -32,7 +32,7 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import microlens_defocus
 from .photometry import dark_variance, electrons
 from .stop_images import MicrolensImages
-from .transfer import MicrolensTransfer, line_transfer
+from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
 ROWS = 64
 """Gauss-Legendre rows across a cut microlens image."""
@@ -54,7 +54,7 @@ APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
 """Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11 (1e-8 where
-extrapolated)."""
+extrapolated, 1e-7 far out of focus)."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 CLOSE, STEP = 0.02, 1e-5
@@ -458,7 +458,7 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
     """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
-    pixel = np.sinc(fx * box) * np.sinc(fy * box)
+    pixel = pixel_box(fx, box) * pixel_box(fy, box)
     own = (images.width, images.distance, images.defocus, images.wavelength)
     if c.lens_shape == "circular":
         parts = []
