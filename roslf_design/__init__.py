@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
+    from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
 
@@ -32,6 +33,7 @@ __all__ = [
     "Evaluation",
     "InputError",
     "Quantity",
+    "Specification",
     "__version__",
     "calibrate",
     "capture_depth",
@@ -49,6 +51,7 @@ __all__ = [
     "render_pdf",
     "report",
     "save",
+    "specification",
     "tolerance",
 ]
 
@@ -70,6 +73,7 @@ __getattr__, __dir__, _ = lazy.attach(
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
+        "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
     },
