@@ -1,7 +1,7 @@
 """A design as other programs take it: surfaces in a row, from the focal plane to the sensor, and files of them.
 
-Straight: misalignments are left out. The scene's medium, elements, stops, main lens, substrate and cover are there, and one
-microlens, on the axis, as a paraxial surface with the array's pitch as its aperture.
+Straight: misalignments are left out. The scene's medium, elements, stops, main lens, substrate and cover are there, and
+one microlens, on the axis, as a paraxial surface with the array's pitch as its aperture.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem
@@ -70,7 +71,9 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
             message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"
             raise InputError((Problem(f"elements.{k}", message),))
         if isinstance(element, Block):
-            rows.append(SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material)))
+            rows.append(
+                SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material))
+            )
             rows.append(SequenceRow(f"{name}, back", at, Surface(0.0, semi)))
         elif isinstance(element, FieldLens):
             rows.append(SequenceRow(name, at, Surface(0.0, semi), float(element.focal_length)))
@@ -110,7 +113,7 @@ def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
 def _ordered(rows: list[SequenceRow], medium: Glass, end: float) -> tuple[SequenceRow, ...]:
     """In the order of light, with the gaps between them; a stop in a liquid is filled with it."""
     rows = sorted(rows, key=lambda row: row.z)
-    gaps = [after.z - before.z for before, after in zip(rows, rows[1:], strict=False)]
+    gaps = [after.z - before.z for before, after in pairwise(rows)]
     done = []
     for row, gap in zip(rows, [*gaps, 0.0], strict=True):
         wet = medium if row.name.startswith(("FAP", "stop")) and row.z < end - 1e-12 else row.surface.glass
@@ -155,7 +158,7 @@ def _zmx_surface(row: SequenceRow) -> Iterator[str]:
     if row.is_stop:
         yield "STOP"
     yield f"TYPE {kind}"
-    yield f"CURV {surface.curvature!r} 0 0 0 0 \"\""
+    yield f'CURV {surface.curvature!r} 0 0 0 0 ""'
     if row.name:
         yield f"COMM {row.name}"
     if surface.conic:

@@ -1,4 +1,4 @@
-"""Surfaces that are not quite what they should be: Zernike modes by quadrature, rays by an own tracer, builds as designs."""
+"""Irregular surfaces: Zernike modes by quadrature, rays by a tracer of 40 digits, builds as designs of their own."""
 
 import math
 
@@ -107,7 +107,9 @@ def test_rays_by_forty_digits(backward):
     assert bool(ended.kept)
     assert ended.rays.position.tolist() == pytest.approx(place, abs=1e-13)
     assert ended.rays.direction.tolist() == pytest.approx(way, abs=1e-14)
-    plain = Prescription((Surface(1 / radius, reach, thick, glass), Surface(0.0, reach))).trace(rays, WAVE, backward=backward)
+    plain = Prescription((Surface(1 / radius, reach, thick, glass), Surface(0.0, reach))).trace(
+        rays, WAVE, backward=backward
+    )
     assert np.max(np.abs(plain.rays.direction - ended.rays.direction)) > 1e-5
 
 
