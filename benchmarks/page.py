@@ -14,7 +14,10 @@ README_ROWS = (
     ("`roslf --help`; `evaluate paper`; `evaluate paper-singlet`", ("help", "evaluate", "evaluate-singlet")),
     ("`roslf render paper`, white, 4600 x 3080 px: square; hexagonal array", ("render", "render-hexagonal")),
     ("`roslf render`, checkerboard, 600 x 480 px; rays traced inside", ("render-board", "rays")),
-    ("`roslf tolerance`, 200,000 trials: as built; focused and calibrated", ("tolerance", "tolerance-adjusted")),
+    (
+        "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, one core",
+        ("tolerance", "tolerance-adjusted", "trials", "trials-adjusted"),
+    ),
     ("`roslf optimize`: rigid scope; ear speculum with bought parts", ("optimize", "optimize-parts")),
     ("`roslf report paper --pdf`; explorer, slider to new pictures", ("report", "slider")),
     ("Rays through a singlet, 1 thread", ("singlet",)),

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 import lazy_loader as lazy
 
 if TYPE_CHECKING:
-    from .api import calibrate, decode, measure_depth, optimize, quantity, render, report, tolerance
+    from .api import calibrate, capture_depth, decode, measure_depth, optimize, quantity, render, report, tolerance
     from .camera import Camera
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
+    from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
 
@@ -32,8 +33,10 @@ __all__ = [
     "Evaluation",
     "InputError",
     "Quantity",
+    "Specification",
     "__version__",
     "calibrate",
+    "capture_depth",
     "decode",
     "dumps",
     "evaluate",
@@ -48,17 +51,29 @@ __all__ = [
     "render_pdf",
     "report",
     "save",
+    "specification",
     "tolerance",
 ]
 
 __getattr__, __dir__, _ = lazy.attach(
     __name__,
     submod_attrs={
-        "api": ["calibrate", "decode", "measure_depth", "optimize", "quantity", "render", "report", "tolerance"],
+        "api": [
+            "calibrate",
+            "capture_depth",
+            "decode",
+            "measure_depth",
+            "optimize",
+            "quantity",
+            "render",
+            "report",
+            "tolerance",
+        ],
         "camera": ["Camera"],
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
+        "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
     },

@@ -7,9 +7,11 @@ floats and arrays, runs interpreted as it stands, and is compiled only when some
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -87,10 +89,33 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     # numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
     # unnoticed and old machine code would run; with the digest in the name it cannot.
     twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
-    compiled: Callable[P, R] = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(
-        twin
-    )
-    return compiled
+    compiled: Any = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
+    compile_now, unliteral = compiled.compile, numba.types.unliteral
+    lock = Path(compiled.stats.cache_path) / f"{twin.__qualname__}.lock"
+
+    def compile_once(types: tuple[Any, ...]) -> Any:
+        # In one process, then among all: who waited reads what the other compiled. Numba would compile twins of callees
+        # for each literal argument, without any gain.
+        with _COMPILING, _alone(lock):
+            return compile_now(tuple(map(unliteral, types)))
+
+    compiled.compile = compile_once
+    fast: Callable[P, R] = compiled
+    return fast
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Wait until no other process holds the file; processes that end let go of it."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks on Windows: two processes may compile the same
+        yield
+        return
+    with path.open("w") as file:
+        with contextlib.suppress(OSError):  # file systems without locks
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def kernel(*, parallel: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:

@@ -11,7 +11,9 @@ from typing import Any, Literal
 
 from .calibration import Outcome
 from .commands.calibrate import calibrated
+from .commands.captures import captured
 from .commands.decode import decoded
+from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded
 from .depth.measure import Trial, simulate
 from .design import Design, load
@@ -133,6 +135,62 @@ def measure_depth(
     """
     look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
     return simulate(_design(design), look, believed=None if believed is None else _design(believed), **more)
+
+
+def capture_depth(
+    image: str | Path,
+    *,
+    design: str | Path | None = None,
+    white: str | Path | None = None,
+    dark: str | Path | None = None,
+    calibration: str | Path | None = None,
+    truth: str | Path | None = None,
+    region: tuple[int, int, int, int] | None = None,
+    between: str | None = None,
+    window: int | None = None,
+) -> MeasuredCapture:
+    """Depth in a raw image that a camera took, or in decoded views, with its standard error.
+
+    Parameters
+    ----------
+    image : str or Path
+        A raw image; or decoded views: a folder of pictures, a .mat file of LFToolbox.
+    design : str or Path, optional
+        The camera that took it.
+    white, dark : str or Path, optional
+        White image and frame without light.
+    calibration : str or Path, optional
+        Folder that `roslf calibrate` wrote: its lengths and their errors.
+    truth : str or Path, optional
+        Of views: a .pfm file of disparities from view to view [px].
+    region : (column, row, columns, rows), optional
+        Of the sensor, that a raw image shows, where that is not all.
+    between : str, optional
+        Distances to look between, as "300 mm, 400 mm".
+    window : int, optional
+        Microlenses, or pixels of views, that are matched together along each side.
+
+    Returns
+    -------
+    MeasuredCapture
+        ``first.depth`` and ``first.sigma`` are the maps, of ``first.noise_sigma`` and ``first.calibration_sigma``.
+
+    Raises
+    ------
+    InputError
+        What cannot be read, or does not go together.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> found = roslf.capture_depth("raw.tif", white="white.tif", design="paper")  # doctest: +SKIP
+    >>> found.first.depth  # doctest: +SKIP
+    """
+    bright, black, folder, map_ = (None if path is None else Path(path) for path in (white, dark, calibration, truth))
+    return captured(
+        Path(image), None if design is None else str(design), bright, black, folder,
+        region=region, between=between, window=window, truth=map_,
+    )  # fmt: skip
 
 
 def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:

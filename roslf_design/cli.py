@@ -39,7 +39,7 @@ COMMANDS = {
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
     "depth": Command(
-        "What depth the camera measures of a scene, simulated with noise: its map, its errors, and those predicted.",
+        "Depth that a camera measures, and its errors: of a scene, simulated, beside the truth; or in a picture taken.",
         "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
     ),
     "report": Command(

@@ -49,7 +49,21 @@ def test_evaluate_takes_a_preset_a_path_or_a_design(tmp_path):
     assert roslf.evaluate(path) == roslf.evaluate("paper") == roslf.evaluate(roslf.load("paper"))
 
 
-def test_a_tolerance_study_runs_in_this_process():
-    result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=256, seed=3)
+STUDY = """
+name = "small"
+design = "paper"
+sobol_samples = 0
+[[perturb]]
+place = "aperture.diameter"
+tolerance = "1 %"
+[[goals]]
+metric = "fill_factor"
+max = 1.02
+"""
+
+
+def test_a_tolerance_study_runs_in_this_process(tmp_path):
+    (tmp_path / "study.toml").write_text(STUDY)
+    result = roslf.tolerance(tmp_path / "study.toml", trials=256, seed=3)
     assert 0 <= result.final.result.value <= 1
     assert result.to_dict()

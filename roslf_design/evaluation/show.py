@@ -67,15 +67,20 @@ def fact_tables(result: Evaluation) -> list[Table]:
             ("object sample", f"{number(sampling.object_sample_mm)} mm", "one microlens at the focal plane"),
             ("view baseline", f"{number(sampling.view_baseline_mm)} mm", "one pixel, on the FAP"),
         ],
-        "Depth at the focal plane": [
-            ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
-            ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
-            *(() if depth.assumes is None else _light_facts(depth.assumes)),
-        ],
+        "Depth at the focal plane": depth_facts(depth),
     }  # fmt: skip
     if result.real_lens is not None:
         facts["Real main lens, traced"] = _lens_facts(result.real_lens)
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in facts.items()]
+
+
+def depth_facts(depth: Depth) -> list[tuple[str, str, str]]:
+    """Depth precision and what it is told for: name, value, remark."""
+    return [
+        ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
+        ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
+        *(() if depth.assumes is None else _light_facts(depth.assumes)),
+    ]
 
 
 def depth_remark(depth: Depth) -> str:

@@ -93,7 +93,7 @@ REACH = 2.0
 """Bounds of a variable where nobody says otherwise, as factors of its value."""
 FILLED = (0.98, 1.0)
 """Fill factor that counts as matched."""
-STARTS, SECONDS = 8, 40.0
+STARTS = 8
 FRONT_POINTS = 9
 
 
@@ -490,7 +490,7 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
         "microlens_in_focus": request.in_focus,
         "seed": request.seed,
         "variables": {s: [format_quantity(value, "length") for value in ends] for s, ends in bounds.items()},
-        "solver": {"starts": STARTS, "seconds": SECONDS},
+        "solver": {"starts": STARTS},
     }
     limits: list[dict[str, Any]] = []
     if request.matched:

@@ -41,7 +41,20 @@ from .state import (
     reach,
     value_at,
 )
-from .view import DRAWINGS, TRACING, PictureSource, Size, controls, fitting, glance, header, lights, looked_at, proposed
+from .view import (
+    DRAWINGS,
+    TRACING,
+    PictureSource,
+    Size,
+    controls,
+    depth_known,
+    fitting,
+    glance,
+    header,
+    lights,
+    looked_at,
+    proposed,
+)
 
 Known = TypeVar("Known")
 Symbol = Annotated[str, key_of(CONTROLS)]
@@ -113,11 +126,13 @@ class Session:
 
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
-        pictures, seen = dict.fromkeys(DRAWINGS, ""), {}
+        pictures, seen, known = dict.fromkeys(DRAWINGS, ""), {}, {}
         if self._opened:
             source = self._source()
             shown = {name: drawing for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
             pictures = {name: self._draw(name, drawing.inputs(source)) for name, drawing in shown.items()}
+            if self._look.tab == "depth":
+                known = depth_known(source)
             seen = {"glance": glance(source.evaluation), "lights": self._lights(source), "fixes": self._fixes()}
         return {
             **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
@@ -125,6 +140,7 @@ class Session:
             **controls(self.state),
             **looked_at(self.state, self._look),
             **(seen or {"glance": [], "lights": [], "fixes": []}),
+            "depth_known": known,
             "space": self._in_space(),
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
             "forms": forms(self.state),

@@ -10,6 +10,7 @@ import math
 import zlib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -59,6 +60,17 @@ class NumberField(NamedTuple):
     """The unit that it is shown in, and that a number without a unit has."""
     scale: Literal["log", "linear"] = "log"
     """How the slider runs."""
+    kind: str = "length"
+    """Of the unit; "" of a plain number."""
+    ends: tuple[float, float] | None = None
+    """Of the slider; None: about the design that was loaded."""
+    left_out: str = ""
+    """What it is where a design leaves it out; "" where none can."""
+
+    @property
+    def per_unit(self) -> float:
+        """What the unit is in mm, lx or s."""
+        return float(UNITS[self.kind][self.unit]) if self.kind else 1.0
 
 
 FIELDS = (
@@ -85,7 +97,19 @@ WINDOW = (
 )
 """Of the outermost window, where a design has one."""
 
-CONTROLS = BY_SYMBOL | {field.symbol: field for field in WINDOW}
+LIGHT = (
+    NumberField("light.illuminance", "Illuminance", "Light", "lx", "log", "illuminance", (1e1, 1e6)),
+    NumberField("light.reflectance", "Reflectance", "Light", "", "log", "", (0.01, 1.0)),
+    NumberField("light.exposure", "Exposure", "Light", "ms", "log", "time", (1e-5, 1.0), "automatic"),
+    NumberField("depth.contrast", "Contrast, rms", "Texture", "", "log", "", (1e-3, 1.0)),
+    NumberField("depth.period", "Period", "Texture", "mm", "log", "length", (1e-2, 1e2), "every size"),
+    NumberField("depth.finest", "Finest detail", "Texture", "mm", "log", "length", (1e-2, 1e2), "2 microlenses"),
+    NumberField("depth.window", "Microlenses", "Matching", "", "linear", "", (1, 41)),
+    NumberField("depth.disparity_error", "Fixed error", "Matching", "", "log", "", (1e-4, 1.0), "predicted"),
+)
+"""What depth is told for, by its place in a design file."""
+
+CONTROLS = BY_SYMBOL | {field.symbol: field for field in (*WINDOW, *LIGHT)}
 """Every field that a design may have."""
 
 MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalogue()))
@@ -94,7 +118,7 @@ MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalo
 GLASSES = tuple(name for name in ("sapphire", "fused silica", "N-BK7") if name.upper() in catalogue())
 """Of windows, as the page proposes them; any other can be typed."""
 
-EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm"}
+EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm", "lx": "1e5 lx", "ms": "10 ms", "": "0.1"}
 """What may be typed, by the field's unit."""
 
 VISIBLE = (380e-6, 1000e-6)
@@ -102,12 +126,12 @@ VISIBLE = (380e-6, 1000e-6)
 
 
 def show(field: NumberField, value: float) -> str:
-    """A length [mm] as text in the field's unit, to seven digits."""
-    return f"{value / float(UNITS['length'][field.unit]):.7g} {field.unit}"
+    """A number [mm, lx, s] as text in the field's unit, to seven digits."""
+    return f"{value / field.per_unit:.7g} {field.unit}".rstrip()
 
 
 def read(field: NumberField, text: str) -> float:
-    """A length that was typed [mm]; a bare number has the unit that the field shows.
+    """A number that was typed [mm, lx, s]; a bare one has the unit that the field shows.
 
     Raises
     ------
@@ -120,10 +144,12 @@ def read(field: NumberField, text: str) -> float:
     if not typed:
         raise ValueError(f'empty; write e.g. "{EXAMPLES[field.unit]}"')
     try:
-        float(typed)
+        bare = float(typed)
     except ValueError:
-        return parse_quantity(typed, "length")
-    return parse_quantity(f"{typed} {field.unit}", "length")
+        if not field.kind:
+            raise ValueError(f"'{typed}' is no number; write e.g. 0.1") from None
+        return parse_quantity(typed, field.kind)
+    return parse_quantity(f"{typed} {field.unit}", field.kind) if field.kind else bare
 
 
 def reach(field: NumberField, reference: Design, design: Design) -> tuple[float, float]:
@@ -132,6 +158,9 @@ def reach(field: NumberField, reference: Design, design: Design) -> tuple[float,
     About the design that was loaded, so that a slider keeps its place while it is moved; always as far as the present
     design's value.
     """
+    if field.ends is not None:
+        now = value_of(design, field.symbol) or field.ends[1]
+        return min(field.ends[0], now), max(field.ends[1], now)
     now = value_of(design, field.symbol) or design.D_F
     centre = value_of(reference, field.symbol) or now
     low, high = centre / SPAN, centre * SPAN
@@ -162,6 +191,8 @@ def value_at(field: NumberField, place: float, ends: tuple[float, float]) -> flo
     """Value [mm] of a slider's position, rounded to as many digits as a step has; the ends are met exactly."""
     low, high = ends
     share = min(max(place / STEPS, 0.0), 1.0)
+    if field.symbol == "depth.window":
+        return round(low + share * (high - low))
     if share in (0.0, 1.0):
         return high if share else low
     if field.scale == "log" and low > 0:
@@ -184,9 +215,12 @@ def objective_of(design: Design) -> int | None:
 
 
 def value_of(design: Design, symbol: str) -> float | None:
-    """A field's number [mm]; None where the design has none: no window, or one without an aperture."""
+    """A field's number [mm, lx, s]; None where the design has none: no window, or one without an aperture."""
     if symbol in BY_SYMBOL:
         return float(getattr(design, symbol))
+    if "." in symbol:
+        given = attrgetter(symbol)(design)
+        return None if given is None else float(given)
     k = window_of(design)
     value = None if k is None else getattr(design.elements[k], symbol.removeprefix("window_"))
     return None if value is None else float(value)
@@ -249,6 +283,10 @@ class State:
 
     def changeable(self, symbol: str) -> bool:
         """Whether a number can be set by hand."""
+        if symbol in ("light.illuminance", "light.reflectance"):
+            return self.design.light.radiance is None
+        if "." in symbol:
+            return not (symbol == "depth.finest" and self.design.depth.period is not None)
         if symbol not in BY_SYMBOL:
             return window_of(self.design) is not None
         return symbol != self.follows and not (symbol == "f" and "f" not in self.followers)
@@ -274,6 +312,8 @@ class State:
         """
         if not self.changeable(symbol):
             return self
+        if CONTROLS[symbol].left_out and not text.strip():
+            return self._put(symbol, None, text)
         try:
             value = read(CONTROLS[symbol], text)
         except ValueError as error:
@@ -337,19 +377,21 @@ class State:
         except InputError as error:
             return self._with_fault(Fault(what, text, "; ".join(problem.message for problem in error.problems)))
 
-    def _changed(self, changes: Mapping[str, float]) -> Design:
+    def _changed(self, changes: Mapping[str, float | None]) -> Design:
         window = f"elements.{window_of(self.design)}."
-        places = {PATHS.get(symbol, symbol.replace("window_", window)): value for symbol, value in changes.items()}
+        places: dict[str, Any] = {PATHS.get(s, s.replace("window_", window)): value for s, value in changes.items()}
+        if (across := places.get("depth.window")) is not None and across == round(across):
+            places["depth.window"] = round(across)
         if "q" in changes:  # as the microlenses see it
             places[PATHS["q"]] *= self.design.sensor.relay_magnification
         fixed = kept(self.follows, changes)
-        if changes.keys() - PATHS.keys():  # glass moves the focus
+        if any(symbol.startswith("window_") for symbol in changes):  # glass moves the focus
             fixed = tuple(s for s in CONJUGATE if s != self.follows and s not in changes)
         if self.design.main_lens.prescription is not None:
             fixed = ()
         return self.design.replace({PATHS[s]: getattr(self.design, s) for s in fixed} | places)
 
-    def _put(self, symbol: str, value: float, text: str) -> State:
+    def _put(self, symbol: str, value: float | None, text: str) -> State:
         waiting = _readable(self._faults_but(symbol))
         problems: tuple[Problem, ...] = ()
         for others in ([waiting] if waiting else []) + [{}]:

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 from ..design import Design
 from ..design.mapping import NAMES
 from ..evaluation import Evaluation
+from ..evaluation.show import depth_facts
 from ..lenses.glass import Glass
-from ..pictures.curves import depth_precision, matching_plane
+from ..pictures.curves import depth_over_field, depth_precision, field_curve, matching_plane
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
 from ..pictures.microlens import microlens_image, nearest_microlens
@@ -26,6 +27,7 @@ from .state import (
     BY_SYMBOL,
     FIELDS,
     GLASSES,
+    LIGHT,
     MEDIA,
     STEPS,
     WHOLE,
@@ -45,6 +47,11 @@ from .state import (
 )
 
 Size = tuple[int, int]
+
+LIGHT_GROUPS = tuple(dict.fromkeys(field.group for field in LIGHT))
+
+KNOWN_ALIKE = 1.1
+"""Factor within which depth counts as known as well as on the axis."""
 
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
@@ -114,6 +121,9 @@ DRAWINGS = {
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
     "depth": Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth-field": Drawing(
+        "depth", "Depth precision over the field", (520, 360), lambda s: (s.design,), depth_over_field
+    ),
     "effects": Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
@@ -165,7 +175,9 @@ def controls(state: State) -> dict[str, Any]:
         if number.symbol in BY_SYMBOL or window_of(state.design) is not None:
             groups.setdefault(number.group, []).append(_control(number, state))
     listed = [{"name": name, "fields": fields} for name, fields in groups.items() if name != WINDOW[0].group]
-    return {"groups": listed, "bore": {**_bore(state), "fields": groups.get(WINDOW[0].group, [])}}
+    lit = [{"name": name, "fields": [_control(f, state) for f in LIGHT if f.group == name]} for name in LIGHT_GROUPS]
+    bore = {**_bore(state), "fields": groups.get(WINDOW[0].group, [])}
+    return {"groups": listed, "bore": bore, "light_groups": lit}
 
 
 def _bore(state: State) -> dict[str, Any]:
@@ -215,8 +227,16 @@ def _control(number: NumberField, state: State) -> dict[str, Any]:
         "open": changeable,
         "follows": follows,
         "can_follow": symbol in state.followers,
-        "why": "follows from the other two" if follows else "" if changeable else "given by the lens",
+        "left_out": number.left_out,
+        "given": known is not None,
+        "why": "follows from the other two" if follows else "" if changeable else _why_shut(symbol),
     }
+
+
+def _why_shut(symbol: str) -> str:
+    if symbol.startswith("light."):
+        return "the design gives the scene's radiance"
+    return "the texture has one period" if symbol == "depth.finest" else "given by the lens"
 
 
 TITLES = {
@@ -278,6 +298,49 @@ def _margin(evaluation: Evaluation, name: str) -> str:
 
 def _signed(value: float) -> str:
     return f"{'+' if value > 0 else ''}{short(value, 2)}"
+
+
+def depth_known(source: PictureSource) -> dict[str, Any]:
+    """How well depth is known, where and why not; and what light, texture and matching that is for."""
+    depth, curve = source.evaluation.depth, field_curve(source.design)
+    design, assumed = source.design, depth.assumes
+    sigma = depth.sigma_z_mm
+    if not math.isfinite(sigma):
+        full = assumed is not None and assumed.electrons > design.sensor.full_well
+        why = "No texture that single views can show tells depth."
+        remedy = "detail of more than two microlenses, or more contrast"
+        if full:
+            why, remedy = "Pixels hold fewer electrons than so much light makes.", "a shorter exposure, or less light"
+        elif assumed is not None and not assumed.electrons > 0:
+            why, remedy = "There is no light.", "a longer exposure"
+        return {"tone": "bad", "text": f"Depth is unknown. {why}", "remedy": remedy, "rows": _assumed_rows(depth)}
+    known = curve.sigma[0] * KNOWN_ALIKE
+    alike, last = curve.sigma <= known, curve.place[-1]
+    text = f"Depth of the plane in focus is known to {short(sigma, 3)} mm (1 sigma), {_share(sigma / design.d_f)} of Z."
+    tone, remedy = "good", ""
+    if not alike.all():
+        ends = curve.place[~alike][0]
+        text += f" That holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; farther out stops cut images"
+        unknown = not math.isfinite(curve.sigma[-1])
+        text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
+        tone, remedy = "caution", "a wider lens or stops, a smaller pupil, or another d_3"
+    if assumed is not None:
+        dark = design.sensor.read_noise**2 / max(assumed.electrons, 1e-300)
+        text += " Twice the contrast halves it; " + (
+            "twice the light nearly does too: read noise rules." if dark > 1 else "so does four times the light."
+        )
+    return {"tone": tone, "text": text, "remedy": remedy, "rows": _assumed_rows(depth)}
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.2g} %"
+
+
+def _assumed_rows(depth: Any) -> list[dict[str, str]]:
+    return [
+        {"label": to_html(label), "value": " ".join(part for part in (value, note) if part)}
+        for label, value, note in depth_facts(depth)
+    ]
 
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:

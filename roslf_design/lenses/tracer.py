@@ -579,9 +579,14 @@ def meet_rod(
         count = max(1, math.ceil(sqrt(phase2) * length / longest))
         h = length / count
         u, v = u * h, v * h
+        pull = phase2 * h * h
         for _ in range(count):
-            x, y, u, v = rod_step(work, x, y, u, v, phase2 * h * h, g2)
+            outwards = x * u + y * v > 0.0
+            x, y, u, v = rod_step(work, x, y, u, v, pull, g2)
             squares[i] = max(squares[i], x * x + y * y)
+            if outwards and x * u + y * v < 0.0:  # the crest between, as of a harmonic swing
+                mean, area = 0.5 * (x * x + y * y + (u * u + v * v) / pull), x * v - y * u
+                squares[i] = max(squares[i], mean + sqrt(max(0.0, mean * mean - area * area / pull)))
             if squares[i] > limit:
                 break
         u, v = u / h, v / h

@@ -29,7 +29,7 @@ from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
 from .parts import Catalogue, Entry, Kind, given_by, placed
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
-from .search import QUICK, Search, search
+from .search import QUICK, Budget, Search, search
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -42,6 +42,8 @@ ROUNDING = 1e-9
 """What bounds leave for rounding, relative."""
 CHUNK = 8_000
 """Boxes evaluated at once: their corners stay in a processor's cache."""
+CORNERS = 500
+"""Corners of boxes that count as one evaluation, for they take as long."""
 SLICES = 5
 """Parts of a side that are tried when shaving."""
 AT_ONCE = 10
@@ -210,7 +212,7 @@ class Boxes:
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if part.temperature is not None:
+    if part.field is not None or part.temperature is not None:
         return False
     monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
     if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
@@ -382,20 +384,19 @@ class Ranking:
     """Combinations that bounds showed to be infeasible or not good enough."""
     optimised: int
     open: int
-    """Combinations neither ruled out nor optimised when the time was up; 0: the list is complete."""
+    """Combinations neither ruled out nor optimised when the budget was spent; 0: the list is complete."""
     seconds: float
 
 
 def rank(
     combinations: Combinations,
     keep: int,
-    seconds: float,
+    budget: Budget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Ranking:
-    """Find the `keep` best combinations; after some seconds those that are best so far."""
+    """Find the `keep` best combinations; where the budget is spent those that are best so far."""
     began = time.monotonic()
-    deadline = began + seconds
     n, count = combinations.problem.n, len(combinations)
     middle = sobol_units(n, 1, seed)[0]
     best: list[Ranked] = []
@@ -415,14 +416,15 @@ def rank(
     def optimise(number: int, low: Array, high: Array) -> None:
         done[number] = True
         for start in ((low + high) / 2, low + middle * (high - low)):
-            result = search(combinations.problem_at(number).vector, start, deadline + 1.0, 80, QUICK)
+            result = search(combinations.problem_at(number).vector, start, budget, 80, QUICK)
             if result.feasible:
                 best[:] = sorted([*best, Ranked(number, result)], key=_order)[: 3 * keep]
                 return
 
     splitting, turn = True, 0
-    while time.monotonic() < deadline:
+    while not budget.ended:
         if splitting:
+            budget.evaluations -= len(boxes) * n * SLICES * 2**n / CORNERS
             boxes = boxes.shaved(threshold())
             bound = boxes.bound()
         boxes, bound = alive()
@@ -434,7 +436,7 @@ def rank(
         promising = np.lexsort((boxes.owner, bound))
         _, first = np.unique(boxes.owner[promising], return_index=True)
         for index in promising[np.sort(first)][:AT_ONCE]:
-            if bound[index] >= threshold() or time.monotonic() > deadline:
+            if bound[index] >= threshold() or budget.ended:
                 break
             optimise(int(boxes.owner[index]), boxes.low[index], boxes.high[index])
         boxes, bound = alive()
@@ -444,7 +446,7 @@ def rank(
         turn += 1
     polished = []
     for ranked in [each for each in best if each.search.merit < threshold()]:
-        again = search(combinations.problem_at(ranked.number).vector, ranked.search.unit, deadline + 10.0)
+        again = search(combinations.problem_at(ranked.number).vector, ranked.search.unit, budget.at_least(1000, 10.0))
         better = again.feasible and again.merit < ranked.search.merit
         polished.append(Ranked(ranked.number, again) if better else ranked)
     best = sorted(polished, key=_order)[:keep]

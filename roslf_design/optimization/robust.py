@@ -24,7 +24,7 @@ from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE, derivative_free
+from .search import FEASIBLE, Budget, derivative_free
 
 Array = NDArray[np.float64]
 
@@ -158,12 +158,12 @@ def maximise_robustness(
     table: RobustTable,
     scatter: Scatter,
     nominal: Array,
-    deadline: float,
+    budget: Budget,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Robust:
     """Maximise yield, or a quantile of the first goal, as a study's table says, starting from the nominal optimum.
 
-    Builds are held to the problem's constraints. The nominal optimum is scaled; the deadline is on the monotonic clock.
+    Builds are held to the problem's constraints. The nominal optimum is scaled; the budget is spent.
     """
     aim = _Aim(replace(problem, goals=problem.goals[:1]), table, scatter, problem.number(problem.goals[0], nominal))
     best, spent = nominal, 0
@@ -176,9 +176,10 @@ def maximise_robustness(
             step=0.05,
             xtol=1e-5,
             evaluations=150 * problem.n,
-            deadline=deadline,
+            budget=budget,
         )
         spent += count
+        budget.evaluations -= count
     before, after = aim.statistics(nominal), aim.statistics(best)
     first, last, wanted = before.yield_.value, after.yield_.value, table.wanted_yield
     if first > last if table.maximise == "yield" else first >= wanted > last:

@@ -6,6 +6,7 @@ evaluation therefore goes through a `Guard`, which copies, maps, counts, and nev
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -74,12 +75,38 @@ def gradient_error(vector: Vector, unit: Array) -> float:
 
 
 @dataclass
+class Budget:
+    """How much more may be tried; by default without end."""
+
+    evaluations: float = math.inf
+    """Left of them. Points for derivatives are not counted: where this alone ends a search, it ends on any machine at
+    the same point."""
+    deadline: float = math.inf
+    """On the monotonic clock [s], where somebody asked for one."""
+
+    @classmethod
+    def of(cls, evaluations: float, seconds: float | None) -> Budget:
+        """From now on."""
+        return cls(evaluations, math.inf if seconds is None else time.monotonic() + seconds)
+
+    @property
+    def ended(self) -> Literal["", "evaluations", "seconds"]:
+        """What ran out; "" where more may be tried."""
+        if self.evaluations <= 0:
+            return "evaluations"
+        return "seconds" if time.monotonic() > self.deadline else ""
+
+    def at_least(self, evaluations: float, seconds: float) -> Budget:
+        """The same with so much left."""
+        return Budget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
+
+
+@dataclass
 class Guard:
     """Evaluations of what is searched, watched."""
 
     vector: Vector
-    deadline: float = float("inf")
-    """On the monotonic clock [s]."""
+    budget: Budget = field(default_factory=Budget)
     evaluations: int = 0
     """Points asked for by the optimiser; those for derivatives are not counted."""
     mapped: int = 0
@@ -95,6 +122,7 @@ class Guard:
         key = unit.tobytes()
         if self._last is None or self._last[0] != key:
             self.evaluations += 1
+            self.budget.evaluations -= 1
             self._last = None
         if self._last is None or (derivatives and self._last[2] is None):
             own, jacobian = _inside(unit), None  # a copy: nlopt reuses its memory
@@ -158,7 +186,7 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
     optimiser.set_xtol_rel(XTOL)
-    _run(optimiser, begin, XTOL, evaluations, guard.deadline)
+    _run(optimiser, begin, XTOL, evaluations, guard.budget)
 
 
 def globally(
@@ -188,7 +216,7 @@ def globally(
         ftol=ftol,
         xtol=XTOL,
         evaluations=evaluations,
-        deadline=guard.deadline,
+        budget=guard.budget,
     )
     return guard.unit if algorithm == "isres" and guard.unit is not None else unit
 
@@ -203,12 +231,12 @@ def derivative_free(
     ftol: float = 0.0,
     xtol: float,
     evaluations: int,
-    deadline: float = float("inf"),
+    budget: Budget | None = None,
 ) -> tuple[Array, int]:
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
     The cost may have kinks; its first number is made small, further ones decide between equals. Only ISRES holds limits
-    (not above 0).
+    (not above 0). The budget is the caller's to spend.
     """
     import nlopt
 
@@ -229,24 +257,23 @@ def derivative_free(
         optimiser.add_inequality_constraint(lambda x, _, limit=limit: limit(x), FEASIBLE)
     optimiser.set_initial_step(np.full(len(start), step))
     optimiser.set_ftol_rel(ftol)
-    _run(optimiser, start, xtol, evaluations, deadline)
+    _run(optimiser, start, xtol, evaluations, budget or Budget())
     return best[1], count
 
 
-def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, deadline: float) -> None:
+def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, budget: Budget) -> None:
     """Run; callers keep the best point, for on round-off and where a search breaks down nlopt gives none back."""
     import nlopt
 
-    left = deadline - time.monotonic()
-    if left <= 0:
+    if budget.ended:
         return
     n = optimiser.get_dimension()
     optimiser.set_lower_bounds(np.zeros(n))
     optimiser.set_upper_bounds(np.ones(n))
     optimiser.set_xtol_abs(xtol)
-    optimiser.set_maxeval(evaluations)
-    if np.isfinite(left):
-        optimiser.set_maxtime(left)
+    optimiser.set_maxeval(int(min(evaluations, 1 + budget.evaluations)))  # the start is known already
+    if math.isfinite(budget.deadline):
+        optimiser.set_maxtime(max(budget.deadline - time.monotonic(), 1e-3))  # 0 would be no limit
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
     names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
     with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
@@ -279,7 +306,7 @@ def least_violation(
 
     best: tuple[float, float, Array, Array] | None = None
     for start in starts:
-        inner = Guard(relaxed, guard.deadline)
+        inner = Guard(relaxed, guard.budget)
         over = np.maximum(guard.rows(_inside(start))[0][1:], 0.0)
         slsqp(inner, np.concatenate([start, over[soft] * 1.01 / LARGEST_SLACK]), evaluations)
         if inner.unit is None:
@@ -321,7 +348,7 @@ class Search:
 def search(
     vector: Vector,
     start: ArrayLike,
-    deadline: float = float("inf"),
+    budget: Budget | None = None,
     evaluations: int = 300,
     tolerance: float = FTOL,
 ) -> Search:
@@ -333,24 +360,26 @@ def search(
         Merit and rows over the unit box.
     start : array-like, shape (n,)
         Outside the unit box it is clipped to it.
-    deadline, evaluations : float, int
-        On the monotonic clock [s]; of each run.
+    budget : Budget, optional
+        It is spent.
+    evaluations : int
+        Of each run, at most.
     tolerance : float
         Change of the merit, absolute and relative, at which a search ends. The finest, `FTOL`, is polished: the run is
         repeated from its own end until nothing is gained.
     """
     polish = tolerance <= FTOL
-    guard = Guard(vector, deadline)
+    guard = Guard(vector, budget or Budget())
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
-    if not guard.feasible and time.monotonic() < deadline:
+    if not (guard.feasible or guard.budget.ended):
         starts = [begin] if guard.unit is None else [guard.unit, begin][: 2 if polish else 1]
         unit, _ = least_violation(guard, starts, evaluations=evaluations)
         if guard.feasible:
             slsqp(guard, unit, evaluations, tolerance)
     for _ in range(4 if polish else 0):
         before = guard.merit
-        if guard.unit is None or not guard.feasible or time.monotonic() >= deadline:
+        if guard.unit is None or not guard.feasible or guard.budget.ended:
             break
         slsqp(guard, guard.unit, evaluations)
         if before - guard.merit <= 1e-12 * max(1.0, abs(before)):

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from .search import (
     FEASIBLE,
     FTOL,
     GLOBAL_FTOL,
+    Budget,
     Global,
     Guard,
     Search,
@@ -51,6 +52,9 @@ FRESH = 6
 HAIR = 1e-6
 """What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
 
+EXPLAINING = 10_000, 10.0
+"""Evaluations, and seconds where there is a clock, that why nothing is feasible may take at least."""
+
 Tell = Callable[[str], None]
 
 
@@ -61,8 +65,10 @@ class SolverTable(StrictTable):
     """Local searches, from Sobol points."""
     evaluations: Annotated[int, Field(ge=10)] = 300
     """Of one local run."""
-    seconds: Annotated[float, Field(gt=0)] = 60.0
-    """For the whole problem."""
+    budget: Annotated[int, Field(ge=100)] = 30_000
+    """Evaluations for the whole problem; a front, robustness and a catalogue have as many more each."""
+    seconds: Annotated[float, Field(gt=0)] | None = None
+    """A clock besides: what a busy machine does not get done in so long is left out."""
     check: bool = True
     """Whether CRS2_LM looks again."""
     isres: bool = False
@@ -75,6 +81,10 @@ class Settings(SolverTable):
     seed: int = 0
     accuracy: float | None = None
     """What the merit may be off by (0.01: 1 % of a goal); None polishes every search to rounding."""
+
+    def fresh(self) -> Budget:
+        """All that may be tried, from now on."""
+        return Budget.of(self.budget, self.seconds)
 
     @property
     def agree(self) -> float:
@@ -167,7 +177,7 @@ class Conflict:
     smallest: tuple[str, ...] = ()
     """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
     complete: bool = True
-    """Whether every smaller set was shown to be feasible before the time was up."""
+    """Whether every smaller set was shown to be feasible before the budget was spent."""
     relaxations: tuple[Relaxation, ...] = ()
     bounds: tuple[str, ...] = ()
     """Bounds of variables that the least-violating point touches: relaxing these may help too."""
@@ -202,6 +212,8 @@ class Answer:
     seconds: float
     notes: tuple[str, ...]
     settings: Settings
+    ended: Literal["", "evaluations", "seconds"] = ""
+    """What the search was ended by before its own end."""
     gained: float = 0.0
     """By how much the merit fell when the best was polished once more: what the searches had left."""
 
@@ -247,18 +259,17 @@ class Answer:
 
 def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambda _: None) -> Answer:
     """The best design, or what stands in the way; `tell` is told what is being done."""
-    began = time.monotonic()
-    deadline = began + settings.seconds
+    began, budget = time.monotonic(), settings.fresh()
     starts = _starts(problem, settings)
     if problem.order == "weighted" or len(problem.goals) == 1:
-        return replace(_solve(problem, settings, deadline, tell, starts), seconds=time.monotonic() - began)
+        return replace(_solve(problem, settings, budget, tell, starts), seconds=time.monotonic() - began)
     stages: list[Stage] = []
     current, spent = replace(problem, order="weighted"), 0
     for number, goal in enumerate(problem.goals, 1):
         current = replace(current, goals=(goal,))
         last = number == len(problem.goals)
         part = settings if last else settings.model_copy(update={"check": False, "isres": False})
-        answer = _solve(current, part, deadline, tell, starts)
+        answer = _solve(current, part, budget, tell, starts)
         spent += answer.evaluations
         if not answer.feasible:
             break
@@ -282,37 +293,36 @@ def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
     return [*given, *sobol_units(problem.n, settings.starts, settings.seed)]
 
 
-def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Tell, starts: Sequence[Array]) -> Answer:
+def _solve(problem: DesignProblem, settings: Settings, budget: Budget, tell: Tell, starts: Sequence[Array]) -> Answer:
     searches: list[Search] = []
     for number, start in enumerate(starts, 1):
-        if searches and time.monotonic() > deadline:
+        if searches and budget.ended:
             break
         tell(f"start {number} of {len(starts)}")
-        searches.append(search(problem.vector, start, deadline, settings.evaluations, settings.tolerance))
+        searches.append(search(problem.vector, start, budget, settings.evaluations, settings.tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
-    notes = _notes(searches, len(starts))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
     for name in (name for name, asked in wanted.items() if asked):
-        if time.monotonic() > deadline:
+        if budget.ended:
             break
         tell(f"checking with {name}")
-        checks.append(_check(problem, name, settings, deadline, best))
+        checks.append(_check(problem, name, settings, budget, best))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = search(problem.vector, best.unit, deadline, settings.evaluations)
+        polished = search(problem.vector, best.unit, budget, settings.evaluations)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
         tell("finding what stands in the way")
         points = [s.unit for s in sorted(searches, key=lambda s: s.violation)]
-        conflict = explain(problem, points, deadline, settings.seed)
+        conflict = explain(problem, points, budget, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
         if conflict.feasible_after_all:
-            again = search(problem.vector, conflict.unit, deadline, settings.evaluations)
+            again = search(problem.vector, conflict.unit, budget, settings.evaluations)
             if again.feasible:
                 searches.append(again)
                 best, conflict = again, None
@@ -334,27 +344,31 @@ def _solve(problem: DesignProblem, settings: Settings, deadline: float, tell: Te
         gradient_error=gradient_error(problem.vector, best.unit),
         evaluations=sum(s.evaluations for s in searches) + sum(c.evaluations + c.polished.evaluations for c in checks),
         seconds=0.0,
-        notes=tuple(notes),
+        notes=tuple(_notes(searches, len(starts), budget, settings)),
         settings=settings,
+        ended=budget.ended,
         gained=gained,
     )
 
 
-def _check(problem: DesignProblem, name: Global, settings: Settings, deadline: float, best: Search) -> Check:
+def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Budget, best: Search) -> Check:
     known = conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
-    guard = Guard(problem.vector, deadline)
-    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000)
+    guard = Guard(problem.vector, budget)
+    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
     unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
-    polished = search(problem.vector, unit, deadline, settings.evaluations, settings.tolerance)
+    polished = search(problem.vector, unit, budget, settings.evaluations, settings.tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
 
-def _notes(searches: Sequence[Search], wanted: int) -> list[str]:
-    notes = []
-    if len(searches) < wanted:
-        notes.append(f"time ran out after {len(searches)} of {wanted} starts; give more seconds for a surer answer")
+def _notes(searches: Sequence[Search], wanted: int, budget: Budget, settings: Settings) -> list[str]:
+    notes, tried = [], f"after {len(searches)} of {wanted} starts"
+    if budget.ended == "evaluations":
+        notes.append(f"the budget of {settings.budget} evaluations was spent {tried}; give more for a surer answer")
+    elif budget.ended:
+        remedy = "give more, or none, for a surer answer that no other work on the machine changes"
+        notes.append(f"the clock of {settings.seconds:g} seconds ran out {tried}; {remedy}")
     if any(s.clipped for s in searches):
         notes.append("a start lay outside the bounds and was moved onto them")
     mapped = sum(s.mapped for s in searches)
@@ -434,13 +448,12 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
     )
 
 
-def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, seed: int) -> Conflict:
+def explain(problem: DesignProblem, points: Sequence[Array], budget: Budget, seed: int) -> Conflict:
     """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
 
-    The deadline is on the monotonic clock; a few seconds more are taken where it has passed.
+    Where the budget is spent, some more is taken.
     """
-    deadline = max(deadline, time.monotonic() + 10.0)
-    pool = _Pool(problem, deadline, [*points, *sobol_units(problem.n, FRESH, seed + 1)])
+    pool = _Pool(problem, budget.at_least(*EXPLAINING), [*points, *sobol_units(problem.n, FRESH, seed + 1)])
     unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
     violation = violation_of(rows)
     if violation <= FEASIBLE:
@@ -476,14 +489,14 @@ def explain(problem: DesignProblem, points: Sequence[Array], deadline: float, se
 class _Pool:
     """Points met so far, and which constraints each of them holds."""
 
-    def __init__(self, problem: DesignProblem, deadline: float, starts: Sequence[Array]) -> None:
-        self.problem, self.deadline = problem, deadline
+    def __init__(self, problem: DesignProblem, budget: Budget, starts: Sequence[Array]) -> None:
+        self.problem, self.budget = problem, budget
         self.starts = [np.clip(start, 0, 1) for start in starts]
         self.held: list[frozenset[int]] = []
         self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
 
     def add(self, units: Array) -> None:
-        good = self.problem.vector(units)[1:] <= FEASIBLE
+        good = self.problem.rows_of(self.problem.cameras(units), len(units)) <= FEASIBLE
         owner = np.array([row.constraint for row in self.problem.rows])
         each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
         for column in np.unique(each[:, each[0]], axis=1).T:
@@ -491,8 +504,8 @@ class _Pool:
 
     def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
         """Least violation of some of the constraints; rows are those of the problem with only these."""
-        part = self.problem.without(keep)
-        guard = Guard(part.vector, self.deadline)
+        part = replace(self.problem.without(keep), goals=())
+        guard = Guard(part.vector, self.budget)
         weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
         unit, rows = least_violation(guard, self.starts[: 2 * FRESH], weights)
         self.add(unit[None])
@@ -513,7 +526,7 @@ class _Pool:
         """What one limit would have to be, all others kept."""
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
-        guard = Guard(self.problem.vector, self.deadline)
+        guard = Guard(replace(self.problem, goals=()).vector, self.budget)
         unit, rows = least_violation(guard, self.starts[: 2 * FRESH], np.where(soft, 1.0, np.inf).tolist())
         value = self.problem.number(constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
@@ -525,7 +538,7 @@ def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
     """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
     for size in range(1, count + 1):
         for keep in combinations(range(count), size):
-            if time.monotonic() > pool.deadline:
+            if pool.budget.ended:
                 return _by_deletion(pool, count), False
             if not pool.possible(frozenset(keep)):
                 return frozenset(keep), True
@@ -533,11 +546,11 @@ def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
 
 
 def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
-    """Where time is short: leave out what the conflict does not need, one after the other."""
-    pool.deadline = time.monotonic() + 5.0
+    """Where the budget is spent: leave out what the conflict does not need, one after the other."""
+    pool.budget = pool.budget.at_least(*(share / 2 for share in EXPLAINING))
     keep = set(range(count))
     for index in range(count):
-        if time.monotonic() < pool.deadline and not pool.possible(frozenset(keep - {index})):
+        if not pool.budget.ended and not pool.possible(frozenset(keep - {index})):
             keep.discard(index)
     return frozenset(keep)
 
@@ -572,7 +585,7 @@ class Front:
     """Designs left out since another was better in every goal."""
     evaluations: int = 0
     complete: bool = False
-    """Whether all limits were tried before the time was up."""
+    """Whether all limits were tried before the budget was spent."""
 
 
 def pareto_front(
@@ -580,7 +593,7 @@ def pareto_front(
     goals: Sequence[Goal],
     points: int,
     known: Sequence[Array],
-    deadline: float,
+    budget: Budget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Front:
@@ -595,8 +608,8 @@ def pareto_front(
         Limits along the second goal; of the third a third as many.
     known : sequence of ndarray
         Feasible points, scaled; searches start there, and from Sobol points by the seed.
-    deadline : float
-        On the monotonic clock [s].
+    budget : Budget
+        It is spent.
     """
     met: list[Array] = []
     spent = 0
@@ -604,7 +617,7 @@ def pareto_front(
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
         posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
-        results = [search(posed.vector, start, deadline) for start in starts]
+        results = [search(posed.vector, start, budget) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None
@@ -628,7 +641,7 @@ def pareto_front(
     grid = [limits[::-1] for limits in product(*ladders[::-1])]
     failed, complete, warm = 0, True, ends[0]
     for number, limits in enumerate(grid, 1):
-        if time.monotonic() > deadline:
+        if budget.ended:
             complete = False
             break
         tell(f"front: limit {number} of {len(grid)}")

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import PATHS
+from ..evaluation import default_fields
 from ..theory.f_number import matched, mismatch_px
 from ..theory.light_field import rim_disparity
-from ..theory.quantities import depth_at, depth_error
+from ..theory.quantities import QUANTITIES, depth_at, depth_error
+from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
 from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
 from .picture import Panel, Picture, Scale, legend_height, one_panel
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
+UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
 POINTS = 121
 """Along each axis of the plane of D_F and d_3."""
 
@@ -71,12 +76,14 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     if not known.any():
         up = Scale(0.0, 1.0)
     sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture tells it"
-    words = f"at d_f = {short(design.d_f)} mm: {sharp}"
+    words = f"at d_f = {short(design.d_f)} mm: {sharp.partition(',')[0]}"
     width = max(size[0] - 114, 80.0)
     leftwards = float(across.share(design.d_f)) * width + text_width(words, SMALL) + 16 > width
     # Between the two curves, which both leave the upper middle free.
     anchor, dx = ("end", -8.0) if leftwards else ("start", 8.0)
-    dots: list[Mark] = []
+    dots: list[Mark] = [*_unknown(distance, known, up)]
+    if not known.all():
+        keys.append(UNKNOWN)
     if math.isfinite(focus):
         dots.append(Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2))
     marks: tuple[Mark, ...] = (
@@ -95,6 +102,52 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
         y_label="spread [pitches]", x_ticks=(), grid="", right=True, y_colour="orange",
     )  # fmt: skip
     return picture.with_panels(spread)
+
+
+class FieldCurve(NamedTuple):
+    """Depth precision over the field."""
+
+    place: Floats
+    """Of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
+    sigma: Floats
+    """sigma_Z at the focal plane [mm]; inf where it is unknown."""
+
+
+@lru_cache(maxsize=2)
+def field_curve(design: Design, points: int = 21) -> FieldCurve:
+    """Depth precision at the focal plane from the centre of what the sensor sees to its corner."""
+    centre, _, corner = np.array(default_fields(design))
+    share = np.linspace(0.0, 1.0, points)
+    images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
+    sigma = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
+    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (points, 1))[:, 0])
+
+
+def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
+    """Draw sigma_Z at the focal plane over the field, from its centre to its corner; `size` in px."""
+    place, sigma = field_curve(design)
+    known = np.isfinite(sigma)
+    best = float(np.min(sigma[known], initial=math.inf))
+    across = Scale(0.0, float(place[-1]))
+    # A cut image's error grows without bounds.
+    up = Scale(0.0, min(1.15 * float(np.max(sigma[known], initial=0.0)), 20 * best) if known.any() else 1.0)
+    shown = np.where(known, np.minimum(sigma, 2 * up.high), np.nan)
+    marks = (*_unknown(place, known, up), Line(place[known], shown[known], "blue", 2.2, testid="field-curve"))
+    labels = "microlens, from the field's centre to its corner [mm]", "depth precision σ_Z [mm]"
+    keys = [line_key("σ_Z in the plane in focus", "blue", 2.2), *([] if known.all() else [UNKNOWN])]
+    ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in sigma[[0, -1]]]
+    title = f"Depth precision of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
+    return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
+
+
+def _unknown(x: Floats, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
+    """Bands where nothing is known, to half way to the next place that is."""
+    middles = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+    steps = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]]).astype(int)))
+    return tuple(
+        Area([a, b, b, a], [up.low, up.low, up.high, up.high], "grey", 0.9, hatch=True, testid="unknown")
+        for a, b in zip(middles[steps[::2]], middles[steps[1::2]], strict=True)
+    )
 
 
 def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) -> Picture:

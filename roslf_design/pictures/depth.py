@@ -112,9 +112,10 @@ def profile(trial: Measurement) -> Picture:
     sigma = np.where(known, run.sigma[row], np.nan)
     behind: Mark = Line(x, true, "ink", 1.6) if compared else Area(*_band(x, depth - sigma, depth + sigma), "sky", 0.45)
     estimate: list[Mark] = [behind, Dots(x, depth, "blue", size=size, opacity=0.8, clip=True)]
+    ends = [*true, *depth] if compared else [*(depth - sigma), *(depth + sigma)]
     symbol = "depth Z [mm]" if words.unit == "mm" else "disparity [px]"
     above = Panel(
-        (0, 0, 1, 1), across, Scale.around([*true, *depth]), tuple(estimate), "", symbol,
+        (0, 0, 1, 1), across, Scale.around(ends), tuple(estimate), "", symbol,
         f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} {run.geometry.place_unit}",
     )  # fmt: skip
     under, keys = (_off if compared else _told)(trial, row, size)
@@ -205,7 +206,7 @@ def errors(trial: Measurement) -> Picture:
         (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error told",
         "share per unit", f"{inside}; 68 % where errors are right",
     )  # fmt: skip
-    keys = [box_key("errors of all microlenses", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
+    keys = [box_key("all errors", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
     each = PAGE / 2, 340.0
     histogram = one_panel("normalised", "", each, left, keys, left=60, top=TOP)
     if trial.prediction is None:
@@ -274,7 +275,7 @@ def epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
     every = max(1, math.ceil(measured.size / LINES))
     chosen = measured[every // 2 :: every].tolist()
     marks: list[Mark] = [shades, *(Line(*plane.line(index), FITTED, 2.0) for index in chosen)]
-    keys = [line_key("slope fitted at a microlens: its disparity", FITTED, 2.0)]
+    keys = [line_key("slope fitted there: the disparity", FITTED, 2.0)]
     names = "u [px from the middle of the view]", "view [share of all across]"
     if on_array:
         names = "microlens u [pitches from the array's centre]", "place on the FAP [D_F]"

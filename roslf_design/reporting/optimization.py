@@ -108,7 +108,7 @@ def _statements(result: Result) -> Iterator[Statement]:
         )
         if answer.asked.order == "lexicographic":
             text += " They are ranked by the weighted goals, not by their order."
-        late = f"{ranking.open} more were not settled in the time given; give more seconds." if ranking.open else ""
+        late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
 
 
@@ -154,7 +154,7 @@ def _about_conflict(answer: Answer) -> Statement:
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
     clash = " and ".join(conflict.smallest)
-    doubt = "" if conflict.complete else " (a smaller set was not excluded in the time given)"
+    doubt = "" if conflict.complete else " (a smaller set was not excluded before the budget was spent)"
     text = f"No design was found: within the bounds, these cannot hold together: {clash}{doubt}."
     return Statement("bad", text, remedy.strip())
 
@@ -166,7 +166,7 @@ def _about_front(front: Front) -> Iterator[Statement]:
     elif len(front.points) == 1:
         yield Statement("plain", f"{' and '.join(names)} do not compete: one design is best in all of them.")
     if front.points and not front.complete:
-        yield Statement("caution", "The front is not complete: time ran out.", "Give more seconds.")
+        yield Statement("caution", "The front is not complete: its budget was spent.", "Give a larger budget.")
 
 
 def _agreement(answer: Answer) -> Statement:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from .analyses import Yield, curve_trials, first_draws
 from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
-from .run import used_room
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
 
@@ -140,7 +139,7 @@ class Builds(NamedTuple):
 
     def used(self, target: float, trials: int) -> float:
         """What the wanted share of builds uses of the limits' room at most: 1 is a yield on target."""
-        worst = np.nan_to_num(used_room(self.plan, self.columns(trials)), posinf=1e9)
+        worst = np.nan_to_num(self.plan.used_room(self.columns(trials)), posinf=1e9)
         return float(np.quantile(worst, target, method="higher"))
 
 

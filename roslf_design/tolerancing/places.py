@@ -54,7 +54,7 @@ FORMS = dict(
 )
 """What modes of a surface's irregularity are called."""
 SHIPPED = Path(__file__).with_name("grades.toml")
-"""The grades that ship: engineering judgement, to be replaced by a shop's own figures."""
+"""The grades that ship: makers' charts and engineering judgement, to be replaced by a shop's own figures."""
 
 
 def perturbable(design: Design) -> dict[str, str]:

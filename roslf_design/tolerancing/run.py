@@ -14,6 +14,7 @@ import hashlib
 import io
 import json
 import logging
+import math
 import multiprocessing
 import os
 import signal
@@ -31,11 +32,12 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from .._jit import kernel
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..input_files import read_json
 from .study import TolerancePlan
-from .trials import BLOCK, MeasuredTrials, measure_uniforms
+from .trials import STRETCH, MeasuredTrials, measure_uniforms
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -44,8 +46,6 @@ Work = Callable[[int], bytes]
 Progress = Callable[[int, int], None]
 """Told (trials done, trials in all)."""
 
-STRETCH = 8 * BLOCK
-"""Trials counted at once: histograms are large, and adding them up block by block would cost more than the trials."""
 ATTEMPTS = 4
 """Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
 PATIENCE = 3.0
@@ -61,6 +61,8 @@ SMALLEST, LARGEST = -50, 30
 """Powers of 2 between which deviations are told apart."""
 HALF = (LARGEST - SMALLEST) * SPLIT
 BINS = 2 * HALF + 1
+MAGNITUDE = 2**63 - 1
+"""All of a double's bits but its sign."""
 _SHIFT, _FIRST = 52 - SPLIT_BITS, (1023 + SMALLEST) << SPLIT_BITS
 _POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.float64)
 EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
@@ -165,13 +167,17 @@ def run_chunk(plan: TolerancePlan, index: int) -> bytes:
 
 
 def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
-    """Run one chunk of a plan."""
-    uniforms = plan.draws.uniforms(index, plan.chunk)[:, : plan.chunk_trials(index)]
-    first = index * plan.chunk
-    return merged(
-        counted(plan, measure_uniforms(plan, uniforms[:, at : at + STRETCH]), first + at)
-        for at in range(0, uniforms.shape[1], STRETCH)
-    )
+    """Run one chunk of a plan, a stretch at a time: a worker's memory holds no more, however long the chunk."""
+    draws, size, first = plan.draws, plan.chunk_trials(index), index * plan.chunk
+    # A Sobol sequence is slow to enter in its midst: its points are drawn together.
+    whole = draws.uniforms(index, plan.chunk, 0, size) if draws.sampling == "sobol" else None
+
+    def stretch(start: int) -> Tally:
+        stop = min(start + STRETCH, size)
+        drawn = draws.uniforms(index, plan.chunk, start, stop) if whole is None else whole[:, start:stop]
+        return counted(plan, measure_uniforms(plan, drawn), first + start)
+
+    return merged(stretch(start) for start in range(0, size, STRETCH))
 
 
 def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
@@ -364,22 +370,22 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     drawn, (variants, columns, size) = trials.deviations, trials.variants.shape
     passes = np.array([plan.passes(values) for values in trials.variants])
     off = trials.variants - plan.nominal[:, None]
-    undefined = np.isnan(off).sum(axis=2)
-    counts = np.empty((variants, columns, BINS), np.int64)
-    total, square, low, high = np.empty((4, variants, columns))
+    counts = np.zeros((variants, columns, BINS), np.int64)
+    total, square, low, high = np.zeros((4, variants, columns))
+    undefined = np.zeros((variants, columns), np.int64)
+    for sums in zip(off, counts, total, square, low, high, undefined, strict=True):
+        add_up.compiled(sums[0], sums[0].view(np.int64), *sums[1:])
     x, xx, xy = np.empty((3, columns, len(drawn)))
     whole = drawn.sum(axis=1), np.einsum("pt,pt->p", drawn, drawn)
-    for v, c in np.ndindex(variants, columns):
-        good = ~np.isnan(off[v, c])
-        row = off[v, c][good] if undefined[v, c] else off[v, c]
-        counts[v, c] = count(row)
-        total[v, c], square[v, c] = row.sum(), np.einsum("t,t->", row, row)
-        low[v, c], high[v, c] = row.min(initial=np.inf), row.max(initial=-np.inf)
-        if v == variants - 1:
-            part = drawn[:, good] if undefined[v, c] else drawn
-            x[c], xx[c] = (part.sum(axis=1), np.einsum("pt,pt->p", part, part)) if undefined[v, c] else whole
-            xy[c] = np.einsum("pt,t->p", part, row)
-    scores = used_room(plan, trials.variants[-1])
+    for c in range(columns):
+        row, part = off[-1, c], drawn
+        x[c], xx[c] = whole
+        if undefined[-1, c]:
+            good = ~np.isnan(row)
+            row, part = row[good], drawn[:, good]
+            x[c], xx[c] = part.sum(axis=1), np.einsum("pt,pt->p", part, part)
+        xy[c] = np.einsum("pt,t->p", part, row)
+    scores = plan.used_room(trials.variants[-1])
     worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
     kept = max(0, min(plan.keep_trials - first, size))
     return Tally(
@@ -401,19 +407,6 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
         measured=np.ascontiguousarray(np.moveaxis(trials.variants[:, :, :kept], 2, 0)),
         moved=np.ascontiguousarray(trials.moved[:, :kept].T),
     )
-
-
-def used_room(plan: TolerancePlan, columns: Array) -> Array:
-    """What each trial uses of its limits' room at most: 0 at nominal, 1 at a limit, infinite where undefined."""
-    worst = np.full(columns.shape[1], -np.inf)
-    for limit in plan.limits:
-        value, here = columns[limit.column], plan.nominal[limit.column]
-        for edge, over in ((limit.high, value - here), (limit.low, here - value)):
-            if np.isfinite(edge):
-                allowed = abs(edge - here)
-                used = over / allowed if allowed > 0 else np.where(over > 0, 1 + over, over)
-                worst = np.maximum(worst, np.where(np.isnan(used), np.inf, used))
-    return worst
 
 
 def merged(tallies: Iterable[Tally]) -> Tally:
@@ -498,11 +491,36 @@ def npz_bytes(arrays: Mapping[str, NDArray[Any]], comment: bytes = b"") -> bytes
     return buffer.getvalue()
 
 
-def count(deviations: Array) -> Counts:
-    """Bin counts of deviations from nominal; infinite ones go to the outermost bins, NaN must not occur."""
-    size = (np.abs(deviations).view(np.int64) >> _SHIFT) - (_FIRST - 1)
-    np.clip(size, 0, HALF, out=size)
-    return np.bincount(np.where(deviations < 0, HALF - size, HALF + size), minlength=BINS)
+@kernel()
+def add_up(
+    off: Array, bits: Counts, counts: Counts, total: Array, square: Array, low: Array, high: Array, undefined: Counts
+) -> None:
+    """Count deviations from nominal and add them up, row by row; NaN is undefined and left out.
+
+    Parameters
+    ----------
+    off : ndarray, shape (C, n)
+    bits : ndarray, shape (C, n)
+        The same memory as integers: a double's exponent and first digits are its bin.
+    counts : ndarray, shape (C, BINS)
+        Added to; infinite ones go to the outermost bins.
+    total, square, low, high, undefined : ndarray, shape (C,)
+        Set.
+    """
+    for c in range(off.shape[0]):
+        some, squares, least, most, lost = 0.0, 0.0, math.inf, -math.inf, 0
+        for t in range(off.shape[1]):
+            value = off[c, t]
+            if value != value:
+                lost += 1
+                continue
+            size = ((bits[c, t] & MAGNITUDE) >> _SHIFT) - (_FIRST - 1)
+            size = 0 if size < 0 else HALF if size > HALF else size
+            counts[c, HALF - size if value < 0 else HALF + size] += 1
+            some += value
+            squares += value * value
+            least, most = min(least, value), max(most, value)
+        total[c], square[c], low[c], high[c], undefined[c] = some, squares, least, most, lost
 
 
 def quantiles(

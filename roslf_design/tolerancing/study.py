@@ -51,7 +51,7 @@ MOST_TRIALS = 10**10
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 4
+FORMAT = 5
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -330,6 +330,21 @@ class TolerancePlan:
     def passes(self, values: Array) -> NDArray[np.bool_]:
         """Which limits hold, shape (limits, trials), for values of shape (columns, trials); NaN never passes."""
         return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
+
+    def used_room(self, values: Array) -> Array:
+        """What each trial uses of its limits' room at most, (trials,), for values of shape (columns, trials).
+
+        0 at nominal, 1 at a limit; infinite where something limited is undefined.
+        """
+        most = np.full(values.shape[1], -np.inf)
+        for limit in self.limits:
+            value, here = values[limit.column], self.nominal[limit.column]
+            for edge, over in ((limit.high, value - here), (limit.low, here - value)):
+                if np.isfinite(edge):
+                    allowed = abs(edge - here)
+                    used = over / allowed if allowed > 0 else np.where(over > 0, 1 + over, over)
+                    most = np.maximum(most, np.where(np.isnan(used), np.inf, used))
+        return most
 
     def digest(self) -> str:
         """Fingerprint of all that decides the results' bytes."""

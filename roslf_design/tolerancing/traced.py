@@ -38,6 +38,7 @@ from ..traced.builds import (
     landings,
     outlines,
     pupil_points,
+    seen_shapes,
     spot_radii,
 )
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
@@ -413,7 +414,7 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def shapes(self) -> TracedShapes:  # type: ignore[override]
-        """The lit parts: polynomials of the fifth degree over the FAP where rims cut."""
+        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of sight."""
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
@@ -424,6 +425,18 @@ class TracedBuilds(IdealBuilds):
             inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
             parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
             shape[cut], share[cut] = cut_shapes(*parts)
+            out = np.isnan(share[cut])
+            if out.any():
+                at = cut[out]
+                known = [Aimed(*(part[out] for part in rays)) for rays in (parts[0], inner)]
+                base = np.asarray(self.fields, float)[field[out]]
+                # All that the lens's aperture can light behind a microlens.
+                ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
+                about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
+                found = seen_shapes(
+                    self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
+                )
+                shape[at], share[at] = found
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
         xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]

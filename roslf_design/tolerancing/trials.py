@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from dataclasses import replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..design import Design
-from .metrics import evaluate_builds
+from .metrics import Question, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
 
 Array = NDArray[np.float64]
 
-BLOCK = 4096
+BLOCK = 8192
 """Trials evaluated at once: their arrays stay in a processor's cache."""
+STRETCH = 4 * BLOCK
+"""Trials adjusted and counted at once: those that need Newton's steps take them together, and histograms are large."""
+SETTLED = 0.9
+"""Part of the limits' room up to which a build that was adjusted by linear prediction is left alone."""
+PILOT, NEAR, SMALL = 64, 1.25, 0.01
+"""The first builds, by which prediction is judged: its squares, in limits' rooms, against Newton's; ratio and sum."""
 ITERATIONS = 3
 """Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
+CONVERGED = 1e-3
+"""Part of its squares by which a step must lower a build's residual for another one."""
 DAMPING = 1e-10
 """Of the largest curvature, against adjusters that do the same."""
 
@@ -39,37 +48,41 @@ class MeasuredTrials(NamedTuple):
 def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
     """Measure trials given by their deviations [tolerances], shape (P, trials)."""
     values, trials = plan.draws.values(deviations), deviations.shape[1]
-    variants, moved = [evaluate_builds(plan.question, values, trials)], np.empty((0, trials))
+    variants, moved = [_in_blocks(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
         moved, *adjusted = compensator_of(plan).adjusted(values, deviations)
         variants += adjusted
     elif plan.calibrated:
-        variants.append(evaluate_builds(plan.question, values, trials, calibrated=True))
+        variants.append(_in_blocks(plan.question, values, trials, calibrated=True))
     return MeasuredTrials(deviations, np.stack(variants), moved)
 
 
 def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Array:
-    """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials), block by block.
+    """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials).
 
     All tolerances count `scale` times.
     """
-
-    def columns(some: Array) -> Array:
-        values = plan.draws.values(some, scale)
-        if plan.adjusters:
-            return compensator_of(plan).adjusted(values, some * scale)[-1]
-        return evaluate_builds(plan.question, values, some.shape[1], calibrated=plan.calibrated)
-
-    starts = range(0, deviations.shape[1], BLOCK)
-    return np.concatenate([columns(deviations[:, at : at + BLOCK]) for at in starts], axis=1)
+    values = plan.draws.values(deviations, scale)
+    if plan.adjusters:
+        return compensator_of(plan).adjusted(values, deviations * scale)[-1]
+    return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
 
 
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
-    """Trials given by their independent uniform numbers, shape (factors, trials), block by block."""
-    starts = range(0, uniforms.shape[1], BLOCK)
-    drawn = (plan.draws.deviations(np.ascontiguousarray(uniforms[:, at : at + BLOCK])) for at in starts)
-    blocks = [measure(plan, deviations) for deviations in drawn]
-    return MeasuredTrials(*(np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)))
+    """Trials given by their independent uniform numbers, shape (factors, trials)."""
+    return measure(plan, plan.draws.deviations(np.ascontiguousarray(uniforms)))
+
+
+def _in_blocks(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
+    """`evaluate_builds`, block by block."""
+    if trials <= BLOCK:
+        return evaluate_builds(question, values, trials, calibrated=calibrated)
+    found = np.empty((len(question.columns), trials))
+    for start in range(0, trials, BLOCK):
+        block = slice(start, min(start + BLOCK, trials))
+        some = {place: numbers[block] for place, numbers in values.items()}
+        found[:, block] = evaluate_builds(question, some, block.stop - start, calibrated=calibrated)
+    return found
 
 
 def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]:
@@ -83,9 +96,9 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     if not 0 <= number < plan.trials:
         raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
     index, within = divmod(number, plan.chunk)
-    # Its whole block runs again, so that arrays have the same shapes.
-    start, end = within - within % BLOCK, plan.chunk_trials(index)
-    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + BLOCK, end)])
+    # All that were measured with it run again, so that arrays have the same shapes.
+    start, end = within - within % STRETCH, plan.chunk_trials(index)
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
     measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
@@ -110,6 +123,11 @@ class Compensator:
         self.columns = np.array([column for column in allowed if np.isfinite(aim[column])], dtype=np.intp)
         widths = np.array([allowed[column] for column in self.columns])
         self.aim = aim[self.columns, None]
+        # What is not limited need not be known before the last step.
+        metrics = dict.fromkeys(plan.columns[column].metric for column in self.columns)
+        self.limited = replace(plan.question, metrics=tuple(metrics))
+        rows = {column: row for row, column in enumerate(self.limited.columns)}
+        self.rows = np.array([rows[plan.columns[column]] for column in self.columns], dtype=np.intp)
         self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]
         self.steps = np.array([1e-5 * (design.d_1 if kinds[a.place] == "length" else 1) for a in plan.adjusters])
         self.reach = np.array([adjuster.reach for adjuster in plan.adjusters])[:, None]
@@ -145,7 +163,7 @@ class Compensator:
     def measured(self, values: Mapping[str, Array], moved: Array) -> Array:
         """All columns of the adjusted builds."""
         plan = self.plan
-        return evaluate_builds(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
+        return _in_blocks(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
 
     def adjusted(self, values: Mapping[str, Array], deviations: Array) -> tuple[Array, Array, Array]:
         """Adjustments that bring each trial's targets closest to nominal in the least-squares sense.
@@ -160,31 +178,80 @@ class Compensator:
         Returns
         -------
         (adjustments, columns, columns)
-            Shapes (adjusters, trials) and (C, trials): the columns of linear adjustment, then the final ones. These
-            are never worse: a step that does not lower a trial's residual is halved once, then refused for that trial.
+            Shapes (adjusters, trials) and (C, trials): the columns of linear adjustment, then the final ones.
+
+        Notes
+        -----
+        The linear prediction is set on every build and measured exactly. A build that then uses no more than `SETTLED`
+        of its limits' room is done; each other one goes on by Newton's steps (`refined`). All do where prediction is
+        blind, as it is to the length of a vector about zero.
         """
         moved = self.linear(deviations)
         columns = start = self.measured(values, moved)
+        late = np.flatnonzero(self.plan.used_room(start) > (SETTLED if self.predicts else -np.inf))
+        if late.size:
+            some = {place: numbers[late] for place, numbers in values.items()}
+            moved, columns = moved.copy(), start.copy()
+            moved[:, late], columns[:, late] = self.refined(some, moved[:, late], start[:, late])
+        return moved, start, columns
+
+    @cached_property
+    def predicts(self) -> bool:
+        """Whether linear prediction comes near what Newton's steps reach, by the plan's first builds."""
+        draws = self.plan.draws
+        deviations = draws.deviations(draws.uniforms(0, PILOT))
+        values, moved = draws.values(deviations), self.linear(deviations)
+        start = self.measured(values, moved)
+        by_prediction = _cost(self.residual(start))
+        by_newton = _cost(self.residual(self.refined(values, moved, start)[1]))
+        return bool(np.median(by_prediction) <= NEAR * np.median(by_newton) + SMALL)
+
+    def refined(self, values: Mapping[str, Array], moved: Array, columns: Array) -> tuple[Array, Array]:
+        """Adjustments and columns after Gauss-Newton steps from those given.
+
+        Never worse: a step that does not lower a trial's residual is halved once, then refused for that trial.
+        """
+        moved = moved.copy()
         residual = self.residual(columns)
-        cost = _cost(residual)
+        start = _cost(residual)
+        cost = start.copy()
+        going = np.arange(moved.shape[1])
         for _ in range(ITERATIONS):
+            some = {place: numbers[going] for place, numbers in values.items()}
+            here, left = moved[:, going], residual[:, going]
             slopes = []
             for row, step in enumerate(self.steps):
-                nudged = moved.copy()
+                nudged = here.copy()
                 nudged[row] += step
-                slopes.append((self.residual(self.measured(values, nudged)) - residual) / step)
-            change = _least_squares(slopes, residual, self.steps)
+                slopes.append((self.left(some, nudged) - left) / step)
+            change = _least_squares(slopes, left, self.steps)
+            before = cost[going]
+            trying = np.arange(going.size)
             for fraction in (1.0, 0.5):
-                trial = np.clip(moved + fraction * change, -self.reach, self.reach)
-                tried = self.measured(values, trial)
-                left = self.residual(tried)
-                better = _cost(left) < cost
-                moved = np.where(better, trial, moved)
-                columns = np.where(better, tried, columns)
-                residual = np.where(better, left, residual)
-                cost = np.where(better, _cost(left), cost)
-                change = np.where(better, 0.0, change)
-        return moved, start, columns
+                tried = np.clip(here[:, trying] + fraction * change[:, trying], -self.reach, self.reach)
+                found = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
+                lower = _cost(found)
+                better = lower < cost[going[trying]]
+                at = going[trying[better]]
+                moved[:, at], residual[:, at], cost[at] = tried[:, better], found[:, better], lower[better]
+                trying = trying[~better]
+                if not trying.size:
+                    break
+            going = going[cost[going] < (1 - CONVERGED) * before]
+            if not going.size:
+                break
+        changed = np.flatnonzero(cost < start)
+        columns = columns.copy()
+        if changed.size:
+            some = {place: numbers[changed] for place, numbers in values.items()}
+            columns[:, changed] = self.measured(some, moved[:, changed])
+        return moved, columns
+
+    def left(self, values: Mapping[str, Array], moved: Array) -> Array:
+        """Residual of builds so adjusted."""
+        trials, plan = moved.shape[1], self.plan
+        found = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
+        return (found[self.rows] - self.aim) * self.weights
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""

@@ -11,9 +11,11 @@ from PIL import Image
 from roslf_design.calibration import Board, CalibrationError, Captures
 from roslf_design.calibration.frames import read_capture, read_image
 from roslf_design.calibration.planning import too_large
+from roslf_design.calibration.result import LengthCovariance
 from roslf_design.cli import main
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.commands.terminal import json_text
+from roslf_design.depth.geometry import calibration_sigma
 from roslf_design.design import load, save
 from roslf_design.effects import Budget
 from roslf_design.imaging.files import write_image
@@ -108,6 +110,11 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert result["quantities"]["d_2"]["estimate"] == pytest.approx(2.0, rel=0.02)
     assert result["quantities"]["A"]["estimate"] == pytest.approx(92 / 3, rel=0.01)
     assert result["converged"] is True
+    # What depth does with the lengths' covariance is what the posterior's draws do, but for second orders.
+    covariance = LengthCovariance(tuple(result["covariance"]["places"]), np.array(result["covariance"]["matrix"]))
+    errors = result["depth_errors_mm"]
+    told = calibration_sigma(load(out / "calibrated.toml"), covariance, np.array(errors["distance"]))
+    np.testing.assert_allclose(told, errors["from_lens"], rtol=1e-3)
     assert result["images_missing"] == ["board6.tif"]
     assert result["images_used"] == [f"board{n}.tif" for n in range(1, 6)]
     assert result["reprojection_rms_pitches"] < 0.06

@@ -15,7 +15,7 @@ from roslf_design.evaluation import evaluate
 from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
-from roslf_design.explorer.state import FIELDS, STEPS, TABS
+from roslf_design.explorer.state import FIELDS, LIGHT, STEPS, TABS
 from roslf_design.explorer.view import DRAWINGS, lights
 
 PAPER = load("paper")
@@ -38,8 +38,8 @@ def played(session, *requests):
     return asyncio.run(play())
 
 
-symbols = st.sampled_from([field.symbol for field in FIELDS])
-TEXTS = ["3 mm", "63 um", "1e-9 mm", "40 mm", "900 mm", "abc", "", "5 deg"]
+symbols = st.sampled_from([field.symbol for field in (*FIELDS, *LIGHT)])
+TEXTS = ["3 mm", "0.2", "1e4 lx", "2 ms", "63 um", "1e-9 mm", "40 mm", "900 mm", "abc", "", "5 deg"]
 pictures, pixels = st.sampled_from(list(DRAWINGS)), st.floats(0, 5000)
 requests = st.one_of(
     st.tuples(st.just("slide"), symbols, st.integers(0, STEPS), st.sampled_from(["a", "b"])),
@@ -81,6 +81,57 @@ def test_every_view_of_every_preset_is_drawn(name):
     for picture in ("meridional", "microlens", "mla_map", "matching_plane", "depth", "effects"):
         assert page[f"picture_{picture}"].startswith("<svg")
     assert page["space"]["meshes"]
+
+
+def field_of(page, symbol):
+    return next(f for group in page["light_groups"] for f in group["fields"] if f["symbol"] == symbol)
+
+
+def test_light_and_texture_are_set_left_out_and_told():
+    depth = ("look", "tab", "depth")
+    before = played(Session(PAPER), depth)
+    assert f"{evaluate(PAPER).depth.sigma_z_mm:.3g} mm" in before["depth_known"]["text"]
+    session = Session(PAPER)
+    page = played(
+        session,
+        depth,
+        ("write", "light.exposure", "1"),
+        ("write", "depth.window", "9"),
+        ("slide", "depth.contrast", 0, "a"),
+    )
+    light, known = session.design.light, session.design.depth
+    assert (light.exposure, known.window, known.contrast) == (1e-3, 9, 1e-3)
+    expected = evaluate(session.design).depth.sigma_z_mm
+    assert f"{expected:.3g} mm" in page["depth_known"]["text"]
+    assert {row["label"]: row["value"] for row in page["depth_known"]["rows"]}["microlenses matched"].startswith(
+        "9 x 9"
+    )
+    assert field_of(page, "light.exposure")["text"] == "1 ms"
+    page = played(session, depth, ("write", "light.exposure", ""), ("write", "depth.disparity_error", "0.1"))
+    assert session.design.light.exposure is None
+    assert "1.25 mm" in page["depth_known"]["text"]
+    page = played(session, depth, ("write", "depth.window", "9.5"), ("write", "depth.contrast", "2"))
+    assert field_of(page, "depth.window")["fault"]
+    assert field_of(page, "depth.contrast")["fault"]
+    assert loads(dumps(session.design)).depth == session.design.depth
+    bright = Session(load("paper").replace({"light.radiance": 4.0}))
+    assert not field_of(played(bright, depth), "light.illuminance")["open"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text", "remedy"),
+    [
+        ({"light.exposure": 1.0}, "fewer electrons", "shorter exposure"),
+        ({"depth.period": 0.1}, "No texture", "detail"),
+        ({"main_lens.diameter": 20.0}, "stops cut images, to nothing at the corner", "wider lens"),
+    ],
+)
+def test_where_depth_is_unknown_is_hatched_and_told(changes, text, remedy):
+    page = played(Session(PAPER.replace(changes)), ("look", "tab", "depth"))
+    assert text in page["depth_known"]["text"]
+    assert remedy in page["depth_known"]["remedy"]
+    assert 'data-testid="unknown"' in page["picture_depth_field"]
+    assert ('data-testid="unknown"' in page["picture_depth"]) == ("stops" not in text)
 
 
 def test_only_what_is_seen_is_drawn_and_only_what_has_changed_drawn_again(monkeypatch):

@@ -1,14 +1,17 @@
 """Problems whose optimum is known, from every start; one that only brute force knows; and problems without a design."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import sobol_units
-from roslf_design.optimization.search import search
+from roslf_design.optimization.problem import Goal, sobol_units
+from roslf_design.optimization.search import search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
+from roslf_design.theory import disparity_error
 from tests.optimization.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force, eq7_residual, largest_undistorted_plane, matched_sensor_distance
 
@@ -143,6 +146,39 @@ def test_freedom_that_no_goal_decides_is_told():
     assert len(answer.equals) == 5
 
 
+def test_what_ended_a_search_is_told_and_no_clock_does_unless_asked(monkeypatch):
+    problem = posed({"d_2": (0.1, 20.0), "D_F": (0.5, 4.0)}, [limit("fill_factor", 1.0, 1.0)], DEPTH)
+    calm = solve(problem, Settings(starts=4, check=False))
+    ticks = iter(range(0, 10**9, 1000))
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))  # a machine on which everything takes ages
+    busy = solve(problem, Settings(starts=4, check=False))
+    assert (busy.unit.tobytes(), busy.evaluations, busy.ended) == (calm.unit.tobytes(), calm.evaluations, "")
+    asked = solve(problem, Settings(starts=4, check=False, seconds=500))
+    assert asked.ended == "seconds"
+    assert "the clock of 500 seconds ran out after 1 of 4 starts" in asked.notes[0]
+    counted = solve(problem, Settings(starts=64, check=False, budget=100))
+    assert counted.ended == "evaluations"
+    assert 1 < len(counted.searches) < 64
+    assert "the budget of 100 evaluations was spent" in counted.notes[0]
+
+
+def test_a_predicted_depth_error_is_as_good_as_an_exact_search(monkeypatch):
+    """Tangents for derivatives, against every build summed by itself: never worse by 1e-3."""
+    bounds = {"d_2": (0.5, 9.0), "D_F": (1.0, 4.0), "d_f": (300.0, 900.0)}
+    limits = [limit("fill_factor", 0.9, 1.0), limit("field_half_width_mm", 25.0)]
+    light = roslf.load("paper").replace({"depth.finest": 1.0, "light.illuminance": 2e4})
+    problem = posed(bounds, limits, DEPTH, goal("sigma_disparity_pitches", "min", 150.0, 0.3), design=light)
+    ours = search(problem.vector, np.full(3, 0.5))
+    own = value_and_jacobian(problem.vector, np.full(3, 0.4))[1]
+    with monkeypatch.context() as exact:
+        exact.setattr(disparity_error, "CLOSE", 0.0)
+        assert problem.vector(ours.unit[None])[0, 0] == pytest.approx(ours.merit, abs=1e-12)
+        assert_allclose(own, value_and_jacobian(problem.vector, np.full(3, 0.4))[1], atol=1e-4, rtol=1e-4)
+        slow = search(problem.vector, np.full(3, 0.5))
+    assert ours.feasible
+    assert ours.merit <= slow.merit + 1e-6
+
+
 IMPOSSIBLE = posed(
     {"d_2": (0.5, 10), "d_3": (0, 300), "d_1": (110, 300)},
     [
@@ -216,3 +252,15 @@ def test_where_the_merit_has_no_gradient_no_limit_is_made_up():
     answer = solve(problem, Settings(starts=2, check=False, evaluations=60))
     assert answer.runs_off
     assert answer.active == ()
+
+
+def test_depth_at_a_field_is_a_goal_like_others():
+    """A narrow lens cuts images off the axis: where it does least at 6 mm, against a walk along the only length."""
+    light = roslf.load("paper").replace({"main_lens.diameter": 20.0, "light.illuminance": 5e3, "depth.finest": 0.5})
+    wanted = Goal(quantity="sigma_z_at_field_mm", field=(6.0, 0.0), direction="min")
+    problem = posed({"d_3": (60.0, 140.0)}, [], wanted, design=light)
+    best = search(problem.vector, np.array([0.5]), tolerance=1e-4)
+    walk = problem.vector(np.linspace(0, 1, 17)[:, None])[0]
+    assert walk.min() - 0.02 < best.merit <= walk.min() + 1e-4  # a step of the walk is 5 mm
+    evaluated = roslf.evaluate(problem.design_at(best.unit), [6.0]).fields[0].sigma_z_mm
+    assert evaluated == pytest.approx(problem.number(wanted, best.unit), rel=1e-9)

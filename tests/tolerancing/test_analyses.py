@@ -280,7 +280,8 @@ def test_newton_finds_what_an_optimizer_finds():
     plan = plan_from({"name": "n", "design": "paper", "grade": "commercial", "goals": goals, "compensators": [line]})
     x = plan.draws.deviations(plan.draws.uniforms(0, 5))
     compensator, values = Compensator(plan), plan.draws.values(x)
-    moved, _, columns = compensator.adjusted(values, x)
+    start = compensator.linear(x)
+    moved, columns = compensator.refined(values, start, compensator.measured(values, start))
     for trial in range(5):
         one = {place: numbers[trial : trial + 1] for place, numbers in values.items()}
 
@@ -291,6 +292,30 @@ def test_newton_finds_what_an_optimizer_finds():
         left = compensator.residual(columns)[:, trial]
         assert (left**2).sum() == pytest.approx(2 * best.cost, rel=1e-4, abs=1e-8)
         assert moved[:, trial] == pytest.approx(best.x, abs=2e-4)
+
+
+@pytest.mark.parametrize(("name", "grade"), [("rigid-scope", "high"), ("paper", "precision")])
+def test_the_check_of_the_linear_prediction_loses_no_build_that_newton_would_save(name, grade):
+    goals = [
+        {"metric": "fill_factor", "min": 0.9, "max": 1.1},
+        {"metric": "centre_error_px", "max": 2.0},
+        {"metric": "depth_error_mm", "min": -1.0, "max": 1.0},
+    ]
+    lines = [{"place": "microlens_array.distance", "range": "0.1 mm"}]
+    plan = plan_from({"name": "n", "design": name, "grade": grade, "goals": goals, "compensators": lines})
+    x = plan.draws.deviations(plan.draws.uniforms(0, 4000))
+    compensator, values = Compensator(plan), plan.draws.values(x)
+    moved, start, columns = compensator.adjusted(values, x)
+    _, all_by_newton = compensator.refined(values, compensator.linear(x), start)
+    good, best = (plan.passes(found).all(axis=0) for found in (columns, all_by_newton))
+    assert compensator.predicts
+    assert 0.02 < best.mean() < 0.98
+    assert good.sum() >= best.sum()
+    assert np.mean(good != best) <= 1e-3
+    late = plan.used_room(start) > 0.9
+    assert late.any()
+    np.testing.assert_array_equal(columns[:, ~late], start[:, ~late])
+    np.testing.assert_array_equal(moved[:, ~late], compensator.linear(x)[:, ~late])
 
 
 def test_an_adjuster_stays_within_its_reach():

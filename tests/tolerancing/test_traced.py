@@ -262,6 +262,31 @@ def test_a_study_says_how_exactly_it_traced():
     assert trace_check(plan_from({**data, "design": "paper"})) is None
 
 
+def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():
+    design = DESIGNS["reversed"]
+    fields = ((11.0, 7.0), (14.0, 0.0), (17.0, 0.0))
+    values = {
+        "main_lens.decentre.0": np.array([0.0, 0.3, -0.4]),
+        "aperture.diameter": np.array([2.9, 3.2, 6.0]),
+        f"{LENS}surfaces.2.radius": np.array([-51.5, -51.2, -51.9]),
+    }
+    found = evaluate_builds(
+        Question(design, ("kept_fraction", "image_area_mm2", "axis_ratio"), fields, 350.0), values, 3
+    )
+    kept, area, ratio = found.reshape(3, 3, 3)
+    for trial in range(3):
+        one = as_built(design, {place: float(numbers[trial]) for place, numbers in values.items()})
+        images = real_images(camera_of(one), microlenses(one, np.array(fields)), points=768)
+        assert np.isnan(images.whole_area).all()  # what this test is about
+        # Spokes here, 256 of them, and 768 there: corners make both right to 20 over the square of that.
+        assert_allclose(kept[:, trial], images.kept_fraction, atol=4e-4)
+        lit = images.kept_fraction > 0
+        assert_allclose(area[lit, trial], images.area[lit], rtol=4e-4)
+        assert_allclose(ratio[lit, trial], images.axis_ratio[lit], rtol=1e-3)
+        assert np.isnan(area[~lit, trial]).all() or (area[~lit, trial] == 0).all()
+    assert ((kept > 0) & (kept < 1)).sum() >= 6
+
+
 def test_impossible_builds_are_undefined():
     design = DESIGNS["singlet"]
     place = f"{LENS}surfaces.1.radius"
