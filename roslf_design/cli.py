@@ -39,7 +39,7 @@ COMMANDS = {
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
     "depth": Command(
-        "What depth the camera measures of a scene, simulated with noise: its map, its errors, and those predicted.",
+        "Depth that a camera measures, and its errors: of a scene, simulated, beside the truth; or in a picture taken.",
         "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
     ),
     "report": Command(
@@ -73,6 +73,10 @@ COMMANDS = {
     "catalogue": Command(
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
+    ),
+    "export": Command(
+        "A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.",
+        "roslf export designs/paper-singlet.toml -o out/paper-singlet.zmx",
     ),
     "accuracy": Command(
         "How far numbers can be trusted, and what accuracy costs in time.",

@@ -45,9 +45,13 @@ from ..toml_files import nearest, parse_toml, read_toml
 from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
 from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, catalogue, find_glass, read_glass
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
+from .tracer import MODES
 
 TOP = ("name", "source", "wavelength", "temperature", "surfaces", "glasses")
-SURFACE = ("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset", "shift", "tilt")
+SURFACE = (
+    *("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset"),
+    *("shift", "tilt", "irregularity"),
+)
 POWERS = tuple(f"r{2 * i}" for i in range(1, ASPHERE_TERMS + 1))
 _POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
 
@@ -186,6 +190,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
         asphere.pop()
     x, y, z = row.several("shift", 3, "length")
     alpha, beta = row.several("tilt", 2, "angle")
+    form = tuple(row.several("irregularity", MODES, "length")) if "irregularity" in values else ()
     name, glass = values.get("glass", "air"), AIR
     if not isinstance(name, str):
         row.fault("glass", f"must be a glass's name, got {name!r}")
@@ -196,7 +201,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
             row.fault("glass", error.problems[0].message)
     if len(row.problems) > row.before:
         return None
-    return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta))
+    return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta), form)
 
 
 def _curvature(row: _Table) -> float:
@@ -247,6 +252,7 @@ def _row(surface: Surface) -> dict[str, Any]:
         "asphere": terms,
         "shift": [format_quantity(value, "length") for value in surface.shift] if any(surface.shift) else None,
         "tilt": [format_quantity(value, "angle") for value in surface.tilt] if any(surface.tilt) else None,
+        "irregularity": [format_quantity(value, "length") for value in surface.irregularity],
     }
     return _radius_text(surface.curvature) | {key: value for key, value in row.items() if value}
 

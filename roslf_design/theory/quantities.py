@@ -158,7 +158,8 @@ def _object_scale(c: Camera, at: Depth | Array) -> Array:
     """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
     if at is None:
         return light.object_scale(c)
-    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * magnitude(_plane_at(c, at).magnification))
+    # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
+    return np.asarray(c.inverse_m * magnitude(depth_at(c, at) / c.gap * _plane_at(c, at).magnification))
 
 
 def _on_object(c: Camera, at: Depth, place: Array) -> Array:
@@ -173,9 +174,12 @@ def seen_at(c: Camera, at: Depth | Array) -> Seen:
     return Seen(focus, _object_scale(c, at))
 
 
-def depth_error(c: Camera, at: Depth | Array) -> Array:
-    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm]."""
-    sigma = axial_disparity_sigma(c, seen_at(c, at))
+def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Array:
+    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm].
+
+    The disparity's, which takes milliseconds to predict, may be given [microlens pitches].
+    """
+    sigma = axial_disparity_sigma(c, seen_at(c, at)) if sigma is None else np.asarray(sigma)
     return light_field.depth_sigma(c, depth_at(c, at), sigma) * _plane_at(c, at).depth
 
 

@@ -126,12 +126,19 @@ class Draws:
         own = [f"{p.place} (own part)" for p in self.perturbations if p.group and self._rho(p) < 1]
         return (*free, *shared, *own)
 
-    def uniforms(self, chunk: int, size: int) -> Array:
-        """Independent uniform numbers of a chunk of `size` trials, shape (factors, size)."""
-        if self.sampling == "random":
-            stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(chunk,))))
-            return stream.random((len(self.factors), size))
-        return sobol_points(len(self.factors), chunk * size, size, self.seed)
+    def uniforms(self, chunk: int, size: int, start: int = 0, stop: int | None = None) -> Array:
+        """Independent uniform numbers of trials `start` to `stop` of a chunk of `size` trials, shape (factors, trials).
+
+        The same whatever the part of a chunk that is asked for.
+        """
+        count = (size if stop is None else stop) - start
+        if self.sampling == "sobol":
+            return sobol_points(len(self.factors), chunk * size + start, count, self.seed)
+        seed = np.random.SeedSequence(self.seed, spawn_key=(chunk,))
+        rows = np.empty((len(self.factors), count))
+        for factor, row in enumerate(rows):  # each factor's numbers lie behind one another
+            np.random.Generator(np.random.PCG64(seed).advance(factor * size + start)).random(out=row)
+        return rows
 
     def deviations(self, uniforms: Array) -> Array:
         """Deviations in units of the tolerances, shape (perturbations, trials), from independent uniform numbers."""

@@ -167,13 +167,17 @@ def run_chunk(plan: TolerancePlan, index: int) -> bytes:
 
 
 def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
-    """Run one chunk of a plan."""
-    uniforms = plan.draws.uniforms(index, plan.chunk)[:, : plan.chunk_trials(index)]
-    first = index * plan.chunk
-    return merged(
-        counted(plan, measure_uniforms(plan, uniforms[:, at : at + STRETCH]), first + at)
-        for at in range(0, uniforms.shape[1], STRETCH)
-    )
+    """Run one chunk of a plan, a stretch at a time: a worker's memory holds no more, however long the chunk."""
+    draws, size, first = plan.draws, plan.chunk_trials(index), index * plan.chunk
+    # A Sobol sequence is slow to enter in its midst: its points are drawn together.
+    whole = draws.uniforms(index, plan.chunk, 0, size) if draws.sampling == "sobol" else None
+
+    def stretch(start: int) -> Tally:
+        stop = min(start + STRETCH, size)
+        drawn = draws.uniforms(index, plan.chunk, start, stop) if whole is None else whole[:, start:stop]
+        return counted(plan, measure_uniforms(plan, drawn), first + start)
+
+    return merged(stretch(start) for start in range(0, size, STRETCH))
 
 
 def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:

@@ -38,12 +38,13 @@ from ..traced.builds import (
     landings,
     outlines,
     pupil_points,
+    seen_shapes,
     spot_radii,
 )
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
 from .ideal import IdealBuilds, azimuths, fractional
-from .places import in_lens, nominal_values, of_lens, stops_of
+from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
 Array = NDArray[np.float64]
 
@@ -177,7 +178,7 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     """
     drawn, constants = design.lens, camera_of(design).first_order
     assert drawn is not None
-    nominal = nominal_values(design)
+    nominal, values = nominal_values(design), of_parts(design, values)
     made = as_made(drawn, of_lens(values), design.wavelength)
     if "main_lens.diameter" in values:
         wide, narrowest = values["main_lens.diameter"] / 2, min(surface.semi_diameter for surface in drawn.surfaces)
@@ -352,8 +353,9 @@ class TracedBuilds(IdealBuilds):
         fields: tuple[tuple[float, float], ...],
         object_distance: float,
         calibrated: bool,
+        strays: tuple[Number, Number] | None = None,
     ) -> None:
-        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated)
+        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated, strays)
         self.mount, self.trials = mount, len(mount.sound)
         self.half = np.broadcast_to(np.asarray(camera.d) / 2, (self.trials,)).copy()
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
@@ -412,7 +414,7 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def shapes(self) -> TracedShapes:  # type: ignore[override]
-        """The lit parts: polynomials of the fifth degree over the FAP where rims cut."""
+        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of sight."""
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
@@ -423,6 +425,18 @@ class TracedBuilds(IdealBuilds):
             inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
             parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
             shape[cut], share[cut] = cut_shapes(*parts)
+            out = np.isnan(share[cut])
+            if out.any():
+                at = cut[out]
+                known = [Aimed(*(part[out] for part in rays)) for rays in (parts[0], inner)]
+                base = np.asarray(self.fields, float)[field[out]]
+                # All that the lens's aperture can light behind a microlens.
+                ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
+                about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
+                found = seen_shapes(
+                    self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
+                )
+                shape[at], share[at] = found
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
         xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
@@ -458,7 +472,8 @@ class TracedBuilds(IdealBuilds):
         """Image centres less where the decoder believes them [px]."""
         x, y = (np.broadcast_to(part, (len(self.fields), self.trials)) for part in (self.x, self.y))
         believed = self._believed(self.known.centres)(x, y)
-        return self.chief[0] / self.camera.q - believed[..., 0], self.chief[1] / self.camera.q - believed[..., 1]
+        off = (at / self.camera.q - believed[..., axis] for axis, at in enumerate(self.chief))
+        return self._strayed(*off)
 
     @cached_property
     def depth_error_mm(self) -> Number:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from .metrics import Question, evaluate_builds
-from .places import nominal_values, perturbable
+from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
 
@@ -98,13 +98,13 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     index, within = divmod(number, plan.chunk)
     # All that were measured with it run again, so that arrays have the same shapes.
     start, end = within - within % STRETCH, plan.chunk_trials(index)
-    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk)[:, start : min(start + STRETCH, end)])
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
     measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
         values = compensator_of(plan).applied(values, measured.moved)
-    changes = {place: float(value[0]) for place, value in values.items()}
     design = plan.question.design
+    changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
 
 

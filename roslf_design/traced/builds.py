@@ -454,6 +454,163 @@ def cut_shapes(rim: Aimed, inner: Aimed, uncut: Outlines) -> tuple[Array, Array]
     return shape, share
 
 
+def seen_shapes(
+    train: Train, planes: Planes, base: Array, trial: Ints, rim: Aimed, inner: Aimed, about: Array, wide: Array
+) -> tuple[Array, Array]:
+    """Lit shapes (N, 6) and seen parts of the FAP (N,) of images of which part is out of the lens's sight.
+
+    Parameters
+    ----------
+    train, planes
+        T builds.
+    base : ndarray, (N, 2)
+        Microlenses, on the array [mm].
+    trial : ndarray of int, (N,)
+        Their builds.
+    rim, inner
+        Rays of `pupil_points`, nan where there is none: the boundary is looked for about the one with most room.
+    about, wide : ndarray, (N, 2) and (N,)
+        Where to look, and how far, where the lens shows none of them: sensor points [mm].
+
+    Notes
+    -----
+    No ray is aimed: `BLOCK` of them leave the microlens, along spokes, to where they are lost or stopped. Corners make
+    areas right to 20/`BLOCK`^2 of themselves.
+    """
+    rim_points, inner_points = pupil_points()
+    on_fap = np.sum(np.concatenate([inner_points, rim_points]) ** 2, axis=1)
+    landed = np.concatenate([inner.landed, rim.landed], axis=1)
+    tallest = np.max(np.concatenate([inner.heights, rim.heights], axis=1), axis=2, initial=0.0)
+    tallest = np.where(np.isnan(landed[:, :, 0]), np.inf, np.maximum(tallest, on_fap))
+    hub = landed[np.arange(len(landed)), np.argmin(tallest, axis=1)]
+    known = np.isfinite(landed)
+    some = known.any(axis=(1, 2))
+    reach = np.max(landed, axis=(1, 2), where=known, initial=-np.inf)
+    reach = np.where(some, reach - np.min(landed, axis=(1, 2), where=known, initial=np.inf), wide)
+    hub = np.where(some[:, None], hub, about)
+    edge, pupil = np.empty((2, len(landed), BLOCK, 2))
+    lit = np.zeros(len(landed), np.bool_)
+    lens, beyond = train
+    follow_spokes.compiled(
+        trial, base, *_counted(lens), *_counted(beyond), planes.array, planes.sensor, planes.rims, hub, reach,
+        circle(BLOCK), edge, pupil, lit,
+    )  # fmt: skip
+    shape, share = np.zeros((len(landed), 6)), np.zeros(len(landed))
+    if lit.any():
+        area, centroid, moments = polygon_moments(edge[lit])
+        shape[lit] = np.concatenate([area[:, None], centroid, moments], axis=1)
+        share[lit] = np.minimum(polygon_moments(pupil[lit])[0] / math.pi, 1.0)
+    return shape, share
+
+
+@kernel()
+def measure_rays(
+    buffer: Any, radii: Any, n: int, at: Any, sx: Any, sy: Any, lens: Any, count: int, index: Any, outer: Any,
+    outer_count: int, outer_index: Any, rims: Any, tallest: Any, pupil: Any,
+) -> None:  # fmt: skip
+    """Largest squared heights (n,) over surfaces, stops and the FAP, and FAP points (n, 2) in its radius.
+
+    Of rays with slopes `sx`, `sy` from a point of the array; `LOST` for those that do not come through.
+    """
+    for i in range(n):
+        shrink = 1.0 / sqrt(1.0 + sx[i] * sx[i] + sy[i] * sy[i])
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = at[0], at[1], at[2]
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = -sx[i] * shrink, -sy[i] * shrink
+        buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = -shrink, 0.0
+        tallest[i] = 0.0
+    pass_surfaces(buffer, n, lens, index, count, True, False, radii)
+    for i in range(n):
+        for k in range(count):
+            tallest[i] = max(tallest[i], radii[k * BLOCK + i] / lens[k * COLUMNS + 5])
+        down = buffer[5 * BLOCK + i]
+        ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+        for k in range(rims.shape[0]):
+            hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rims[k])
+            hx, hy = hx / rims[k, 12], hy / rims[k, 12]
+            if k == 0:
+                pupil[i, 0], pupil[i, 1] = hx, hy
+            tallest[i] = max(tallest[i], hx * hx + hy * hy)
+    pass_surfaces(buffer, n if outer_count else 0, outer, outer_index, outer_count, True, False, radii)
+    for i in range(n):
+        for k in range(outer_count):
+            tallest[i] = max(tallest[i], radii[k * BLOCK + i] / outer[k * COLUMNS + 5])
+        if buffer[6 * BLOCK + i] != 0.0 or not tallest[i] < LOST:
+            tallest[i] = LOST
+
+
+@kernel()
+def follow_spokes(
+    trial: Any, base: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any,
+    array: Any, sensor: Any, rims: Any, hub: Any, reach: Any, ways: Any, edge: Any, pupil: Any, lit: Any,
+) -> None:  # fmt: skip
+    """Boundaries of N lit images along `BLOCK` spokes; arguments as of `aim`.
+
+    Parameters
+    ----------
+    hub, reach : (N, 2), (N,)
+        Sensor points where to begin, and how far from them the image reaches at most [mm].
+    ways : (BLOCK, 2)
+        Directions.
+    edge, pupil : (N, BLOCK, 2)
+        Get the boundary on the sensor [mm] and on the FAP, in its radius.
+    lit : (N,)
+        Gets whether there is any light.
+    """
+    buffer, radii = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK)
+    sx, sy, tallest, seen = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((BLOCK, 2))
+    low, high, at = np.empty(BLOCK), np.empty(BLOCK), np.empty(3)
+    for job in range(len(trial)):
+        t = trial[job]
+        x, y = hub[job, 0], hub[job, 1]
+        plane, screen = array[t], sensor[t]
+        for k in range(3):
+            at[k] = plane[k] + base[job, 0] * plane[3 + k] + base[job, 1] * plane[6 + k]
+        size, best = reach[job], LOST
+        for search in range(18):  # to where there is most room: on a grid of 16 x 16, then on ever finer ones of 5 x 5
+            side = 16 if search == 0 else 5
+            step = 2.0 * size / (side - 1)
+            for i in range(side * side):
+                u, v = x - size + step * (i // side), y - size + step * (i % side)
+                run = screen[2] + u * screen[5] + v * screen[8] - at[2]
+                sx[i] = (screen[0] + u * screen[3] + v * screen[6] - at[0]) / run
+                sy[i] = (screen[1] + u * screen[4] + v * screen[7] - at[1]) / run
+            measure_rays(
+                buffer, radii, side * side, at, sx, sy, table[t], count, media[t], outer[t], outer_count,
+                outer_media[t], rims[t], tallest, seen,
+            )  # fmt: skip
+            u, v = x, y
+            for i in range(side * side):
+                if tallest[i] < best:
+                    best = tallest[i]
+                    x, y = u - size + step * (i // side), v - size + step * (i % side)
+            size = 2.0 * step if search == 0 else 0.6 * size
+        if not best < 1.0:
+            continue
+        lit[job] = True
+        for i in range(BLOCK):
+            low[i], high[i] = 0.0, 3.0 * reach[job]
+        for _ in range(40):
+            for i in range(BLOCK):
+                far = 0.5 * (low[i] + high[i])
+                u, v = x + far * ways[i, 0], y + far * ways[i, 1]
+                run = screen[2] + u * screen[5] + v * screen[8] - at[2]
+                sx[i] = (screen[0] + u * screen[3] + v * screen[6] - at[0]) / run
+                sy[i] = (screen[1] + u * screen[4] + v * screen[7] - at[1]) / run
+            measure_rays(
+                buffer, radii, BLOCK, at, sx, sy, table[t], count, media[t], outer[t], outer_count, outer_media[t],
+                rims[t], tallest, seen,
+            )  # fmt: skip
+            for i in range(BLOCK):
+                far = 0.5 * (low[i] + high[i])
+                if tallest[i] <= 1.0:
+                    low[i] = far
+                    pupil[job, i, 0], pupil[job, i, 1] = seen[i, 0], seen[i, 1]
+                else:
+                    high[i] = far
+        for i in range(BLOCK):
+            edge[job, i, 0], edge[job, i, 1] = x + low[i] * ways[i, 0], y + low[i] * ways[i, 1]
+
+
 @kernel()
 def peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
     """Largest value of a periodic function from its evenly spaced values, and the angle where it is taken.

@@ -15,7 +15,7 @@ import pytest
 
 from roslf_design.cli import build_app, main
 from roslf_design.reporting import story
-from roslf_design.tolerancing import result
+from roslf_design.tolerancing import analyses, result
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -145,13 +145,15 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 
 def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports look at few builds, at few other scales of them: what pages show is none of their yields."""
+    """Studies and reports look at few builds, at few other scales of them: what pages show is none of their yields."""
+    for name, few in (("CURVE_TRIALS", 256), ("CURVE_TRIALS_ADJUSTED", 256), ("HALVINGS", 8)):
+        monkeypatch.setattr(analyses, name, few)
     look = story.quick_tolerances
 
     def quick(design, seed, progress):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
-                result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
+                result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 2.0))
             )
             patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
             return look(design, seed, progress, 500)

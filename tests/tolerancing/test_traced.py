@@ -11,7 +11,7 @@ from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
-from roslf_design.tolerancing.places import LENS, load_grades, nominal_values, perturbable
+from roslf_design.tolerancing.places import LENSLETS, LENS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.result import trace_check
 from roslf_design.tolerancing.run import Where, run_trials
 from roslf_design.tolerancing.study import plan_from
@@ -53,12 +53,22 @@ DESIGNS = {
 
 def builds(design, trials, seed, places=None):
     """Every place of a design missed at once, generously."""
-    width = {"length": 0.1, "angle": 2e-3, "ratio": 0.0, "number": 1e-3, "curvature": 1e-5, "gradient": 1e-4}
+    width = {
+        "length": 0.1,
+        "angle": 2e-3,
+        "ratio": 0.0,
+        "number": 1e-3,
+        "curvature": 1e-5,
+        "gradient": 1e-4,
+        "form": 1e-4,
+    }
     kinds, nominal, stream = perturbable(design), nominal_values(design), np.random.default_rng(seed)
     special = {"sensor.distance": 0.02, "light.wavelength": 2e-6, "microlens_array.pitch": 1e-5, "sensor.pixel": 1e-6}
-    special |= {"main_lens.focal_plane": None, "microlens_array.focal_length": 0.01}
+    special |= {"main_lens.focal_plane": None, "microlens_array.focal_length": 0.01, "microlens_array.sag": 1e-5}
     found = {}
     for place, kind in kinds.items():
+        if place.startswith(LENSLETS):  # no part of a design
+            continue
         step = special.get(place, width[kind])
         if step is None or (places is not None and not any(word in place for word in places)):
             continue
@@ -250,6 +260,31 @@ def test_a_study_says_how_exactly_it_traced():
     assert found.largest["image_diameter_share"] < 1e-8
     assert "builds traced one at a time differ by up to" in found.notes()[0]
     assert trace_check(plan_from({**data, "design": "paper"})) is None
+
+
+def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():
+    design = DESIGNS["reversed"]
+    fields = ((11.0, 7.0), (14.0, 0.0), (17.0, 0.0))
+    values = {
+        "main_lens.decentre.0": np.array([0.0, 0.3, -0.4]),
+        "aperture.diameter": np.array([2.9, 3.2, 6.0]),
+        f"{LENS}surfaces.2.radius": np.array([-51.5, -51.2, -51.9]),
+    }
+    found = evaluate_builds(
+        Question(design, ("kept_fraction", "image_area_mm2", "axis_ratio"), fields, 350.0), values, 3
+    )
+    kept, area, ratio = found.reshape(3, 3, 3)
+    for trial in range(3):
+        one = as_built(design, {place: float(numbers[trial]) for place, numbers in values.items()})
+        images = real_images(camera_of(one), microlenses(one, np.array(fields)), points=768)
+        assert np.isnan(images.whole_area).all()  # what this test is about
+        # Spokes here, 256 of them, and 768 there: corners make both right to 20 over the square of that.
+        assert_allclose(kept[:, trial], images.kept_fraction, atol=4e-4)
+        lit = images.kept_fraction > 0
+        assert_allclose(area[lit, trial], images.area[lit], rtol=4e-4)
+        assert_allclose(ratio[lit, trial], images.axis_ratio[lit], rtol=1e-3)
+        assert np.isnan(area[~lit, trial]).all() or (area[~lit, trial] == 0).all()
+    assert ((kept > 0) & (kept < 1)).sum() >= 6
 
 
 def test_impossible_builds_are_undefined():
