@@ -44,10 +44,7 @@ def export(name: str, /, *, output: Annotated[Path, Parameter(name=["--output", 
         rows, title, wavelength = sequence_of(design), design.name, design.wavelength
         wide = float(QUANTITIES["field_half_width_mm"](Camera.of(design.thin_twin)))
         warmth = ROOM if design.environment is None else float(design.environment.temperature)
-    if kind == ".zmx":
-        text = zmx(rows, title, wavelength, warmth, wide)
-    else:
-        text = optiland(rows, title, wavelength, wide)
+    text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(output, text.encode())
     print(f"{output}: {len(rows)} surfaces")

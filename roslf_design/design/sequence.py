@@ -1,7 +1,7 @@
 """A design as other programs take it: surfaces in a row, from the focal plane to the sensor, and files of them.
 
-Straight: misalignments are left out. The scene's medium, elements, stops, main lens, substrate and cover are there, and one
-microlens, on the axis, as a paraxial surface with the array's pitch as its aperture.
+Straight: misalignments are left out. The scene's medium, elements, stops, main lens, substrate and cover are there, and
+one microlens, on the axis, as a paraxial surface with the array's pitch as its aperture.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem
@@ -112,7 +113,7 @@ def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
 def _ordered(rows: list[SequenceRow], medium: Glass, end: float) -> tuple[SequenceRow, ...]:
     """In the order of light, with the gaps between them; a stop in a liquid is filled with it."""
     rows = sorted(rows, key=lambda row: row.z)
-    gaps = [after.z - before.z for before, after in zip(rows, rows[1:], strict=False)]
+    gaps = [after.z - before.z for before, after in pairwise(rows)]
     done = []
     for row, gap in zip(rows, [*gaps, 0.0], strict=True):
         wet = medium if row.name.startswith(("FAP", "stop")) and row.z < end - 1e-12 else row.surface.glass

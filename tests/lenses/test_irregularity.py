@@ -1,4 +1,4 @@
-"""Surfaces that are not quite what they should be: Zernike modes by quadrature, rays by an own tracer, builds as designs."""
+"""Irregular surfaces: Zernike modes by quadrature, rays by a tracer of 40 digits, builds as designs of their own."""
 
 import math
 

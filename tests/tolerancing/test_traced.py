@@ -11,7 +11,7 @@ from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
-from roslf_design.tolerancing.places import LENSLETS, LENS, load_grades, nominal_values, perturbable
+from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.result import trace_check
 from roslf_design.tolerancing.run import Where, run_trials
 from roslf_design.tolerancing.study import plan_from
