@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
+    from .theory.sweep import Sweep, sweep
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,7 @@ __all__ = [
     "InputError",
     "Quantity",
     "Specification",
+    "Sweep",
     "__version__",
     "calibrate",
     "capture_depth",
@@ -52,6 +54,7 @@ __all__ = [
     "report",
     "save",
     "specification",
+    "sweep",
     "tolerance",
 ]
 
@@ -76,5 +79,6 @@ __getattr__, __dir__, _ = lazy.attach(
         "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
+        "theory.sweep": ["Sweep", "sweep"],
     },
 )

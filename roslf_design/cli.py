@@ -46,6 +46,14 @@ COMMANDS = {
         "A report on a design, a study or a story: one self-contained HTML page, and a PDF.",
         "roslf report designs/paper.toml -o reports/paper",
     ),
+    "datasheet": Command(
+        "The page an engineer signs: the camera in the terms of ISO 8600, each line with its tolerance.",
+        "roslf datasheet designs/paper.toml -o paper.pdf",
+    ),
+    "sweep": Command(
+        "Any quantities over one or two lengths of a design: a picture, or a table.",
+        'roslf sweep paper --set "aperture.distance=0..150 mm" --quantity fill_factor,sigma_z_mm',
+    ),
     "tolerance": Command(
         "A tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.",
         "roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2",

@@ -35,7 +35,7 @@ from .stop_images import MicrolensImages
 from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
 ROWS = 64
-"""Gauss-Legendre rows across a cut microlens image."""
+"""Gauss-Legendre rows across a cut microlens image, at least: fine detail and far defocus take one more a radian."""
 SHARPEST = 8
 """Periods of the finest detail that diffraction passes, in one pitch, beyond which information is extrapolated in its
 inverse: that grows as the blur shrinks, nearly in proportion. Right to 1 %."""
@@ -53,8 +53,7 @@ FAR = 4
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
-"""Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11 (1e-8 where
-extrapolated, 1e-7 far out of focus)."""
+"""Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 CLOSE, STEP = 0.02, 1e-5
@@ -424,7 +423,8 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     """The same of a disc that others cut, row by row."""
-    y, weight, middle, half = _rows(images)
+    finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * images.radii.min(1)).max(initial=0.0))
+    y, weight, middle, half = _rows(images, max(ROWS, math.ceil(finest) + ROWS // 2))
     # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
     x = 2 * math.pi * fx[..., :1]
     middle, half, at = (value[:, None, None, :] for value in (middle, half, y))
@@ -439,9 +439,9 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     return (turn * flat) @ steps, (turn * moment) @ steps, (turn * flat * at) @ steps
 
 
-def _rows(images: _Images) -> tuple[Array, Array, Array, Array]:
+def _rows(images: _Images, count: int) -> tuple[Array, Array, Array, Array]:
     """Rows across each image [pitches]: y, weight of a row, middle and half-width of what is lit of it."""
-    nodes, weights = _nodes(ROWS)
+    nodes, weights = _nodes(count)
     centre, radius = images.apart, images.radii
     low, high = (centre[..., 1] - radius).max(1), (centre[..., 1] + radius).min(1)
     half = np.maximum(high - low, 0.0)[:, None] / 2

@@ -285,7 +285,7 @@ class FieldTransfer:
         alone = lens.circular or self.camera.layout == "hexagonal"
         spread, pitch, pixel = wave * distance, float(self.camera.d), float(lens.pixel)
         image_pitch = pitch * (1 + distance * vergence)
-        farthest = 0 if alone else min(NEIGHBOURS, int(ratio(TAILS * spread / width, abs(image_pitch))))
+        farthest = 0 if alone else math.ceil(min(NEIGHBOURS, ratio(TAILS * spread / width, abs(image_pitch))))
         steps = list(range(-farthest, farthest + 1))
         reach = min(2 * float(self.radii[0]), self._reach)
         count = math.ceil(reach * width / spread * FINE)

@@ -33,7 +33,7 @@ from roslf_design.theory.quantities import QUANTITIES, seen_at
 OUT = Path("reports/depth-proof")
 SIDE = 19
 """Microlenses along each side of what is looked at."""
-EXPOSURES, RAYS, SEED = 4, 32, 3
+EXPOSURES, RAYS, SEED = 4, 128, 3
 DISPARITY = 0.3
 """Of the wall that is looked at [pitches]."""
 LARGEST = 0.1
@@ -226,7 +226,8 @@ def report(rows: Sequence[tuple[str, dict[str, Any]]]) -> Report:
     )
     about = Paragraph(
         f"A wall {DISPARITY:g} pitches out of focus; textures: finest detail of 4 or 8 microlenses, contrast 10 % or "
-        f"3 % an octave; light: half of the full well, an eighth and a 250th of that. {RAYS} rays a pixel."
+        f"3 % an octave; light: half of the full well, an eighth and a 250th of that. {RAYS} rays a pixel. "
+        f"{len(rows)} of the {len(cases()) * len(TEXTURES) * len(LIGHTS)} combinations are measured."
     )
     figure = Figure.of(
         "proof", "Spread over prediction", "Each sign is one camera, texture and light; right of the line depth is not "
