@@ -27,7 +27,8 @@ lint: $(INSTALLED_DEV)
 
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
 R ?= paper story-arthroscope story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
-  optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth
+  optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth \
+  depth-proof
 REPORTS := $(addprefix report-,$(R))
 reports: $(REPORTS)
 
@@ -56,6 +57,8 @@ report-calibration-coverage: $(INSTALLED)
 	$(BIN)/python studies/calibration-coverage/coverage_study.py
 report-depth: $(INSTALLED)
 	$(BIN)/python studies/depth/depth_study.py
+report-depth-proof: $(INSTALLED)
+	$(BIN)/python studies/depth/depth_proof.py
 
 # What the commands answer against what 0.1 answered; PINS is the folder of pins.py and pins.json.
 PINS ?= ../shared/pins

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
+    from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
+    from .theory.sweep import Sweep, sweep
 
 __version__ = "0.1.0"
 
@@ -32,6 +34,8 @@ __all__ = [
     "Evaluation",
     "InputError",
     "Quantity",
+    "Specification",
+    "Sweep",
     "__version__",
     "calibrate",
     "capture_depth",
@@ -49,6 +53,8 @@ __all__ = [
     "render_pdf",
     "report",
     "save",
+    "specification",
+    "sweep",
     "tolerance",
 ]
 
@@ -70,7 +76,9 @@ __getattr__, __dir__, _ = lazy.attach(
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
+        "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
+        "theory.sweep": ["Sweep", "sweep"],
     },
 )

@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 from .calibration import Outcome
 from .commands.calibrate import calibrated
+from .commands.captures import captured
 from .commands.decode import decoded
-from .commands.depth import captured
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded
 from .depth.measure import Trial, simulate

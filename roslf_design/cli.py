@@ -39,12 +39,20 @@ COMMANDS = {
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
     "depth": Command(
-        "What depth the camera measures of a scene, simulated with noise: its map, its errors, and those predicted.",
+        "Depth that a camera measures, and its errors: of a scene, simulated, beside the truth; or in a picture taken.",
         "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
     ),
     "report": Command(
         "A report on a design, a study or a story: one self-contained HTML page, and a PDF.",
         "roslf report designs/paper.toml -o reports/paper",
+    ),
+    "datasheet": Command(
+        "The page an engineer signs: the camera in the terms of ISO 8600, each line with its tolerance.",
+        "roslf datasheet designs/paper.toml -o paper.pdf",
+    ),
+    "sweep": Command(
+        "Any quantities over one or two lengths of a design: a picture, or a table.",
+        'roslf sweep paper --set "aperture.distance=0..150 mm" --quantity fill_factor,sigma_z_mm',
     ),
     "tolerance": Command(
         "A tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.",
@@ -65,6 +73,10 @@ COMMANDS = {
     "catalogue": Command(
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
+    ),
+    "export": Command(
+        "A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.",
+        "roslf export designs/paper-singlet.toml -o out/paper-singlet.zmx",
     ),
     "accuracy": Command(
         "How far numbers can be trusted, and what accuracy costs in time.",

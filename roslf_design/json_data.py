@@ -27,7 +27,10 @@ def plain(value: Any, *, undefined: bool = True) -> Any:
         Something is not a number, and `undefined` is false.
     """
     if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name), undefined=undefined) for field in fields(value)}
+        # Python's own words end in _: `from_`.
+        return {
+            field.name.rstrip("_"): plain(getattr(value, field.name), undefined=undefined) for field in fields(value)
+        }
     if isinstance(value, Mapping):
         return {key: plain(inner, undefined=undefined) for key, inner in value.items()}
     if isinstance(value, np.ndarray):

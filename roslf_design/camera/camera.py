@@ -6,6 +6,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -20,7 +21,7 @@ from ..design import Design, DesignError, Problem
 from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
-from ..design.elements import FieldLens
+from ..design.elements import FieldLens, Grin
 from ..design.environment import TEMPERATURE, Growth
 from ..design.mapping import Law, image_height, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
@@ -45,6 +46,9 @@ OPTIONAL = ("light.radiance", "light.exposure", "depth.period", "depth.finest", 
 """The same, of what need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
+SECTION, SECTION_WORD = np.pi / 12, " section "
+"""Phase of a gradient-index rod that one section of its barrel stands for: between two, rays swing farther by less than
+1 - cos(pi/24), 0.9 % of their swing. What its name goes on with."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -56,8 +60,8 @@ class Rim:
     name: str
     """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
     part: str
-    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1"; of
-    what an objective with a mapping images at all "elements.0.image"."""
+    """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1",
+    of sections of a rod's barrel ".2" and so on; of what an objective with a mapping images "elements.0.image"."""
     radius: Number
     """R_k as the main lens sees it: through what stands between [mm]."""
     distance: Number
@@ -68,6 +72,11 @@ class Rim:
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None
     """Where it stands; None in air."""
+
+    @property
+    def opening(self) -> str:
+        """The same, but of a barrel's sections that of all of it."""
+        return self.name.partition(SECTION_WORD)[0]
 
     @property
     def diameter_place(self) -> str | None:
@@ -500,6 +509,14 @@ class Camera(Symbols[Number]):
         else:
             yield self._rim(f"{name}, back", f"{part}.0", start, radius)
             yield self._rim(f"{name}, front", f"{part}.1", start + length, radius)
+        if isinstance(element, Grin):
+            swing = n[f"{part}.gradient"]
+            whole = np.real(np.asarray(swing * length)) < np.pi  # half a turn on, the same comes again
+            reach = np.where(whole, length, np.pi / swing)[()]
+            sections = max(1, math.ceil(min(float(element.gradient) * float(element.length), math.pi) / SECTION))
+            for k in range(sections):
+                deep = start + reach * ((k + 0.5) / sections)
+                yield self._rim(f"{name}, barrel{SECTION_WORD}{k + 1}", f"{part}.{k + 2}", deep, radius)
 
     @cached_property
     def in_light_order(self) -> tuple[Rim, ...]:

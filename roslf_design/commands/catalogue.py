@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from ..errors import printable
+from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Flag, json_text
@@ -22,6 +23,8 @@ SHOWN: dict[Kinds, tuple[str, ...]] = {
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind."""
+TRACED = [name.upper() for name in shipped_names()]
+"""Lenses that ship with their surfaces."""
 
 
 def catalogue(
@@ -51,7 +54,7 @@ def catalogue(
     parts = load_catalogue(file or [])
     found = [row for row in rows(parts, kind or KINDS) if all(condition(row) for condition in conditions)]
     if json:
-        print(json_text({"schema": "roslf.catalogue/1", "parts": found}))
+        print(json_text({"schema": "roslf.catalogue/1", "parts": found, "prescriptions": TRACED}))
         return
     from rich.console import Console
 
@@ -73,6 +76,10 @@ def catalogue(
     print()
     for number, note in enumerate(notes, 1):
         print(f"{number}  {printable(note)}")
+    if any(row["kind"] == "lenses" for row in found):
+        print(
+            f"\nOf these f and D are known, no surfaces. To be traced, as main_lens.prescription: {', '.join(TRACED)}."
+        )
     print(f"\n{len(found)} parts. Add your own with --file, or in a study.")
 
 

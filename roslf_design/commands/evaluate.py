@@ -14,6 +14,7 @@ from ..design import load
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
+from ..evaluation.specification import specification
 from ..units import COLDEST, HOTTEST, parse_quantity
 from .terminal import Flag, json_text, refusal
 
@@ -56,7 +57,8 @@ def evaluate(
     worth = replace(worth, seconds=time.perf_counter() - began)
     if json:
         # Without an accuracy asked for, nothing that differs from run to run.
-        print(json_text(result.to_dict() | {"accuracy": worth.to_dict(times=accuracy is not None)}))
+        sheet = {"specification": specification(loaded).to_dict()}
+        print(json_text(result.to_dict() | sheet | {"accuracy": worth.to_dict(times=accuracy is not None)}))
         return
     from rich.console import Console
 

@@ -25,6 +25,8 @@ from .measure import MARGIN, POINTS, Measurement, lattice_of, measure, sampled
 
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
+WHOLE = 0.75
+"""Share of its rows with light from which a column of a hexagonal array made square is kept at the sides."""
 FIRST_NOISE = 0.02
 """Of views whose noise is not known, against their brightness, to begin with."""
 QUIET = 1e8
@@ -112,7 +114,12 @@ def on_array(field: LightField, lattice: CentreLattice, camera: Camera, region: 
         return replace(field, u=field.u + i, v=field.v + j)
     along = i + 0.5 * j
     rows = field.hexagonal._replace(starts=field.hexagonal.starts + along)
-    return replace(field, u=field.u + along, v=field.v + math.sqrt(3) / 2 * j, hexagonal=rows)
+    # Columns at the sides that only every other row reaches would take their neighbours' gradients with them.
+    whole = np.flatnonzero((field.view_weight() > 0).mean(axis=0) > WHOLE)
+    kept = slice(whole[0], whole[-1] + 1) if whole.size else slice(None)
+    values, weight = (np.ascontiguousarray(samples[..., kept]) for samples in (field.values, field.weight))
+    u, v = field.u[kept] + along, field.v + math.sqrt(3) / 2 * j
+    return replace(field, values=values, weight=weight, u=u, v=v, hexagonal=rows)
 
 
 def raw_noise(camera: Camera, image: Image, notes: Mapping[str, Any], field: LightField) -> CaptureNoise:

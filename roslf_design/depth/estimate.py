@@ -445,8 +445,9 @@ class _Fit:
         return np.maximum(chi2, self.strain / np.maximum(_chance(self.spare), least))
 
     def _beside(self, reach: int) -> _Fit:
-        """Where a window is at odds with itself, the best of those beside it that still hold the microlens."""
-        misfit = self.misfit()
+        """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
+        # At the edge of what is lit, the windows about a microlens lie half in the dark.
+        misfit = np.where(np.isfinite(self.sigma), self.misfit(), np.inf)
         at = np.argwhere(misfit > 1)
         if not len(at):
             return self
@@ -457,7 +458,7 @@ class _Fit:
         inside &= (self.spare[v, u] > 3) & (self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None])
         each = np.where(inside, misfit[v, u], np.inf)
         best, pick = each.argmin(axis=1), np.arange(len(at))
-        better = each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]]
+        better = np.isfinite(each[pick, best]) & (each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]])
         to, source = tuple(at[better].T), (v[pick, best][better], u[pick, best][better])
         fields = []
         for values in vars(self).values():

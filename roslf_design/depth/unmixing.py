@@ -20,11 +20,16 @@ from ..camera import Camera
 from ..theory.disparity_error import ImageParts, image_parts
 from ..theory.stop_images import MicrolensImages
 
-NODES = 9
-"""Fields along each axis at which cut microlens images are worked out; between them they are interpolated."""
+STEP, MOST = 0.1, 400
+"""Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
+at so many places at most."""
+COARSE = 9
+"""Places along each axis at which is looked whether any is cut."""
+BLOCK = 32
+"""Places at a time, for memory's sake."""
 ROUNDS = 8
 """Of taking neighbours' light away: what is left falls to less than a third each time."""
-FAINT, STRONG, SLOW = 0.0005, 0.02, (1, 3, 6)
+FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
@@ -39,13 +44,8 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
 def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
-    height, width = places.shape[:2]
-    rows, columns = (np.linspace(0, n - 1, max(2, min(n, NODES))).round().astype(int) for n in (height, width))
-    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
-    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
-        rows, columns = rows[:1], columns[:1]
-        images = MicrolensImages(camera, places[:1, :1].reshape(-1, 2))
-    return rows, columns, image_parts(images, field.s / field.pitch, field.t / field.pitch)
+    rows, columns = _nodes(camera, places)
+    return rows, columns, _parts_at(camera, places[np.ix_(rows, columns)].reshape(-1, 2), field)
 
 
 def evened(camera: Camera, field: LightField) -> LightField:
@@ -103,11 +103,15 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     ways = [_Mixing.of(parts, shares, own, faint) for faint in (False, True)]
     values, foreign = raw.copy(), [np.zeros_like(raw), np.zeros_like(raw)]
     whole = np.broadcast_to(mine.reshape(-1, *mine.shape[2:]), raw.shape)
+    told = known & np.broadcast_to(kept, lenses.values.shape).reshape(known.shape)
+    views = told.sum(0)
     for count in range(ROUNDS):
+        # What stands for samples that are missing, as on the dark side of a cut.
+        picture = np.where(told, values, 0).sum(0) / np.maximum(views, 1)
         for n, way in enumerate(ways):
             if n == 0 or count in SLOW:  # faint light changes little
                 with THREADS:
-                    _gathered.compiled(values, known, *way, *maps, start, foreign[n])
+                    _gathered.compiled(values, told, picture, views > 0, *way, *maps, start, foreign[n])
         with np.errstate(divide="ignore", invalid="ignore"):
             values = np.where(whole > LEAST, (raw - foreign[0] - foreign[1]) / whole, 0.0).astype(np.float32)
     values, share = values.reshape(lenses.values.shape), mine
@@ -130,6 +134,43 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
+def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of microlenses at which their images are worked out: one of each where none is cut."""
+    size = places.shape[:2]
+
+    def spread(counts: tuple[int, ...]) -> list[NDArray[np.intp]]:
+        return [
+            np.linspace(0, n - 1, min(n, count)).round().astype(np.intp) for n, count in zip(size, counts, strict=True)
+        ]
+
+    rows, columns = spread((COARSE, COARSE))
+    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
+    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
+        return rows[:1], columns[:1]
+    centres, radii = images.discs
+    apart = ((centres - centres[..., :1, :]) / (2 * radii[..., :1, None])).reshape(rows.size, columns.size, -1)
+    moved = [float(np.ptp(apart, axis=axis).max(initial=0.0)) for axis in (0, 1)]
+    counts = [max(2.0, math.ceil(far / STEP) + 1.0) for far in moved]
+    less = min(1.0, math.sqrt(MOST / math.prod(counts)))
+    rows, columns = spread(tuple(max(2, int(count * less)) for count in counts))
+    return rows, columns
+
+
+def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) -> ImageParts:
+    """`image_parts` of each place, whole images once."""
+    whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0] >= 1 - 1e-9
+    some = np.flatnonzero(~whole)
+    if whole.any():
+        some = np.append(np.flatnonzero(whole)[:1], some)
+    back = np.where(whole, 0, np.searchsorted(some[1:], np.arange(len(places))) + 1) if whole.any() else some
+    s, t = field.s / field.pitch, field.t / field.pitch
+    pieces = [
+        image_parts(MicrolensImages(camera, places[some[at : at + BLOCK]]), s, t) for at in range(0, some.size, BLOCK)
+    ]
+    light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
+    return ImageParts(pieces[0].steps, light, x, y)
+
+
 def _halves(field: LightField) -> NDArray[np.float64]:
     return field.v / math.sqrt(3)
 
@@ -150,11 +191,11 @@ class _Mixing(NamedTuple):
     def of(cls, parts: ImageParts, shares: NDArray[np.float64], own: int, faint: bool) -> _Mixing:
         light = parts.light.mean(1)
         x, y = ((axis * parts.light).mean(1) / np.maximum(light, 1e-12) for axis in (parts.x, parts.y))
-        usable = shares[own].mean(0) > LEAST
+        usable = shares[own].max(0) > LEAST
         if not usable.any():
             usable = np.ones_like(usable)
         t, s = np.nonzero(usable)
-        most, count = shares.max(1), shares.shape[3]
+        most, count = np.abs(shares).max(1), shares.shape[3]
         first, source, step, share = [0], [], [], []
         for here in np.ndindex(most.shape[1:]):
             for k in np.flatnonzero(most[(slice(None), *here)] > FAINT):
@@ -205,8 +246,8 @@ class _Map(NamedTuple):
 
 @kernel(parallel=True)
 def _gathered(
-    values: Any, known: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
-    along: Any, start: Any, out: Any,
+    values: Any, known: Any, picture: Any, lit: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
+    down: Any, column: Any, along: Any, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `known` and `out`."""
     count, rows, columns = values.shape
@@ -228,7 +269,7 @@ def _gathered(
                         high = shares[m, i + across] * (1 - along[u]) + shares[m, i + across + 1] * along[u]
                         share = low * (1 - down[v]) + high * down[v]
                     c = u + off
-                    if inside and c >= 0 and c < columns and known[k, w, c]:
-                        out[n, v, u] += share * values[k, w, c]
+                    if inside and c >= 0 and c < columns and lit[w, c]:
+                        out[n, v, u] += share * (values[k, w, c] if known[k, w, c] else picture[w, c])
                     else:
                         out[n, v, u] += share * values[n, v, u]

@@ -141,7 +141,7 @@ class Chain:
         behind = 0  # elements that every build's plane has behind it
         while behind < len(self.order):
             start = numbers[f"elements.{self.order[behind]}.distance"]
-            if not (np.all(np.greater(z, start)) and np.all(np.greater_equal(z, steps[behind + 1].place))):
+            if not (_all(z > start) and _all(z >= steps[behind + 1].place)):
                 break
             behind += 1
         step = steps[behind]
@@ -312,6 +312,10 @@ class Chain:
         if key == PLANE:
             return self.plane_seen_at(numbers, value)
         return value + self.before_array(numbers) if key == DISTANCE else value
+
+
+def _all(flags: bool | Flags) -> bool:
+    return flags if isinstance(flags, bool) else bool(np.all(flags))
 
 
 def _shortened(numbers: Mapping[str, Number], part: str) -> Number:

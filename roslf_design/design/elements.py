@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from pydantic import Field, StrictBool, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
 from ..lenses.glass import AIR
-from ..lenses.prescription import Prescription
+from ..lenses.prescription import Prescription, rotation
 from ..units import Angle, AnyLength, Distance, Gradient, Length
 from ..words import length
 from .check import shown, stop_beyond_focus
@@ -202,7 +203,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
             if near < stop.distance < far:
                 span = f"{element}, from {shown(near)} to {shown(far)}"
                 problems.append(Problem(f"{place}.distance", f"{shown(stop.distance)} lies inside {span}; move it out"))
-    problems += _about_mapping(design)
+    problems += [*([] if known else _about_reflection(design)), *_about_mapping(design)]
     if problems or known:
         return tuple(problems)
     substrate, behind = design.microlens_array.substrate, design.sensor.cover
@@ -225,6 +226,32 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
         if stop.distance >= d_f:
             problems.append(stop_beyond_focus(f"{place}.distance", stop.distance, d_f))
     return tuple(problems)
+
+
+def _about_reflection(design: Design) -> list[Problem]:
+    """Blocks that the axis itself does not get through: turned so far that their glass reflects it totally."""
+    problems = []
+    farthest = max((element.distance for element in design.elements), default=0.0)
+    for number, block in enumerate(design.elements, 1):
+        if not isinstance(block, Block) or not any((*block.tilt, *block.wedge)):
+            continue
+        glass = float(block.material.index(design.wavelength))
+        beyond = float(design.object_space.medium.index(design.wavelength)) if block.distance == farthest else 1.0
+        own = rotation(*block.tilt)
+        way = np.array([0.0, 0.0, -1.0])
+        for normal, before, behind in (((own @ rotation(*block.wedge))[:, 2], 1.0, glass), (own[:, 2], glass, beyond)):
+            ratio, cosine = before / behind, -float(way @ normal)
+            square = 1 - ratio**2 * (1 - cosine**2)
+            if cosine <= 0 or square < 0:
+                angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+                message = (
+                    f"light along the axis is totally reflected in {element_name(block, number)}, which it would leave "
+                    f"at {angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
+                )
+                problems.append(Problem(f"elements.{number}.{'wedge' if any(block.wedge) else 'tilt'}", message))
+                break
+            way = ratio * way + (ratio * cosine - math.sqrt(square)) * normal
+    return problems
 
 
 def _about_mapping(design: Design) -> list[Problem]:

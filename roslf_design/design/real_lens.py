@@ -42,7 +42,7 @@ def read_prescription(value: Any, folder: str | Path | None = "") -> Prescriptio
     if isinstance(value, Prescription):
         return value
     if isinstance(value, Mapping):
-        return lens_of(value)
+        return lens_of(value, "", None if folder is None else Path(folder))
     if not isinstance(value, str) or not value.strip():
         known = ", ".join(name.upper() for name in shipped_names())
         raise ValueError(f"expected a lens file (.toml or .zmx) or a lens that ships ({known}), got {value!r}")

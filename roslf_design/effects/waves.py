@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design.parts import PATHS
 from ..theory import light
 from ..theory.f_number import fill_factor
+from ..theory.transfer import pixel_box
 from .effect import Effect, Estimate, Subject
 
 LONGEST_GRATING = 4.0
@@ -115,11 +116,6 @@ def finite_microlens_aperture(s: Subject) -> Estimate:
     smooth = (1 - math.sin(math.pi * ratio) / (math.pi * ratio)) / math.sqrt(8)
     loss = 1.0 if ratio >= 1 else math.sqrt(ratio / 3) if s.brief.hard_edges else smooth
     return Estimate(loss, f"object footprint {width:.3g} mm against detail of period {period:.3g} mm")
-
-
-def pixel_box(frequency: ArrayLike, pixel: float) -> NDArray[np.float64]:
-    """The pixel's transfer sinc(k q) at `frequency` k [1/mm] for pixels `pixel` = q wide [mm]."""
-    return np.sinc(np.multiply(frequency, pixel))
 
 
 def pixel_integration(s: Subject) -> Estimate:

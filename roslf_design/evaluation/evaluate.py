@@ -26,7 +26,7 @@ from ..theory import exit_pupil
 from ..theory.disparity_error import view_gradient
 from ..theory.light import field_angle, outer_slope
 from ..theory.photometry import exposure
-from ..theory.quantities import QUANTITIES, seen_at
+from ..theory.quantities import QUANTITIES, depth_error, seen_at
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..words import length
@@ -127,6 +127,7 @@ def evaluate(
     sampling = _numbers(Sampling, camera, lateral_samples=whole)
     images = evaluate_fields(design, axes, rays)
     traced = trace_lens(design, axes, non_distortion)
+    depth = _depth(design, camera)
     method = [METHOD]
     if not design.aligned:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -148,14 +149,14 @@ def evaluate(
         microlens_image=_numbers(MicrolensImage, camera, "image_"),
         fields=images,
         sampling=sampling,
-        depth=_numbers(Depth, camera, assumes=_assumed(design, camera)),
+        depth=depth,
         diffraction=_numbers(Diffraction, camera),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
         warnings=warnings_of(design, images),
         method=" ".join(method),
         real_lens=traced,
-        object_space=None if camera.chain is None else _looked_through(design, camera, axes),
+        object_space=None if camera.chain is None else _looked_through(design, camera, axes, depth.sigma_z_mm),
         temperature=_temperatures(design, camera),
     )
 
@@ -181,7 +182,13 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     return Temperatures(float(environment.temperature), *named)
 
 
-def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:
+def _depth(design: Design, camera: Camera) -> Depth:
+    error = float(QUANTITIES["sigma_disparity_pitches"](camera))
+    depth, assumed = float(depth_error(camera, None, error)), _assumed(design, camera, error)
+    return _numbers(Depth, camera, assumes=assumed, sigma_disparity_pitches=error, sigma_z_mm=depth)
+
+
+def _assumed(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
     """What a predicted disparity error comes of."""
     if design.depth.disparity_error is not None:
         return None
@@ -194,11 +201,11 @@ def _assumed(design: Design, camera: Camera) -> DepthAssumptions | None:
         gradient_per_pitch=float(view_gradient(camera, seen_at(camera, None))),
         views=math.pi / 4 * across**2,
         window=design.depth.window,
-        sigma_disparity_pitches=float(QUANTITIES["sigma_disparity_pitches"](camera)),
+        sigma_disparity_pitches=error,
     )
 
 
-def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]]) -> LookedThrough:
+def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float) -> LookedThrough:
     medium = design.object_space.medium
     parts = [
         SeenPart(
@@ -228,15 +235,17 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
             what += f", lenslets towards the {plate.lenslets}"
         parts.append(SeenPart(name, what, ruler, None, float(seen), None))
     index = float(medium.index(design.wavelength))
-    return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes))
+    return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes, sigma))
 
 
-def _mapping(design: Design, camera: Camera, axes: Sequence[tuple[float, float]]) -> ObjectiveMapping | None:
+def _mapping(
+    design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float
+) -> ObjectiveMapping | None:
     if camera.law is None or camera.chain is None or camera.chain.mapped is None:
         return None
     lens, largest = design.elements[camera.chain.mapped], float(camera.law[0, 1])
     assert isinstance(lens, FieldLens)
-    sample, sigma = (float(QUANTITIES[name](camera)) for name in ("object_sample_mm", "sigma_z_mm"))
+    sample = float(QUANTITIES["object_sample_mm"](camera))
     radii = np.hypot(*MicrolensImages(camera, axes).from_lens.T) if len(axes) else np.zeros(0)
     p = np.minimum(outer_slope(camera, radii), largest)
     angles, in_air = np.rad2deg(field_angle(camera, radii)), angle_in_air(camera.law, p)

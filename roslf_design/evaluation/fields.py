@@ -146,13 +146,14 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
 
 
 def _budget(camera: Camera, kept: Array, past: Array, sensor: float, own: float) -> RayBudget:
+    named = {rim.opening: float(share) for rim, share in zip(camera.in_light_order, past, strict=True)}
     return RayBudget(
         fap=1.0,
         main_lens=float(kept[1]),
         stops=tuple(kept[2:].tolist()),
         own_cell=own,
         by_name=(
-            *(Share(rim.name, float(share)) for rim, share in zip(camera.in_light_order, past, strict=True)),
+            *(Share(name, share) for name, share in named.items()),
             Share("sensor", sensor),
             Share("own cell", own),
             Share("neighbours", sensor - own),
@@ -169,12 +170,17 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
 
     cut = images.shapes.status[:, 0] != ClipStatus.FULL
 
+    apart = np.hypot(*np.moveaxis(centres - centres[:, :1], -1, 0))
+    cutting = np.any(apart + radii[:, :1] > radii, axis=0)  # the others hold the FAP's disc in theirs
+
     def past(order: list[int]) -> Array:
         """Shares past the first few rims; shape (microlenses, rims)."""
-        shares = np.ones((len(centres), len(order)))
+        shares, few = np.ones((len(centres), len(order))), order[:1]
         for k in range(1, len(order) if cut.any() else 0):
-            few = order[: k + 1]
-            shares[cut, k] = intersect(centres[cut][:, few], radii[cut][:, few]).kept_fraction
+            shares[:, k] = shares[:, k - 1]
+            if cutting[order[k]]:
+                few.append(order[k])
+                shares[cut, k] = intersect(centres[cut][:, few], radii[cut][:, few]).kept_fraction
         return shares
 
     # The FAP stands among the others; what stops before it take is taken of the rays that fill it.

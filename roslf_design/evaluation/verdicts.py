@@ -15,6 +15,8 @@ from ..design.mapping import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched
+from ..theory.photometry import accepted
+from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_discs
 from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
@@ -27,6 +29,8 @@ OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 ROUNDING = 1e-9
 """Relative difference of widths that is none."""
+TAKEN_LOSS = 0.01
+"""Share of light lost to slanting rays from which it is told."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -209,6 +213,15 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
+    if design.sensor.acceptance is not None:
+        steepest = float(QUANTITIES["sensor_angle_deg"](Camera.of(design)))
+        lost = 1 - float(accepted(math.radians(steepest), design.sensor.acceptance))
+        if lost > TAKEN_LOSS:
+            yield (
+                f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
+                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); "
+                "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
+            )
     half_x, half_y = (size / 2 for size in array.size)
     for field in fields:
         x, y = field.x_ml_mm

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
+from ..shapes.discs import chords
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres
 from .trace import sobol_points
 from .wavefront import Wavefront
@@ -53,15 +54,7 @@ class PointOpening(NamedTuple):
 
     def chords(self, rows: int) -> tuple[Floats, Floats, Floats, Floats]:
         """Rows across the opening: heights, their weights, and each chord's ends [mm]."""
-        low = float((self.centres[:, 1] - self.radii).max())
-        high = float((self.centres[:, 1] + self.radii).min())
-        nodes, weights = np.polynomial.legendre.leggauss(rows)
-        angle, half = nodes * (math.pi / 2), max(high - low, 0.0) / 2
-        y = (high + low) / 2 + half * np.sin(angle)
-        reach = np.sqrt(np.maximum(self.radii[:, None] ** 2 - (y - self.centres[:, 1:]) ** 2, 0.0))
-        left = (self.centres[:, :1] - reach).max(0)
-        right = np.maximum((self.centres[:, :1] + reach).min(0), left)
-        return y, weights * (math.pi / 2) * half * np.cos(angle), left, right
+        return chords(self.centres, self.radii, rows)
 
 
 @dataclass(frozen=True)

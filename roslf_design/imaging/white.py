@@ -17,14 +17,13 @@ from ..camera import Camera
 from ..design import Design
 from ..design.mapping import illumination
 from ..effects import Plan, plan
-from ..effects.waves import pixel_box
 from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
-from ..theory.transfer import MicrolensTransfer
+from ..theory.transfer import MicrolensTransfer, pixel_box
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 from .transfer import MOST_HALO, fineness, pair_transfer
 

@@ -239,6 +239,11 @@ def catalogue() -> Mapping[str, Glass]:
     return glasses
 
 
+def is_shipped(glass: Glass) -> bool:
+    """Whether a glass is the one that ships under its name, at whatever temperature and of whatever melt."""
+    return catalogue().get(glass.name.upper()) == replace(glass, temperature=ROOM, offset=0.0)
+
+
 def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
     """The glass of that name, in any case.
 

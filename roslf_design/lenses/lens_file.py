@@ -19,6 +19,9 @@
     radius = "inf"
     diameter = "50.8 mm"
 
+    [glasses]                     # optional: glasses that do not ship
+    N-FK58 = { file = "schott.agf" }  # out of a catalogue (.agf), or a page of refractiveindex.info (.yml)
+
 Of .zmx files the strict subset is read that describes a lens of coaxial spheres, conics and even aspheres. What is not
 understood is refused with its line, never skipped: a keyword that was skipped could be a tilt, a mirror or a pickup,
 and the lens would be wrong without a word. The object and image surfaces, and the distances to them, are the old
@@ -43,11 +46,16 @@ from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
 from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
-from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, catalogue, find_glass, read_glass
+from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, find_glass, is_shipped, read_glass
+from .glass_files import glass_of_file
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
+from .tracer import MODES
 
 TOP = ("name", "source", "wavelength", "temperature", "surfaces", "glasses")
-SURFACE = ("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset", "shift", "tilt")
+SURFACE = (
+    *("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset"),
+    *("shift", "tilt", "irregularity"),
+)
 POWERS = tuple(f"r{2 * i}" for i in range(1, ASPHERE_TERMS + 1))
 _POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
 
@@ -67,7 +75,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
         return read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
     missing = f"check the path, or name a lens that ships: {known}"
-    return lens_of(read_toml(place, origin, missing, refusal=LensError), origin)
+    return lens_of(read_toml(place, origin, missing, refusal=LensError), origin, place.parent)
 
 
 @cache
@@ -82,13 +90,16 @@ def loads_lens(text: str, origin: str = "") -> Prescription:
     return lens_of(parse_toml(text, origin, refusal=LensError), origin)
 
 
-def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
-    """A lens from the nested values of a lens file; `origin` is what errors call it."""
+def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = None) -> Prescription:
+    """A lens from the nested values of a lens file.
+
+    `origin` is what errors call it, `folder` where glass files that it names are looked for; None: it may name none.
+    """
     problems: list[Problem] = []
     top = _Table(data, "", TOP, problems)
     own: dict[str, Glass] = {}
     for name, table in _Table(data.get("glasses", {}), "glasses", None, problems).table.items():
-        glass, wrong = read_glass(name, _Table(table, f"glasses.{name}", None, problems).table)
+        glass, wrong = _own_glass(name, _Table(table, f"glasses.{name}", None, problems).table, folder)
         problems += [Problem(f"glasses.{name}.{problem.key}", problem.message) for problem in wrong]
         if glass is not None:
             own[name.upper()] = glass
@@ -112,6 +123,18 @@ def lens_of(data: Mapping[str, Any], origin: str = "") -> Prescription:
         except LensError as error:
             problems += error.problems
     raise LensError(tuple(problems), origin)
+
+
+def _own_glass(name: str, table: Mapping[str, Any], folder: Path | None) -> tuple[Glass | None, tuple[Problem, ...]]:
+    """A glass by its numbers, or out of a catalogue's file."""
+    if "file" not in table:
+        return read_glass(name, table)
+    try:
+        return glass_of_file(table, folder, name), ()
+    except InputError as error:
+        return None, tuple(
+            Problem(problem.key or "file", f"{error.origin}: {problem.message}") for problem in error.problems
+        )
 
 
 class _Table:
@@ -186,6 +209,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
         asphere.pop()
     x, y, z = row.several("shift", 3, "length")
     alpha, beta = row.several("tilt", 2, "angle")
+    form = tuple(row.several("irregularity", MODES, "length")) if "irregularity" in values else ()
     name, glass = values.get("glass", "air"), AIR
     if not isinstance(name, str):
         row.fault("glass", f"must be a glass's name, got {name!r}")
@@ -196,7 +220,7 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
             row.fault("glass", error.problems[0].message)
     if len(row.problems) > row.before:
         return None
-    return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta))
+    return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta), form)
 
 
 def _curvature(row: _Table) -> float:
@@ -229,10 +253,10 @@ def table_of(lens: Prescription) -> dict[str, Any]:
     if lens.temperature != ROOM:
         data["temperature"] = format_quantity(lens.temperature, "temperature")
     data["surfaces"] = [_row(surface) for surface in lens.surfaces]
-    strange = (surface.glass for surface in lens.surfaces if surface.glass.name.upper() not in catalogue())
+    strange = (surface.glass for surface in lens.surfaces if not is_shipped(surface.glass))
     own = {glass.name: replace(glass, offset=0.0, temperature=ROOM) for glass in strange}
     if own:
-        data["glasses"] = {name: _glass_table(glass) for name, glass in own.items()}
+        data["glasses"] = {name: glass_table(glass) for name, glass in own.items()}
     return data
 
 
@@ -247,6 +271,7 @@ def _row(surface: Surface) -> dict[str, Any]:
         "asphere": terms,
         "shift": [format_quantity(value, "length") for value in surface.shift] if any(surface.shift) else None,
         "tilt": [format_quantity(value, "angle") for value in surface.tilt] if any(surface.tilt) else None,
+        "irregularity": [format_quantity(value, "length") for value in surface.irregularity],
     }
     return _radius_text(surface.curvature) | {key: value for key, value in row.items() if value}
 
@@ -262,7 +287,8 @@ def _radius_text(curvature: float) -> dict[str, Any]:
     return {"curvature": f"{Decimal(repr(curvature))} mm^-1"}
 
 
-def _glass_table(glass: Glass) -> dict[str, Any]:
+def glass_table(glass: Glass) -> dict[str, Any]:
+    """The nested values that `read_glass` turns into an equal glass, but for its name and offset."""
     table: dict[str, Any] = {"formula": glass.formula}
     if glass.formula == "sellmeier":
         table |= {"b": list(glass.coefficients[::2]), "c": list(glass.coefficients[1::2])}

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, Problem
 from .glass import AIR, Glass
 from .prescription import LensError, Prescription, abcd, grow_cells, lens_growth, rotation, sag, surface_table
-from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, SurfaceStack
+from .tracer import COLUMNS, CONIC, FORM, IRREGULAR, MODES, SPHERE, SurfaceStack
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,9 @@ def lens_places(lens: Prescription) -> Mapping[str, str]:
     Returns
     -------
     mapping
-        Place to "length", "curvature", "angle", or "number" (an index, an Abbe number, a conic constant). An element's
-        wedge is the tilt of its last surface about that surface's vertex; its own tilt is about the middle of its axis.
+        Place to "length", "curvature", "angle", "number" (an index, an Abbe number, a conic constant) or "form" (rms
+        sag of a Zernike mode, as `Surface.irregularity` has them). An element's wedge is the tilt of its last surface
+        about that surface's vertex; its own tilt is about the middle of its axis.
     """
     places: dict[str, str] = {}
 
@@ -63,6 +64,7 @@ def lens_places(lens: Prescription) -> Mapping[str, str]:
             if abbe_number(surface.glass) is not None:
                 places[f"{name}.abbe"] = "number"
         pairs(name, "decentre", "tilt")
+        places |= {f"{name}.irregularity.{mode}": "form" for mode in range(MODES)}
     for number, members in enumerate(lens.elements, start=1):
         pairs(f"elements.{number}", "decentre", "tilt", *(("wedge",) if len(members) > 1 else ()))
     return places
@@ -86,6 +88,8 @@ def lens_values(lens: Prescription, wavelength: float) -> dict[str, float]:
         surface = lens.surfaces[int(number) - 1]
         if part == "elements" or what in ("decentre", "tilt"):
             numbers[place] = 0.0
+        elif what == "irregularity":
+            numbers[place] = float(surface.irregularity[int(place[-1])]) if surface.irregularity else 0.0
         elif what == "index":
             numbers[place] = float(surface.glass.index(wavelength))
         else:
@@ -125,7 +129,12 @@ def as_made(lens: Prescription, values: Mapping[str, float], wavelength: float) 
         conic = float(values.get(f"surfaces.{row + 1}.conic", old.conic))
         glass = old.glass.with_offset(float(offsets[row, 0])) if offsets[row, 0] else old.glass
         bend, gap = float(table[0, row, 3]), float(gaps[row, 0])
-        changed.append(replace(old, curvature=bend, conic=conic, thickness=gap, glass=glass))
+        form = tuple(float(a) for a in table[0, row, FORM : FORM + MODES])
+        changed.append(
+            replace(
+                old, curvature=bend, conic=conic, thickness=gap, glass=glass, irregularity=form if any(form) else ()
+            )
+        )
     return _standing(replace(lens, surfaces=tuple(changed)), table)
 
 
@@ -256,9 +265,14 @@ def _shaped(
         cells[:, 3] += values.get(f"{name}.curvature", surface.curvature) - surface.curvature
         cells[:, 4] = 1 + values.get(f"{name}.conic", surface.conic)
         if diameter is not None and 2 * surface.semi_diameter <= lens.clear_diameter * (1 + 1e-9):
-            cells[:, 5] = np.square(diameter / 2)
-        if cells[0, 6] != ASPHERE:
+            cells[:, 5], cells[:, FORM + MODES] = np.square(diameter / 2), 2 / diameter
+        if cells[0, 6] in (SPHERE, CONIC):
             cells[:, 6] = np.where((cells[:, 4] == 1) | (cells[:, 3] == 0), SPHERE, CONIC)
+        modes = [f"{name}.irregularity.{mode}" for mode in range(MODES)]
+        if any(mode in values for mode in modes):
+            cells[:, 6] = IRREGULAR
+            for mode, place in enumerate(modes):
+                cells[:, FORM + mode] = values.get(place, cells[:, FORM + mode])
         cells[:, 25] *= SAG_ROOM
         cells[:, 2] = surface.shift[2] + vertex
         gaps[row] = values.get(f"{name}.thickness", surface.thickness)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, Problem
 from ..units import FARTHEST
 from .glass import AIR, ROOM, Glass, growth
-from .tracer import ASPHERE, COLUMNS, CONIC, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
+from .tracer import ASPHERE, COLUMNS, CONIC, FORM, IRREGULAR, MODES, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,9 @@ class Surface:
     tilt : tuple of float
         Rotations (alpha, beta) about x and y [rad]; the surface's axis points along
         ``(sin beta, -sin alpha cos beta, cos alpha cos beta)``.
+    irregularity : tuple of float
+        Rms sags of its Zernike modes 5 to 11 in Noll's order over the clear aperture, added to the sag [mm]:
+        astigmatism (at 45 and 0 degrees), coma (y, x), trefoil (y, x), spherical aberration. None has none.
     """
 
     curvature: float
@@ -66,6 +69,7 @@ class Surface:
     asphere: tuple[float, ...] = ()
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt: tuple[float, float] = (0.0, 0.0)
+    irregularity: tuple[float, ...] = ()
 
     @property
     def radius(self) -> float:
@@ -95,6 +99,7 @@ class Surface:
             asphere=tuple(0.0 - a for a in self.asphere),
             shift=(x, y, 0.0 - z),
             tilt=(0.0 - alpha, 0.0 - beta),
+            irregularity=tuple(0.0 - a for a in self.irregularity),
             glass=glass,
             thickness=thickness,
         )
@@ -158,7 +163,9 @@ class Prescription:
     @property
     def is_centred(self) -> bool:
         """Every surface's axis is the z axis, so that the lens is symmetric about it."""
-        return all(s.tilt == (0.0, 0.0) and s.shift[:2] == (0.0, 0.0) for s in self.surfaces)
+        return all(
+            s.tilt == (0.0, 0.0) and s.shift[:2] == (0.0, 0.0) and not any(s.irregularity) for s in self.surfaces
+        )
 
     def warmed(self, temperature: float, barrel: float = 0.0) -> Prescription:
         """The same lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
@@ -247,6 +254,7 @@ def _surface_faults(surface: Surface) -> Iterator[tuple[str, str]]:
         "asphere": surface.asphere,
         "shift": surface.shift,
         "tilt": surface.tilt,
+        "irregularity": surface.irregularity,
     }
     yield from ((key, "is not a finite number") for key, row in numbers.items() if not all(map(math.isfinite, row)))
     semi = surface.semi_diameter
@@ -255,6 +263,8 @@ def _surface_faults(surface: Surface) -> Iterator[tuple[str, str]]:
         return
     if surface.thickness < 0:
         yield "thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"
+    if len(surface.irregularity) not in (0, MODES):
+        yield "irregularity", f"has {len(surface.irregularity)} terms; give the rms sags of all {MODES} modes"
     if len(surface.asphere) > ASPHERE_TERMS:
         yield "asphere", f"has {len(surface.asphere)} terms; at most {ASPHERE_TERMS} (r^2 to r^16)"
     steepness = abs(surface.curvature * semi)
@@ -297,6 +307,9 @@ def surface_table(lens: Prescription) -> Array:
         row[7] = surface.tilt != (0.0, 0.0)
         row[8:17] = (rotation(surface.tilt[0], 0.0) @ rotation(0.0, surface.tilt[1])).reshape(-1)
         row[17 : 17 + len(surface.asphere)] = surface.asphere
+        row[FORM + MODES] = 1 / surface.semi_diameter
+        if any(surface.irregularity):
+            row[6], row[FORM : FORM + MODES] = IRREGULAR, surface.irregularity
         heights = np.linspace(0, surface.semi_diameter, 257)
         row[25] = 1.1 * np.max(np.abs(surface.sag(heights))) + 1e-6 * surface.semi_diameter
     table.setflags(write=False)
@@ -394,6 +407,7 @@ def grow_cells(cells: Array, shape: Any) -> None:
     for term in range(1, ASPHERE_TERMS + 1):
         cells[..., 16 + term] *= shape ** (1.0 - 2 * term)
     cells[..., 25] *= shape
+    cells[..., FORM + MODES] /= shape
 
 
 class WarmConstants(NamedTuple):

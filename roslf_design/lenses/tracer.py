@@ -40,12 +40,15 @@ REASONS = {
     INVALID: "not a ray (not finite, or its direction not of unit length)",
 }
 
-SPHERE, CONIC, ASPHERE = 1, 2, 3
+SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
 THIN, ROD = 11, 12
 """Rows beside surfaces: an ideal lens, 1/f in place of the curvature; a rod from its sensor's side, with n_0 and g in
 the places of curvature and conic, and its length in that of the first aspheric term."""
-COLUMNS = 26
-"""Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound."""
+COLUMNS = 34
+"""Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound,
+irregularity (7), one over its normalising radius."""
+MODES, FORM = 7, 26
+"""Zernike modes of an irregularity, Noll's 5 to 11, and where their coefficients stand."""
 LENGTH = 17
 """Where a rod's length stands."""
 TERMS = 16
@@ -422,6 +425,60 @@ def meet_asphere(
 
 
 @kernel()
+def irregularity(x: float, y: float, table: Any, first: int) -> tuple[float, float, float]:
+    """Sag of a surface's irregularity and its derivatives by x and y: seven Zernike modes of unit rms."""
+    inverse = table[first + FORM + MODES]
+    u, v = x * inverse, y * inverse
+    uu, vv, uv = u * u, v * v, u * v
+    r2 = uu + vv
+    a5, a6 = 2.0 * sqrt(6.0) * table[first + FORM], sqrt(6.0) * table[first + FORM + 1]
+    a7, a8 = sqrt(8.0) * table[first + FORM + 2], sqrt(8.0) * table[first + FORM + 3]
+    a9, a10 = sqrt(8.0) * table[first + FORM + 4], sqrt(8.0) * table[first + FORM + 5]
+    a11 = sqrt(5.0) * table[first + FORM + 6]
+    coma, ring = a7 * v + a8 * u, 3.0 * r2 - 2.0
+    sag = a5 * uv + a6 * (uu - vv) + ring * coma + a9 * v * (3.0 * uu - vv) + a10 * u * (uu - 3.0 * vv)
+    sag += a11 * (6.0 * r2 * r2 - 6.0 * r2 + 1.0)
+    bowl = a11 * (24.0 * r2 - 12.0)
+    by_u = a5 * v + 2.0 * a6 * u + 6.0 * u * coma + ring * a8 + 6.0 * a9 * uv + 3.0 * a10 * (uu - vv) + bowl * u
+    by_v = a5 * u - 2.0 * a6 * v + 6.0 * v * coma + ring * a7 + 3.0 * a9 * (uu - vv) - 6.0 * a10 * uv + bowl * v
+    return sag, by_u * inverse, by_v * inverse
+
+
+@kernel()
+def meet_irregular(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
+) -> None:
+    """Refract a block at an even asphere that is not quite what it should be."""
+    vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
+    tolerance = 1e-13 * sqrt(table[first + 5])
+    for i in range(m):
+        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
+        dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
+        bottom = b + s * sqrt(max(0.0, b * b - a * e))
+        t = e / bottom if bottom * s > 0 else 0.0  # where the conic under it all is met
+        hx, hy, hz, nx, ny = 0.0, 0.0, 0.0, 0.0, 0.0
+        met = False
+        for _ in range(30):
+            hx, hy, hz = px + t * dx, py + t * dy, pz + t * dz
+            sag, slope, valid = sag_and_slope(hx * hx + hy * hy, table, first)
+            more, by_x, by_y = irregularity(hx, hy, table, first)
+            nx, ny = -2.0 * slope * hx - by_x, -2.0 * slope * hy - by_y
+            rate = dz + nx * dx + ny * dy
+            if met or not (valid and rate * s > 0):
+                met = met and valid
+                break
+            step = (hz - sag - more) / rate
+            t -= step
+            met = abs(step) <= tolerance
+        shrink = 1.0 / sqrt(nx * nx + ny * ny + 1.0)
+        nx, ny = nx * shrink, ny * shrink
+        cosine = s * (dx * nx + dy * ny + dz * shrink)
+        hit = met and cosine >= 0
+        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
+
+
+@kernel()
 def meet_thin(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
     code: float,
@@ -522,9 +579,14 @@ def meet_rod(
         count = max(1, math.ceil(sqrt(phase2) * length / longest))
         h = length / count
         u, v = u * h, v * h
+        pull = phase2 * h * h
         for _ in range(count):
-            x, y, u, v = rod_step(work, x, y, u, v, phase2 * h * h, g2)
+            outwards = x * u + y * v > 0.0
+            x, y, u, v = rod_step(work, x, y, u, v, pull, g2)
             squares[i] = max(squares[i], x * x + y * y)
+            if outwards and x * u + y * v < 0.0:  # the crest between, as of a harmonic swing
+                mean, area = 0.5 * (x * x + y * y + (u * u + v * v) / pull), x * v - y * u
+                squares[i] = max(squares[i], mean + sqrt(max(0.0, mean * mean - area * area / pull)))
             if squares[i] > limit:
                 break
         u, v = u / h, v / h
@@ -587,6 +649,8 @@ def pass_surfaces(
             meet_thin(buffer, mine, m, table, first, limit, before, after, s, code)
         elif kind == ROD:
             meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
+        elif kind == IRREGULAR:
+            meet_irregular(buffer, mine, m, table, first, limit, mu, s, code)
         else:
             meet_asphere(buffer, mine, m, table, first, limit, mu, s, code)
         if turned:

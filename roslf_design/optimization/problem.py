@@ -28,6 +28,7 @@ from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
+from ..theory.stop_images import MicrolensImages
 from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
@@ -115,22 +116,23 @@ class Variable(StrictTable):
         return self.max - self.min
 
 
-def _of_cameras(name: Any) -> Any:
-    """The quantity of that name, where whole cameras have it."""
-    if not isinstance(name, str):
-        return name
-    quantity = quantity_named(name)
-    if quantity.of is None:
-        raise ValueError(f"'{name}' differs from field to field, and a design is held to numbers of the whole camera")
-    return quantity
+def _named(name: Any) -> Any:
+    return quantity_named(name) if isinstance(name, str) else name
+
+
+def _place(value: Any) -> Any:
+    """A place on the array; a single length lies along x."""
+    return value if value is None or isinstance(value, (list, tuple)) else (value, 0.0)
 
 
 class _Asked(StrictTable):
-    """A quantity, at the focal plane or ahead of the bore's tip."""
+    """A quantity, at the focal plane or ahead of the bore's tip; of single microlenses that of one."""
 
-    quantity: Annotated[InstanceOf[Quantity], BeforeValidator(_of_cameras)]
+    quantity: Annotated[InstanceOf[Quantity], BeforeValidator(_named)]
     at: Length | None = None
     """Ahead of the bore's tip [mm]."""
+    field: Annotated[tuple[AnyLength, AnyLength] | None, BeforeValidator(_place)] = None
+    """Of the microlens, on the array [mm]."""
     temperature: Temperature | None = None
     """Of the camera [degrees C]; that of its design where left out."""
 
@@ -141,12 +143,19 @@ class _Asked(StrictTable):
             raise ValueError(f'{name} needs a distance ahead of the tip; write e.g. at = "40 mm"')
         if self.quantity.at == "never" and self.at is not None:
             raise ValueError(f"{name} is not asked for at a distance; drop at")
+        if self.quantity.of is None and self.field is None:
+            raise ValueError(f"'{name}' differs from field to field; say where on the array, e.g. field = \"3 mm\"")
+        if self.quantity.of is not None and self.field is not None:
+            raise ValueError(f"{name} is one number for the whole field; drop field")
         return self
 
     @property
     def label(self) -> str:
         """E.g. ``sigma_z_mm at 40 mm``."""
-        name = self.quantity.name if self.at is None else f"{self.quantity.name} at {self.at:g} mm"
+        at = None if self.at is None else f"{self.at:g} mm"
+        if self.field is not None:
+            at = f"({self.field[0]:g}, {self.field[1]:g}) mm"
+        name = self.quantity.name if at is None else f"{self.quantity.name} at {at}"
         return name if self.temperature is None else f"{name} at {self.temperature:g} degC"
 
     def warm(self, camera: Camera) -> Camera:
@@ -155,14 +164,18 @@ class _Asked(StrictTable):
 
     def values(self, camera: Camera) -> Array:
         """The quantity itself, of every build; of several rims that of the worst."""
-        return self.quantity(self.warm(camera), self.at)
+        camera = self.warm(camera)
+        if self.field is not None:
+            return np.asarray(self.quantity.at_fields(MicrolensImages(camera, [self.field]))[0])  # type: ignore[index]
+        return self.quantity(camera, self.at)
 
     def each(self, camera: Camera, over: SensorField | None = None) -> Array:
         """The same, or (K, ...) of each of several rims; of the magnitude of something of either sign, that.
 
         What hangs on how much the sensor sees is taken for the rectangle `over`, where one is given.
         """
-        assert self.quantity.of is not None
+        if self.quantity.of is None:
+            return self.values(camera)
         camera = self.warm(camera)
         if over is not None and self.quantity.over is not None:
             return self.quantity.over(camera, self.at, over)
@@ -252,7 +265,8 @@ class Goal(_Asked):
     def held(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
-        return Constraint(quantity=self.quantity, at=self.at, temperature=self.temperature, min=low, max=high)
+        asked = {"at": self.at, "field": self.field, "temperature": self.temperature}
+        return Constraint(quantity=self.quantity, **asked, min=low, max=high)
 
 
 End = Callable[[Camera], Number]

@@ -212,7 +212,7 @@ class Boxes:
 def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     """Whether a quantity's extremes over boxes of these variables lie at corners."""
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
-    if part.temperature is not None:
+    if part.field is not None or part.temperature is not None:
         return False
     monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
     if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):

@@ -21,7 +21,7 @@ from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
 from ..tolerancing.analyses import Yield
 from ..tolerancing.draws import Distribution, Draws, Perturbation
-from ..tolerancing.places import expand, nominal_values, parse_tolerance, perturbable
+from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
 from .search import FEASIBLE, Budget, derivative_free
@@ -113,7 +113,7 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
     """
     faults: list[Problem] = []
     misses: dict[str, tuple[Perturbation, bool]] = {}
-    kinds, nominal = perturbable(design), nominal_values(design)
+    nominal = nominal_values(design)
     for index, line in enumerate(table.perturb):
         for name in line.place:
             try:
@@ -122,7 +122,7 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
                         raise ValueError("the focal plane is no part of the hardware; let f or d_1 miss instead")
                     if any(word in place for word in IDLE):
                         raise ValueError(f"'{name}' changes nothing that an optimisation looks at; drop it")
-                    width = parse_tolerance(line.tolerance, kinds[place], nominal[place])
+                    width = tolerance_at(design, place, line.tolerance)
                     miss = Perturbation(place, nominal[place], width, line.distribution, line.truncate)
                     misses[place] = miss, str(line.tolerance).strip().endswith("%")
             except ValueError as error:

@@ -97,11 +97,15 @@ class StudyTable(StrictTable):
                 yield Problem(f"variables.{name}", "min must not be negative; only an element's focal length may be")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
+        half = [side / 2 for side in design.microlens_array.size]
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
             for number, part in enumerate(parts, 1):
                 if part.temperature is not None and design.environment is None:
                     words = f"{design.name} has no [environment] that says what grows; add it, or drop temperature"
                     yield Problem(f"{key}.{number}.temperature", words)
+                if part.field is not None and any(abs(x) > most for x, most in zip(part.field, half, strict=True)):
+                    words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
+                    yield Problem(f"{key}.{number}.field", words)
         goals = [goal.quantity.name for goal in self.goals]
         for name in self.pareto.goals if self.pareto is not None else ():
             if name not in goals:
@@ -317,7 +321,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
 
 def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:
     own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": answer.number(part)}
-    asked = {"at_mm": part.at, "temperature_degc": part.temperature}
+    asked = {"at_mm": part.at, "field_mm": part.field, "temperature_degc": part.temperature}
     return own | {key: value for key, value in asked.items() if value is not None}
 
 

@@ -237,7 +237,7 @@ def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
     colours = [ON_PICTURE if on_picture else "ink", "blue", *(stop_colour(k) for k in range(1, camera.stops + 1))]
     rims = (camera.fap, *camera.rims)
     colours += ["grey"] * (len(rims) - len(colours))
-    return [(rim.name, colour) for rim, colour in zip(rims, colours, strict=True)]
+    return [(rim.opening, colour) for rim, colour in zip(rims, colours, strict=True)]
 
 
 def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
@@ -258,7 +258,8 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
 
 def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
     """What the lines of a microlens image mean, on plain ground or on a picture of its light."""
-    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in _rims(design, on_picture)]
+    rims = dict(_rims(design, on_picture))
+    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in rims.items()]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
     return [
         line_key("image", ON_PICTURE if on_picture else "ink", 1.8),

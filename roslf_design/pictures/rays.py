@@ -260,11 +260,16 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
-    for k, e in enumerate(design.elements, 1):
-        turns = f", turns by {math.degrees(e.deviation):.3g}°" if isinstance(e, Prism) and e.deviation else ""
-        names.append((-e.distance - e.length / 2, element_name(e, k) + turns))
+    names += [(-e.distance - e.length / 2, name_of_drawn(e, k)) for k, e in enumerate(design.elements, 1)]
     names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
+
+
+def name_of_drawn(element: AnyElement, number: int) -> str:
+    """What an element is called in a picture; of a prism that it is drawn unfolded."""
+    turns = isinstance(element, Prism) and element.deviation
+    told = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
+    return element_name(element, number) + told
 
 
 def _cut(fan: LabelledFan, half: float) -> tuple[Floats, Floats]:

@@ -40,7 +40,7 @@ from ..lenses.glass import AIR
 from ..rays import PASSED, paths, trace_pupil
 from .marks import Area, Floats, Line, Mark, Text, joined, line_key, xy
 from .picture import PAGE, Panel, Picture, Scale, legend_height
-from .rays import profiles, reach
+from .rays import name_of_drawn, profiles, reach
 from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def instrument_scene(design: Design) -> Instrument:
     before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
     view = _view(np.append(tube, before, axis=0))
     tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
-    tops += [(element_name(e, k), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
+    tops += [(name_of_drawn(e, k), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
     names = tuple(Name(text, (0.0, y, z)) for text, z, y in sorted(tops, key=lambda top: top[1]))

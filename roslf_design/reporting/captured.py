@@ -27,7 +27,11 @@ CAPTIONS = {
         "Errors against those told",
         "In units of the standard error told with each. Wider than the normal law: errors told are too small.",
     ),
-    "epi": FIGURES["epi"],
+    "epi": (
+        "Epipolar-plane image",
+        "One row of microlenses, or of pixels, through the views side by side. A point of the scene is a line; its"
+        " slope is the disparity. The stretch with the steepest lines is shown.",
+    ),
 }  # fmt: skip
 """Title and caption of each picture."""
 NOISY = 2.0
@@ -133,7 +137,7 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
     low, high = run.disparities.search
     camera = measured.camera or "nothing says: disparities only"
     if measured.calibration:
-        camera += f", as calibrated in {measured.calibration}"
+        camera += f", from {measured.calibration}"
     light = f"{number(noise.electrons, 4)} electrons in a pixel as bright as most, {noise.read_noise:.3g} read noise"
     light = f"{light}; from {measured.noise.source}" if measured.kind == "raw" else measured.noise.source
     side = run.disparities.window

@@ -44,6 +44,7 @@ from .blocks import (
     Table,
     Tone,
 )
+from .datasheet import basis, datasheet_section
 from .parts_list import parts_section
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def design_report(
     design: Design,
     *,
     findings: Mapping[str, Finding] | None = None,
+    sheet: Section | None = None,
     opening: tuple[Block, ...] = (),
     title: str = "",
     command: str = "",
@@ -103,6 +105,8 @@ def design_report(
     design : Design
     findings : mapping, optional
         What studies found of it, by `STUDIES`.
+    sheet : Section, optional
+        Its data sheet where a study knows tolerances; by default the nominal one.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
     title : str
@@ -129,7 +133,9 @@ def design_report(
     answers = Statements((*verdicts(result).items, *(one.statement for one in found if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
+    progress("data sheet")
     sections = (
+        sheet or datasheet_section(basis(design)),
         Section("Summary", (*opening, answers, key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),

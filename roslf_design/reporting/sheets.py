@@ -51,9 +51,16 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
-        f"mount blue.{through} {follow} {plane}"
+        f"mount blue.{through}{_twin_told(design)} {follow} {plane}"
     )
     return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
+
+
+def _twin_told(design: Design) -> str:
+    """What pictures of rays show behind a real lens."""
+    if design.lens is None:
+        return ""
+    return f" Lens and rays are those of the thin twin; through {design.lens.name} they are traced further below."
 
 
 def _cells_sheet(design: Design, result: Evaluation) -> Figure:
@@ -216,7 +223,7 @@ def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
         "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
-        "orientation and is not part of the design."
+        f"orientation and is not part of the design.{_twin_told(design)}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
     try:

@@ -20,18 +20,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from ..design import Design, preset_names
+from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..evaluation.specification import specification
 from ..optimization.study import designs, run
 from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.metrics import METRICS
 from ..tolerancing.result import analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import StrictTable, tolerance_plan
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibration import Calibrated, CalibrationPart, calibrated_finding, plan_finding, read_calibration
+from .datasheet import Basis, basis, datasheet_section, lines
 from .design import design_report, making
 from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
@@ -276,6 +279,7 @@ def study_report(
     `full_report`. Every fault of the file is told by an InputError.
     """
     data, origin = read_toml(path, str(path)), str(path)
+    sheet = None
     if kind == "optimize":
         result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
         best = _taken(result, "best")
@@ -285,9 +289,10 @@ def study_report(
     else:
         tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
+        sheet = datasheet_section(basis(design, tolerances))
     findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
-    return design_report(design, findings=findings, title=title, progress=progress, **options)
+    return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
 
 
 def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
@@ -333,6 +338,34 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
         opening = (Paragraph(story.table.story.question), *opening)
     title = story.table.story.title
     return design_report(design, findings=findings, opening=opening, title=title, progress=progress, **options)
+
+
+def datasheet_of(path: Path, seed: int | None = None, progress: Tell = lambda _: None) -> Basis:
+    """A design's data sheet, or that of a study's design with the scatter of its builds.
+
+    Raises
+    ------
+    InputError
+        What cannot be read; a study that finds no design; a story, which has several.
+    """
+    kind, _ = load_story_or_study(path)
+    if kind == "design":
+        return basis(load(str(path)))
+    data, origin = read_toml(path, str(path)), str(path)
+    if kind == "tolerance":
+        design = tolerance_plan(data, None, path.parent, origin)[0].question.design
+        named = {line.quantity for line in lines(design, specification(design))} - {""}
+        known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
+        asked = {**data, "report": [*data.get("report", []), *known]}
+        result = run_tolerances(asked, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        return basis(design, result)
+    if kind == "optimize":
+        found = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+        best = _taken(found, "best")
+        if best is None:
+            raise InputError((Problem("", _nothing(found, "best")),), origin)
+        return basis(best)
+    raise InputError((Problem("", "a story carries several designs; its report has their data sheet"),), origin)
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:

@@ -91,10 +91,11 @@ def tolerance_section(result: StudyResult, command: str = "", *, first_look: boo
 
 
 def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Finding:
-    """A study in a design's report; of a first look, whose limits nobody asked for, no verdict."""
+    """A study in a design's report; of a first look, whose limits nobody asked for, no verdict in the summary."""
     plan = result.plan
-    section = Section("Tolerances and yield", tolerance_section(result, first_look=first_look).blocks, "tolerances")
-    said = yield_statement(result, plan.name, first_look)
+    title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
+    section = Section(title, tolerance_section(result, first_look=first_look).blocks, "tolerances")
+    said = None if first_look else yield_statement(result, plan.name)
     return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 

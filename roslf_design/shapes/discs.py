@@ -176,6 +176,50 @@ def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) ->
     return np.concatenate(points)
 
 
+class Chords(NamedTuple):
+    """Rows across a common part, whose sums are integrals over it; no rows where it is empty."""
+
+    height: Array
+    """Where each lies along y [mm], shape (N,)."""
+    weight: Array
+    """Of each in an integral along y [mm]."""
+    left: Array
+    """Where each begins along x [mm]."""
+    right: Array
+
+
+def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float, float] | None = None) -> Chords:
+    """Gauss-Legendre rows across one common part, in an angle that takes the roots at its ends away.
+
+    Parameters
+    ----------
+    centres, radii : array_like
+        Shapes (K, 2) and (K,) [mm].
+    rows : int
+        N.
+    between : pair of float, optional
+        Heights between which the part counts [mm].
+    """
+    centre, radius = np.asarray(centres, float), np.asarray(radii, float)
+    ends: list[float] = []
+    for disc, start, end in boundary_arcs(centre, radius):
+        angles = [start, end, *(top for k in range(-3, 8) if start < (top := math.pi / 2 * (2 * k + 1)) < end)]
+        ends += [centre[disc, 1] + radius[disc] * math.sin(angle) for angle in angles]
+    low, high = (min(ends), max(ends)) if ends else (0.0, 0.0)
+    if between is not None:
+        low, high = max(low, between[0]), min(high, between[1])
+    if not high > low:
+        return Chords(*(np.zeros(0) for _ in range(4)))
+    nodes, weights = np.polynomial.legendre.leggauss(rows)
+    angle, half = nodes * (math.pi / 2), (high - low) / 2
+    y = (high + low) / 2 + half * np.sin(angle)
+    off = y - centre[:, 1:]
+    reach = np.sqrt(np.maximum((radius[:, None] - off) * (radius[:, None] + off), 0.0))
+    left = (centre[:, :1] - reach).max(0)
+    right = np.maximum((centre[:, :1] + reach).min(0), left)
+    return Chords(y, weights * (math.pi / 2) * half * np.cos(angle), left, right)
+
+
 def checked(centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array]:
     """Centres (..., K, 2) and radii (..., K) of the same leading shape, contiguous; errors as `intersect`."""
     centre, radius = np.asarray(centres, float), np.asarray(radii, float)

@@ -32,10 +32,10 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import microlens_defocus
 from .photometry import dark_variance, electrons
 from .stop_images import MicrolensImages
-from .transfer import MicrolensTransfer, line_transfer
+from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
 ROWS = 64
-"""Gauss-Legendre rows across a cut microlens image."""
+"""Gauss-Legendre rows across a cut microlens image, at least: fine detail and far defocus take one more a radian."""
 SHARPEST = 8
 """Periods of the finest detail that diffraction passes, in one pitch, beyond which information is extrapolated in its
 inverse: that grows as the blur shrinks, nearly in proportion. Right to 1 %."""
@@ -46,13 +46,14 @@ NODES = 3
 B lies within 1."""
 FINEST_PLACES = 12
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
-REACH = 3
-"""Steps of the lattice to the farthest neighbours in `image_parts`."""
+REACH, FAINT = 3, 5e-4
+"""Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
+FAR = 4
+"""Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
-"""Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11 (1e-8 where
-extrapolated)."""
+"""Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 CLOSE, STEP = 0.02, 1e-5
@@ -422,7 +423,8 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     """The same of a disc that others cut, row by row."""
-    y, weight, middle, half = _rows(images)
+    finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * images.radii.min(1)).max(initial=0.0))
+    y, weight, middle, half = _rows(images, max(ROWS, math.ceil(finest) + ROWS // 2))
     # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
     x = 2 * math.pi * fx[..., :1]
     middle, half, at = (value[:, None, None, :] for value in (middle, half, y))
@@ -437,9 +439,9 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     return (turn * flat) @ steps, (turn * moment) @ steps, (turn * flat * at) @ steps
 
 
-def _rows(images: _Images) -> tuple[Array, Array, Array, Array]:
+def _rows(images: _Images, count: int) -> tuple[Array, Array, Array, Array]:
     """Rows across each image [pitches]: y, weight of a row, middle and half-width of what is lit of it."""
-    nodes, weights = _nodes(ROWS)
+    nodes, weights = _nodes(count)
     centre, radius = images.apart, images.radii
     low, high = (centre[..., 1] - radius).max(1), (centre[..., 1] + radius).min(1)
     half = np.maximum(high - low, 0.0)[:, None] / 2
@@ -456,7 +458,7 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
     """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
-    pixel = np.sinc(fx * box) * np.sinc(fy * box)
+    pixel = pixel_box(fx, box) * pixel_box(fy, box)
     own = (images.width, images.distance, images.defocus, images.wavelength)
     if c.lens_shape == "circular":
         parts = []
@@ -477,7 +479,8 @@ class ImageParts(NamedTuple):
     """
 
     steps: tuple[tuple[int, int], ...]
-    """Along the lattice's first and second direction, to the microlens that the light comes from."""
+    """Along the lattice's first and second direction, to the microlens that the light comes from. The last four stand
+    for all light that is faint or comes from farther away, as far as a slow texture tells: some have less than none."""
     light: Array
     """1 where the FAP lights the place fully, shape (steps, fields, T, S)."""
     x: Array
@@ -499,6 +502,9 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
     some = (np.arange(APART) - APART // 2) / APART
     first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
+    # Two waves more, which farther lenses show with a quarter of a period's delay.
+    slow, count = 1 / (4 * FAR), first.size
+    first, second = np.append(first, [slow, 0.0]), np.append(second, [0.0, slow])
     kx, ky = first, (2 * second - first) / math.sqrt(3) if array.layout == "hexagonal" else second
     none = np.zeros(1)
     rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Spectrum(none, none, none))
@@ -507,21 +513,29 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
     waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
     fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
-    passed = _transfer(rows, array, fx, fy) / (cell * APART**2)
+    passed = _transfer(rows, array, fx, fy) / cell
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
-    turns = np.exp(-2j * math.pi * (np.outer([a for a, _ in steps], first) + np.outer([b for _, b in steps], second)))
+    turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
     found = []
     for part in (_whole if rows.whole.all() else _cut)(rows, fx, fy):
         at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
-        found.append(np.einsum("aw,wnts->ants", turns, at, optimize=True).real)
+        found.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
+        if len(found) == 1:
+            total, waved = at[:count].real[count // 2], at[count:].imag
     light, *moments = found
     unit = 1 / (2 * rows.radii[:, 0, None, None])
-    lit = light > 1e-3
+    lit = light > FAINT
     # The microlens turns the FAP round.
     s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
-    return ImageParts(steps, np.where(lit, light, 0.0), s_x, s_y)
+    light = np.where(lit, light, 0.0)
+    even = (total - light.sum(0)) / 4
+    odd = (waved - np.einsum("aw,ants->wnts", -turns[:, count:].imag, light)) / 2
+    steps += (FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)
+    light = np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
+    s_x, s_y = (np.pad(part, ((0, 4), *3 * [(0, 0)])) for part in (s_x, s_y))
+    return ImageParts(steps, light, s_x, s_y)
 
 
 def disparity_sigma(images: MicrolensImages, seen: Seen) -> Array:

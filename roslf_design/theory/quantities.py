@@ -18,7 +18,18 @@ from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
-from . import exit_pupil, f_number, light, light_field, photometry, tube, vignetting
+from . import (
+    depth_of_field,
+    exit_pupil,
+    f_number,
+    field_of_view,
+    light,
+    light_field,
+    photometry,
+    resolution,
+    tube,
+    vignetting,
+)
 from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
 from .light import SensorField
 from .stop_images import MicrolensImages
@@ -147,7 +158,8 @@ def _object_scale(c: Camera, at: Depth | Array) -> Array:
     """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
     if at is None:
         return light.object_scale(c)
-    return np.asarray(c.inverse_m * (depth_at(c, at) / c.gap) * magnitude(_plane_at(c, at).magnification))
+    # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
+    return np.asarray(c.inverse_m * magnitude(depth_at(c, at) / c.gap * _plane_at(c, at).magnification))
 
 
 def _on_object(c: Camera, at: Depth, place: Array) -> Array:
@@ -162,9 +174,12 @@ def seen_at(c: Camera, at: Depth | Array) -> Seen:
     return Seen(focus, _object_scale(c, at))
 
 
-def depth_error(c: Camera, at: Depth | Array) -> Array:
-    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm]."""
-    sigma = axial_disparity_sigma(c, seen_at(c, at))
+def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Array:
+    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm].
+
+    The disparity's, which takes milliseconds to predict, may be given [microlens pitches].
+    """
+    sigma = axial_disparity_sigma(c, seen_at(c, at)) if sigma is None else np.asarray(sigma)
     return light_field.depth_sigma(c, depth_at(c, at), sigma) * _plane_at(c, at).depth
 
 
@@ -207,6 +222,69 @@ def _behind_lens(c: Camera) -> Number:
 def _diameters(c: Camera, _: Depth) -> Array:
     places = [rim.diameter_place for rim in (c.fap, *c.rims)]
     return np.stack(np.broadcast_arrays(*(c[place] for place in places if place is not None)))
+
+
+def _resolved(level: float) -> Callable[[Camera, Depth], Array]:
+    def of(c: Camera, at: Depth) -> Array:
+        on_array = resolution.axial_limit(c, image_rate(c, at), level)
+        return ratio(on_array, _object_scale(c, at))
+
+    return of
+
+
+def image_rate(c: Camera, at: Depth | Array) -> Array:
+    """Way on the array per way on the sensor that a point `at` a distance moves from view to view."""
+    if at is None:
+        return np.zeros(c.shape)[()]
+    return np.asarray(light_field.pupil_shear(c, depth_at(c, at)) * ratio(c.A, c.d_2))
+
+
+def _lens_place(images: MicrolensImages) -> tuple[Number, Number]:
+    """Of the microlenses, from the main lens's axis, shape (fields, builds) [mm]."""
+    return images.microlens[0], images.microlens[1]
+
+
+def _illumination(images: MicrolensImages) -> Number:
+    """Light of a microlens against one whose image nothing cuts, on the axis."""
+    c, (x, y) = images.camera, field_of_view.outer_slopes(images.camera, _lens_place(images))
+    return images.shapes.kept_fraction * light.falloff(c, np.hypot(x, y))
+
+
+def _angles(part: str, way: Literal["width", "height", "diagonal"]) -> tuple[Quantity, Quantity]:
+    """Angle of view from the entrance pupil, and from the tip."""
+
+    def from_pupil(c: Camera, _: Depth, field: SensorField) -> Array:
+        return np.asarray(getattr(field_of_view.field_of_view(c, field), way))
+
+    def from_tip(c: Camera, at: Depth, field: SensorField) -> Array:
+        return np.asarray(getattr(field_of_view.tip_field_of_view(c, field, at), way))
+
+    words, name = f"full angle of view over the field's {way}", f"field_of_view_{part}deg"
+    more: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+    pupil = f"{words}, from the entrance pupil, in the medium of the scene"
+    tip = f"{words}, from the tip, at a distance ahead of it or at the focal plane"
+    return (
+        Quantity(name, "deg", pupil, **_over_field(from_pupil), **more),
+        Quantity(f"tip_{name}", "deg", tip, **_over_field(from_tip), **more, at="optional"),
+    )
+
+
+def _sharpness(prefix: str, kind: depth_of_field.Kind, image: str) -> tuple[Quantity, ...]:
+    """Depth of field of an image, and its hyperfocal distance."""
+
+    def ends(k: int) -> Callable[[Camera, Depth], Array]:
+        return lambda c, _: depth_of_field.depth_of_field(c, kind)[k]
+
+    sharp = f"end of the depth of field of {image}, ahead of the tip: a point spreads over one microlens pitch"
+    far = f"nearest focal plane ahead of the tip with which {image} is sharp to infinity"
+    more: dict[str, Any] = {"monotone": False, "numeric": True}
+    return (
+        *(
+            Quantity(f"{prefix}depth_of_field_{end}_mm", "mm", f"{end} {sharp}", ends(k), positive=False, **more)
+            for k, end in enumerate(("near", "far"))
+        ),
+        Quantity(f"{prefix}hyperfocal_mm", "mm", far, lambda c, _: depth_of_field.hyperfocal(c, kind), **more),
+    )
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -338,6 +416,84 @@ register(
         monotone=False,
     ),
     Quantity(
+        "field_half_height_mm",
+        "mm",
+        "half the height that the sensor sees, at a distance ahead of the tip or at the focal plane",
+        **_over_field(lambda c, at, field: _on_object(c, at, field.half[1])),
+        at="optional",
+    ),
+    *_angles("width_", "width"),
+    *_angles("height_", "height"),
+    *_angles("", "diagonal"),
+    Quantity(
+        "direction_of_view_deg",
+        "deg",
+        "angle between the tube's axis and the chief ray of the field's middle",
+        **_over_field(lambda c, _, field: field_of_view.direction_of_view(c, field)),
+        positive=False,
+        monotone=False,
+        numeric=True,
+    ),
+    Quantity(
+        "distortion_percent",
+        "%",
+        "image height against that of a flat object drawn without distortion; below 0 is barrel-shaped",
+        None,
+        lambda images: field_of_view.distortion(images.camera, _lens_place(images)),
+        positive=False,
+    ),
+    Quantity(
+        "local_magnification",
+        "",
+        "millimetres on the array per millimetre at the focal plane, along the field's radius",
+        None,
+        lambda images: field_of_view.local_magnification(images.camera, _lens_place(images)),
+    ),
+    Quantity(
+        "relative_illumination",
+        "",
+        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says",
+        None,
+        _illumination,
+    ),
+    Quantity(
+        "object_magnification",
+        "",
+        "millimetres on the array per millimetre on a plane at a distance ahead of the tip, or the focal plane",
+        lambda c, at: ratio(1.0, _object_scale(c, at)),
+        at="optional",
+        monotone=False,
+    ),
+    Quantity(
+        "mtf50_lp_per_mm",
+        "lp/mm",
+        "detail of which the refocused image shows half the contrast, on the axis, at a distance ahead of the tip or "
+        "at the focal plane",
+        _resolved(0.5),
+        at="optional",
+        monotone=False,
+        numeric=True,
+    ),
+    Quantity(
+        "mtf10_lp_per_mm",
+        "lp/mm",
+        "the same of a tenth of the contrast",
+        _resolved(0.1),
+        at="optional",
+        monotone=False,
+        numeric=True,
+    ),
+    Quantity(
+        "fold_lp_per_mm",
+        "lp/mm",
+        "detail beyond which sampling once a microlens folds it back",
+        lambda c, at: ratio(resolution.fold(c), _object_scale(c, at)),
+        at="optional",
+        monotone=False,
+    ),
+    *_sharpness("", "refocused", "the image"),
+    *_sharpness("view_", "view", "a single view"),
+    Quantity(
         "object_sample_mm",
         "mm",
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
@@ -386,6 +542,13 @@ register(
         "e-",
         "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average",
         _whole(photometry.electrons),
+        monotone=False,
+    ),
+    Quantity(
+        "sensor_angle_deg",
+        "deg",
+        "angle to the sensor's normal of the steepest ray through a microlens's middle, at the field's corner",
+        **_over_field(lambda c, _, field: np.rad2deg(np.arctan(photometry.sensor_slope(c, field.radius)))),
         monotone=False,
     ),
     Quantity(

@@ -29,6 +29,11 @@ TABULATE_FROM = 20_000
 """Frequencies from which a circle's transfer is read from a table along the radius, to about 1e-7."""
 
 
+def pixel_box(frequency: ArrayLike, pixel: Number) -> Floats:
+    """The pixel's transfer sinc(k q) at `frequency` k [1/mm] for pixels `pixel` = q wide [mm]; broadcast."""
+    return np.asarray(np.sinc(np.multiply(frequency, pixel)))
+
+
 def line_transfer(
     width: Number, sensor_distance: Number, defocus: Number, wavelength: Number, frequency: Floats
 ) -> Floats:

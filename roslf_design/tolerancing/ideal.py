@@ -57,6 +57,8 @@ class IdealBuilds(MicrolensImages):
         Z of the decoder's targets, which the nominal chief rays of the fields meet [mm].
     calibrated : bool
         Whether the decoder was calibrated on each build.
+    strays : pair, optional
+        How far each field's microlens is from where the pitch has it [mm]; a calibration does not learn it.
     """
 
     def __init__(
@@ -66,8 +68,10 @@ class IdealBuilds(MicrolensImages):
         fields: Sequence[tuple[float, float]],
         object_distance: float,
         calibrated: bool,
+        strays: tuple[Number, Number] | None = None,
     ) -> None:
         super().__init__(camera, fields)
+        self.strays = strays
         self.nominal, self.object_distance, self.calibrated = nominal, object_distance, calibrated
         self.azimuth = azimuths(self.x, self.y)
         self.reach = float(np.max(np.hypot(self.x, self.y))) or float(nominal.array_size[0]) / 2
@@ -118,7 +122,14 @@ class IdealBuilds(MicrolensImages):
         """Image centres less where the decoder believes them [px]."""
         c, (x, y) = self.camera, self.chief
         u, v = self.believed_centre(self.x / c.d, self.y / c.d)
-        return x / c.q - u, y / c.q - v
+        return self._strayed(x / c.q - u, y / c.q - v)
+
+    def _strayed(self, x: Number, y: Number) -> Place:
+        """Errors of image centres [px], with those of the microlenses' own places: an image goes along."""
+        if self.strays is None:
+            return x, y
+        aside = self.pitch / self.camera.d / self.camera.q
+        return x + self.strays[0] * aside, y + self.strays[1] * aside
 
     @cached_property
     def depth_error_mm(self) -> Number:

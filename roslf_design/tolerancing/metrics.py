@@ -15,6 +15,7 @@ from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..theory.quantities import QUANTITIES, Quantity
 from .ideal import IdealBuilds
+from .places import LENSLETS, of_parts
 from .traced import Mounted, TracedBuilds, mounted
 
 Array = NDArray[np.float64]
@@ -117,6 +118,21 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     return results
 
 
+def strays(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:
+    """How far each field's microlens is from where the pitch has it, x and y [mm], (fields, trials); None: nowhere."""
+    if not any(place.startswith(LENSLETS) for place in values):
+        return None
+    x, y = (
+        np.stack(
+            np.broadcast_arrays(
+                *(values.get(f"{LENSLETS}{k}.decentre.{axis}", 0.0) for k in range(len(question.fields))),
+            )
+        )
+        for axis in (0, 1)
+    )
+    return (x[:, None] if x.ndim == 1 else x), (y[:, None] if y.ndim == 1 else y)
+
+
 def builds_of(
     question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False
 ) -> tuple[IdealBuilds, NDArray[np.bool_]]:
@@ -124,7 +140,8 @@ def builds_of(
 
     The others have nominal numbers, which mean nothing.
     """
-    design, rest = question.design, (question.fields, question.object_distance, calibrated)
+    design, rest = question.design, (question.fields, question.object_distance, calibrated, strays(question, values))
+    values = of_parts(design, values)
     mount: Mounted | None = None
     nominal, changes = Camera.of(design.thin_twin), values
     if design.lens is not None:

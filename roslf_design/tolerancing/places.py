@@ -23,6 +23,7 @@ from ..design.environment import TEMPERATURE
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values
+from ..lenses.tracer import MODES
 from ..toml_files import read_toml
 from ..units import FARTHEST, parse_quantity, within_reach
 
@@ -33,6 +34,10 @@ SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rot
 LENS = "main_lens."
 """What places in a real main lens begin with."""
 FOCAL_LENGTH = "main_lens.focal_length"
+LENSLETS, SAG = "microlens_array.lenslets.", "microlens_array.sag"
+"""What places of single microlenses begin with, those looked at in a study's fields, and where their sag stands."""
+MOST_LENSLETS = 9
+"""Fields whose microlenses can be out of place on their own."""
 BARE = {"ratio": '"0.3 %" or 0.003', "number": '0.0005 or "0.1 %"', "curvature": '"1e-5 /mm" or "0.1 %"'}
 """Kinds whose tolerances are not lengths or angles, and how they are written."""
 SHOWN = {
@@ -44,6 +49,10 @@ SHOWN = {
     "temperature": (1.0, " K"),
 }
 """Kind to the factor and unit that deviations are shown with; lengths choose their own."""
+FORMS = dict(
+    zip("0123456", ("astig. 45", "astig. 0", "coma y", "coma x", "trefoil y", "trefoil x", "spherical"), strict=True)
+)
+"""What modes of a surface's irregularity are called."""
 SHIPPED = Path(__file__).with_name("grades.toml")
 """The grades that ship: makers' charts and engineering judgement, to be replaced by a shop's own figures."""
 
@@ -59,6 +68,8 @@ def perturbable(design: Design) -> dict[str, str]:
     """
     built = [place for place in Camera.of(design).numbers if place != TIP and place not in SEEING]
     kinds = {place: _kind(place) for place in built if ".size." not in place}
+    lenslets = [f"{LENSLETS}{field}.decentre.{axis}" for field in range(MOST_LENSLETS) for axis in (0, 1)]
+    kinds |= dict.fromkeys([*lenslets, *([SAG] if lenslet_sag(design) else [])], "length")
     if design.lens is not None:
         del kinds[FOCAL_LENGTH]
         kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
@@ -79,9 +90,25 @@ def _kind(place: str) -> str:
 def nominal_values(design: Design) -> Mapping[str, float]:
     """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
     numbers = {place: float(number) for place, number in Camera.of(design).numbers.items()}
+    numbers |= {SAG: lenslet_sag(design)}
     if design.lens is not None:
         numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
-    return {place: numbers[place] for place in perturbable(design)}
+    return {place: numbers.get(place, 0.0) for place in perturbable(design)}
+
+
+def lenslet_sag(design: Design) -> float:
+    """Sag of a microlens across its pitch, ``d^2/(8 (n - 1) f_ml)`` [mm]; 0 where nothing says what it is made of."""
+    array = design.microlens_array
+    glass = array.material or (None if array.substrate is None else array.substrate.material)
+    return 0.0 if glass is None else design.d**2 / (8 * (float(glass.index(design.wavelength)) - 1) * design.f_ml)
+
+
+def of_parts(design: Design, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Builds' numbers as parts have them: a sag told as focal length, microlenses' own places left out."""
+    parts = {place: value for place, value in values.items() if not place.startswith(LENSLETS) and place != SAG}
+    if SAG in values:
+        parts[PATHS["f_ml"]] = parts.get(PATHS["f_ml"], design.f_ml) * (lenslet_sag(design) / values[SAG])
+    return parts
 
 
 def stops_of(design: Design) -> tuple[str, ...]:
@@ -124,7 +151,7 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     if "*" in name and in_lens(name):
         if design.lens is None or name.rpartition("*.")[2] in ("radius", "conic", "abbe", "wedge"):
             return ()  # not every lens has them
-        parts = sorted({p.split(".", 3)[3].removesuffix(".0").removesuffix(".1") for p in known if in_lens(p)})
+        parts = sorted({re.sub(r"\.\d$", "", p.split(".", 3)[3]) for p in known if in_lens(p)})
         raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
     if name == FOCAL_LENGTH:
         raise ValueError(
@@ -143,7 +170,7 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
 
 
 def _matching(known: Iterable[str], name: str) -> tuple[str, ...]:
-    pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.[01])?")
+    pattern = re.compile(re.escape(name).replace(r"\*", r"\d+") + r"(\.\d)?")
     return tuple(place for place in known if pattern.fullmatch(place))
 
 
@@ -164,13 +191,17 @@ def short_name(place: str, design: Design | None = None) -> str:
     if part == "elements":
         index, _, rest = rest.partition(".")
         part = f"{'element' if design is None else design.elements[int(index)].kind} {int(index) + 1}"
+    if place.startswith(LENSLETS):
+        part, (_, field, rest) = "microlens", rest.split(".", 2)
+        part = f"{part} of field {field}"
     if rest.startswith(("cover.", "substrate.")):
         part, _, rest = rest.partition(".")
     if in_lens(place):
         part, index, rest = rest.split(".", 2)
         part = f"{part.removesuffix('s')} {index}"
     names = {"main_lens": "lens", "aperture": "FAP", "microlens_array": "MLA", "object_space": "medium"}
-    words = [{"0": "x", "1": "y"}.get(word, word.replace("_", " ")) for word in rest.split(".")]
+    axes = FORMS if ".irregularity." in place else {"0": "x", "1": "y"}
+    words = [axes.get(word, word.replace("_", " ")) for word in rest.split(".")]
     return " ".join([names.get(part, part), *words]).replace("sensor relay magnification", "relay magnification")
 
 
@@ -178,13 +209,93 @@ def display(value: float, kind: str) -> str:
     """A deviation in the unit it reads best in, to three digits: "20 um", "0.05 mm", "3 mrad", "1.2 %", "0.0005"."""
     if not math.isfinite(value):
         return "any"
-    if kind != "length":
+    if kind not in ("length", "form"):
         scale, unit = SHOWN[kind]
         return f"{scale * value:.3g}{unit}"
     size = abs(value)
     if size and size < 1e-3:
         return f"{1e6 * value:.3g} nm"
     return f"{1e3 * value:.3g} um" if size < 0.1 else f"{value:.3g} mm"
+
+
+FRINGE = 546.07e-6 / 2
+"""Sag of one fringe spacing of ISO 10110-5, half a wavelength of the green mercury line [mm]."""
+PEAKS = {"asymmetric": 2 * math.sqrt(8), "symmetric": 1.5 * math.sqrt(5)}
+"""Peak to valley of a mode of unit rms: of coma and trefoil (astigmatism has less), of spherical aberration."""
+_NUMBER = r"(\d+(?:\.\d*)?|\.\d+|-)"
+_ISO = re.compile(rf"3/\s*{_NUMBER}?\s*(?:\(\s*{_NUMBER}\s*(?:/\s*{_NUMBER}\s*)?\))?\s*(?:RMSi\s*<\s*{_NUMBER})?\s*")
+
+
+class FormTolerance(NamedTuple):
+    """What a drawing says of a surface's form by ISO 10110-5, ``3/A(B/C) RMSi < D``, in fringes; None says nothing."""
+
+    power: float | None
+    """A: of the sagitta."""
+    irregularity: float | None
+    """B, peak to valley."""
+    symmetric: float | None
+    """C: the part of it that is symmetric about the axis."""
+    rms: float | None
+    """D: of the irregularity."""
+
+    @classmethod
+    def of(cls, text: str) -> FormTolerance:
+        """Read such a text.
+
+        Raises
+        ------
+        ValueError
+        """
+        match = _ISO.fullmatch(text.strip())
+        if match is None or not any(match.groups()):
+            message = (
+                f'cannot read "{text}"; write ISO 10110-5 as "3/1(0.5/0.2)", "3/-(0.5)", "3/- RMSi < 0.1", or "30 nm"'
+            )
+            raise ValueError(message)
+        return cls(*(None if part in (None, "-") else float(part) for part in match.groups()))
+
+    def mode(self, number: int) -> float | None:
+        """Largest rms sag of a Zernike mode, 0 to 6 [mm].
+
+        The least of what B (six modes without symmetry share it, peaks added in quadrature), C (the mode with) and D
+        (all seven share it) leave; None where none of them says anything.
+        """
+        symmetric = number == MODES - 1
+        peaks = self.symmetric if symmetric else self.irregularity
+        share = PEAKS["symmetric"] if symmetric else PEAKS["asymmetric"] * math.sqrt(MODES - 1)
+        if symmetric and peaks is None:
+            peaks = self.irregularity  # which it is part of
+        each = [] if peaks is None else [peaks * FRINGE / share]
+        each += [] if self.rms is None else [self.rms * FRINGE / math.sqrt(MODES)]
+        return min(each) if each else None
+
+
+def tolerance_at(design: Design, place: str, text: object) -> float:
+    """Half-width of a tolerance at a place of a design, in the design's units; texts as for `parse_tolerance`.
+
+    Of a surface's form ISO 10110-5 is read as well, its A at a curvature, or an rms sag of the whole irregularity.
+
+    Raises
+    ------
+    ValueError
+        Not readable there, not finite, negative, or percent of a nominal zero.
+    """
+    kind, nominal = perturbable(design)[place], nominal_values(design)[place]
+    iso = FormTolerance.of(text) if isinstance(text, str) and text.strip().startswith("3/") else None
+    if iso is None:
+        width = parse_tolerance(text, "length" if kind == "form" else kind, nominal)
+        return width / math.sqrt(MODES) if kind == "form" else width
+    if kind == "form":
+        found = iso.mode(int(place.rpartition(".")[2]))
+    elif kind == "curvature" and design.lens is not None:
+        reach = design.lens.surfaces[int(place.split(".")[2]) - 1].semi_diameter
+        found = None if iso.power is None else 2 * iso.power * FRINGE / reach**2
+    else:
+        raise ValueError(f'"{text}" is of a surface\'s form; {place} is none: write e.g. "1 %"')
+    if found is None:
+        told = "irregularity: give B, C or D" if kind == "form" else "power: give A"
+        raise ValueError(f'"{text}" says nothing of the {told}, as in "3/1(0.5/0.2)"')
+    return found
 
 
 def parse_tolerance(text: object, kind: str, nominal: float) -> float:
@@ -278,12 +389,12 @@ class Grades:
         InputError
             A text that is no tolerance of its place.
         """
-        kinds, nominal, column = perturbable(design), nominal_values(design), self.names.index(grade)
+        column = self.names.index(grade)
         widths, problems = {}, []
         for line in self.lines:
             try:
                 for place in _covered(design, line.place):
-                    widths[place] = parse_tolerance(line.tolerances[column], kinds[place], nominal[place])
+                    widths[place] = tolerance_at(design, place, line.tolerances[column])
             except ValueError as error:
                 problems.append(Problem(f"{line.place}.{grade}", str(error)))
         if problems:

@@ -40,7 +40,7 @@ from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
-from .places import SHIPPED, Grades, expand, load_grades, nominal_values, parse_tolerance, perturbable
+from .places import SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 Array = NDArray[np.float64]
 
@@ -87,8 +87,7 @@ def _widths(text: str | float | None, places: tuple[str, ...], design: Design | 
     """A tolerance at each of some places, read; nothing without a text or a design."""
     if text is None or design is None:
         return {}
-    kinds, nominal = perturbable(design), nominal_values(design)
-    return {p: parse_tolerance(text, kinds[p], nominal[p]) for p in places if p != CALIBRATION}
+    return {p: tolerance_at(design, p, text) for p in places if p != CALIBRATION}
 
 
 def _field_place(value: Any, info: ValidationInfo) -> Any:
@@ -526,4 +525,5 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
 def _tied(group: str | None, place: str) -> str | None:
     """Parts on one barrel share their shift along x, along y, their tilts: each pose is tied to its like."""
     *_, name, axis = place.split(".")
-    return f"{group}{TIED}{name} {'xy'[int(axis)]}" if group and axis.isdigit() else group
+    pose = f"{name} {'xy'[int(axis)] if axis in '01' else axis}"
+    return f"{group}{TIED}{pose}" if group and axis.isdigit() else group

@@ -44,7 +44,7 @@ from ..traced.builds import (
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
 from .ideal import IdealBuilds, azimuths, fractional
-from .places import in_lens, nominal_values, of_lens, stops_of
+from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
 Array = NDArray[np.float64]
 
@@ -178,7 +178,7 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     """
     drawn, constants = design.lens, camera_of(design).first_order
     assert drawn is not None
-    nominal = nominal_values(design)
+    nominal, values = nominal_values(design), of_parts(design, values)
     made = as_made(drawn, of_lens(values), design.wavelength)
     if "main_lens.diameter" in values:
         wide, narrowest = values["main_lens.diameter"] / 2, min(surface.semi_diameter for surface in drawn.surfaces)
@@ -353,8 +353,9 @@ class TracedBuilds(IdealBuilds):
         fields: tuple[tuple[float, float], ...],
         object_distance: float,
         calibrated: bool,
+        strays: tuple[Number, Number] | None = None,
     ) -> None:
-        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated)
+        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated, strays)
         self.mount, self.trials = mount, len(mount.sound)
         self.half = np.broadcast_to(np.asarray(camera.d) / 2, (self.trials,)).copy()
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
@@ -471,7 +472,8 @@ class TracedBuilds(IdealBuilds):
         """Image centres less where the decoder believes them [px]."""
         x, y = (np.broadcast_to(part, (len(self.fields), self.trials)) for part in (self.x, self.y))
         believed = self._believed(self.known.centres)(x, y)
-        return self.chief[0] / self.camera.q - believed[..., 0], self.chief[1] / self.camera.q - believed[..., 1]
+        off = (at / self.camera.q - believed[..., axis] for axis, at in enumerate(self.chief))
+        return self._strayed(*off)
 
     @cached_property
     def depth_error_mm(self) -> Number:

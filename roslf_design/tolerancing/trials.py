@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..design import Design
 from .metrics import Question, evaluate_builds
-from .places import nominal_values, perturbable
+from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
 
@@ -103,8 +103,8 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
         values = compensator_of(plan).applied(values, measured.moved)
-    changes = {place: float(value[0]) for place, value in values.items()}
     design = plan.question.design
+    changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
 
 

@@ -236,6 +236,40 @@ def test_a_pupil_in_the_focus_of_an_objective_is_finite():
         assert value == pytest.approx(float(quantity_named(name)(there)), rel=1e-5), name
 
 
+def test_barrels_of_rods_cut_as_rays_swinging_inside_them_say():
+    """A needle scope's kept fractions against paraxial rays by hand, met all along its rods; to the sections' 1 %."""
+    design = roslf.load("grin-needle").replace({"aperture.diameter": 1.8, "sensor.size": (1.68, 1.68)})
+    camera = Camera.of(design)
+    turn = np.pi * (1 + 5**0.5) * (np.arange(5_000) + 0.5)
+    r = np.sqrt((np.arange(5_000) + 0.5) / 5_000) * design.D_F / 2
+    pupil = np.stack([r * np.cos(turn), r * np.sin(turn)])
+    fields = [(0.0, 0.0), (0.5, 0.0), (0.8, 0.0), (0.8, 0.8)]
+    kept = MicrolensImages(camera, fields).shapes.kept_fraction[:, 0]
+    for field, closed in zip(fields, kept, strict=True):
+        # Every ray of a microlens passes its image on the plane in focus; the FAP stands before all elements, in air.
+        slope = (pupil + np.array(field)[:, None] * float(camera.inverse_m)) / (float(camera.d_f) - design.d_3)
+        x, at, good = pupil + slope * design.d_3, 0.0, np.ones(5_000, bool)
+        for element in design.elements:
+            x, at = x - slope * (element.distance - at), element.distance
+            if element.kind == "lens":
+                good &= np.hypot(*x) <= element.diameter / 2
+                slope = slope + x / element.focal_length
+                continue
+            g, inside = element.gradient, np.linspace(0, element.thickness, 200)
+            for t in inside:
+                along = x * np.cos(g * t) - slope / (element.index * g) * np.sin(g * t)
+                good &= np.hypot(*along) <= element.diameter / 2
+            end = g * element.thickness
+            slope = element.index * g * x * np.sin(end) + slope * np.cos(end)
+            x, at = along, at + element.thickness
+        assert closed == pytest.approx(good.mean(), abs=0.01), field
+    assert kept[0] == 1
+    assert kept[-1] < 0.6
+    budget = {share.name: share.kept for share in roslf.evaluate(design).fields[1].ray_budget.by_name}
+    assert list(budget)[3:6] == ["grin 2, front", "grin 2, barrel", "grin 2, back"]
+    assert budget["grin 2, front"] == 1 > budget["grin 2, barrel"]
+
+
 def test_derivatives_behind_a_relay_that_inverts_are_those_of_differences():
     """Complex steps through every closed form, beside central differences, whose own error is some 1e-8."""
     design = roslf.load("cystoscope")
@@ -251,6 +285,19 @@ def test_derivatives_behind_a_relay_that_inverts_are_those_of_differences():
             low, high = np.broadcast_to(QUANTITIES[name](apart), (2,))
             size_of = abs(high) / here
             assert exact == pytest.approx((high - low) / (2 * size), rel=1e-4, abs=1e-6 * size_of), (name, place)
+
+
+def test_planes_that_a_rod_shows_beyond_infinity_have_sizes_and_depths_as_beside_them():
+    """Where the image runs through infinity nothing happens to what lies there."""
+    rod = {"kind": "grin", "distance": 150.0, "thickness": 20.0, "index": 1.6, "gradient": 0.01}
+    camera = Camera.of(PAPER.replace({"elements": [rod]}))
+    ahead = np.array([300.0, 310.0, 320.0, 330.0, 340.0])
+    seen = camera.plane(ahead + camera.tip).distance
+    assert seen.min() < 0 < seen.max()
+    for name in ("field_half_width_mm", "object_sample_mm", "sigma_z_mm"):
+        values = QUANTITIES[name](camera, ahead)
+        assert np.all(values > 0), name
+        assert np.abs(np.diff(values, 2)).max() < 0.1 * np.abs(np.diff(values)).min(), name  # no jump
 
 
 def test_files_hold_elements():
@@ -310,11 +357,21 @@ def test_files_hold_elements():
             {"elements": [{**PLATE, "material": {"index": 0.5}}]},
             r"elements.1.material: an index must be a number from 1",
         ),
+        (  # by Snell's law in the plane: 74.5 degrees, 30.5 inside, 44 on the other face; 31.8 is the most
+            {"elements": [{**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}]},
+            r"elements.1.wedge: light along the axis is totally reflected in plate 1, .* at 44 degrees",
+        ),
     ],
 )
 def test_bad_elements_are_told(change, said):
     with pytest.raises(DesignError, match=said):
         PAPER.replace(change)
+
+
+def test_a_wedge_that_light_still_leaves_is_none_of_them():
+    """In water the same face lets it out up to 44.6 degrees."""
+    wedged = {**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}
+    assert PAPER.replace({"elements": [wedged], "object_space.medium": WATER}).elements[0].wedge == (1.3, 0.0)
 
 
 @pytest.mark.parametrize("name", ["water", "saline", "B270", "sapphire", "fused silica"])

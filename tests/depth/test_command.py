@@ -7,8 +7,10 @@ import pytest
 import tifffile
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.estimate import DisparityStatus
+from roslf_design.theory.stop_images import MicrolensImages
 
 REGION = "2240,1480,110,110"
 """Nine by nine microlenses or so, about the axis of the paper's camera."""
@@ -133,3 +135,18 @@ def test_an_objective_with_a_mapping_is_refused(tmp_path, capsys):
     assert "elements.1.mapping: depth is computed for rays as f tan has them" in error
     assert error.count("\n") == 1
     assert not out.exists()
+
+
+def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
+    """The light's edge cuts images to nothing within 30 microlenses; errors told hold on both sides."""
+    cut = roslf.load("paper").replace({"main_lens.diameter": 24.0})
+    trial = roslf.measure_depth(cut, region=(250, 1440, 650, 120), seed=1, rays=32)
+    assert trial.unknown().get(DisparityStatus.INCONSISTENT.reason, 0) < 0.02
+    scores = (trial.errors / trial.first.sigma)[0]
+    kept = MicrolensImages(Camera.of(cut), trial.first.x_ml[5]).shapes.kept_fraction[:, 0]
+    for here in ((kept > 0.3) & (kept < 0.95), kept >= 0.95):
+        some = trial.compared & here
+        assert trial.first.measured[2:-2, here].mean() > 0.9
+        # Some ten windows of their own on each side: the share within is known to a seventh.
+        assert 0.4 < (np.abs(scores[some]) < 1).mean() < 0.95
+        assert np.abs(scores[some]).max() < 6

@@ -65,7 +65,7 @@ def test_presets_focus_match_and_see_whole_images(name):
         ("arthroscope", 12.5, 27.5),  # 55 degrees over all: K133941
         ("cystoscope", 25.0, 40.0),  # Acta Optica Sinica 38, 0222002
         ("video-otoscope", 15.0, 20.0),
-        ("grin-needle", 5.0, 23.0),
+        ("grin-needle", 5.0, 19.0),  # what the barrels of its rods leave
     ],
 )
 def test_working_distance_and_field_are_those_of_their_kind(name, working_distance, half_field_in_air):

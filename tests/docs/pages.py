@@ -151,9 +151,10 @@ def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(design, seed, progress):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
-                result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
+                result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 2.0))
             )
             patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+            patch.setattr(result, "budget", lambda *_, **__: None)
             return look(design, seed, progress, 500)
 
     monkeypatch.setattr(story, "quick_tolerances", quick)

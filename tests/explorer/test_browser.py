@@ -21,11 +21,11 @@ LONG = 60_000
 
 
 def number(page, symbol):
-    return page.locator(f"[data-field={symbol}] .number")
+    return page.locator(f"[data-field='{symbol}'] .number")
 
 
 def slider(page, symbol):
-    return page.locator(f"[data-field={symbol}] .slider")
+    return page.locator(f"[data-field='{symbol}'] .slider")
 
 
 def fault(page, symbol):
@@ -152,6 +152,24 @@ def test_of_f_d_1_and_d_f_the_locked_one_follows(page):
     assert not number(page, "f").is_editable()
     write(page, "d_f", "360 mm")
     assert shown(page, PAPER.replace(d_1=140.0, d_f=360.0))
+
+
+def test_light_and_texture_move_what_depth_is_known_to(page):
+    click(page, "#tab-depth")
+    known = page.locator("[data-testid=depth-known] .said")
+    for symbol in ("light.illuminance", "depth.contrast", "depth.disparity_error"):
+        before = known.inner_text(), picture(page, "depth-field")
+        slider(page, symbol).focus()
+        page.keyboard.press("PageDown")
+        idle(page)
+        assert known.inner_text() != before[0]
+        assert picture(page, "depth-field") != before[1]
+    write(page, "depth.disparity_error", "")
+    write(page, "light.exposure", "2 s")
+    assert "What helps: a shorter exposure" in known.inner_text()
+    page.get_by_label("Leave out Exposure").click()
+    idle(page)
+    assert "is known to" in known.inner_text()
 
 
 def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pause(page):

@@ -14,7 +14,7 @@ from roslf_design.errors import InputError
 from roslf_design.lenses import tracer
 from roslf_design.lenses.glass import AIR, Glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
-from roslf_design.lenses.prescription import LensError, Prescription, Surface
+from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order
 from roslf_design.lenses.tracer import Rays, describe
 from tests.oracles.lenses import RAY_COUNT, WAVELENGTH, incoming, vector_trace
 
@@ -40,9 +40,11 @@ def test_ten_thousand_rays_agree_with_an_independent_tracer(name):
     ours = trace(lens, Rays(position, direction), WAVELENGTH, plane=lens.length + 100, clip=False)
     assert ours.kept.all()
     assert np.isfinite(stored["place"]).all()
-    # both are double precision over 300 mm: 1e-12 mm is some twenty roundings
-    np.testing.assert_allclose(ours.rays.position[:2], stored["place"], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(ours.rays.direction[:, :1000], stored["way"], rtol=0, atol=1e-14)
+    # both are double precision over 300 mm: 1e-12 mm is some twenty roundings; behind a short lens those of its heights
+    # are as much larger as it bends them
+    longer = max(1.0, 50 / abs(first_order(lens, WAVELENGTH).focal_length))
+    np.testing.assert_allclose(ours.rays.position[:2], stored["place"], rtol=0, atol=1e-12 * longer)
+    np.testing.assert_allclose(ours.rays.direction[:, :1000], stored["way"], rtol=0, atol=1e-14 * longer)
 
 
 @pytest.mark.parametrize("name", ["la1050-a", "ac508-100-a", "asphere", "misaligned"])

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import sobol_units
+from roslf_design.optimization.problem import Goal, sobol_units
 from roslf_design.optimization.search import search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory import disparity_error
@@ -252,3 +252,15 @@ def test_where_the_merit_has_no_gradient_no_limit_is_made_up():
     answer = solve(problem, Settings(starts=2, check=False, evaluations=60))
     assert answer.runs_off
     assert answer.active == ()
+
+
+def test_depth_at_a_field_is_a_goal_like_others():
+    """A narrow lens cuts images off the axis: where it does least at 6 mm, against a walk along the only length."""
+    light = roslf.load("paper").replace({"main_lens.diameter": 20.0, "light.illuminance": 5e3, "depth.finest": 0.5})
+    wanted = Goal(quantity="sigma_z_at_field_mm", field=(6.0, 0.0), direction="min")
+    problem = posed({"d_3": (60.0, 140.0)}, [], wanted, design=light)
+    best = search(problem.vector, np.array([0.5]), tolerance=1e-4)
+    walk = problem.vector(np.linspace(0, 1, 17)[:, None])[0]
+    assert walk.min() - 0.02 < best.merit <= walk.min() + 1e-4  # a step of the walk is 5 mm
+    evaluated = roslf.evaluate(problem.design_at(best.unit), [6.0]).fields[0].sigma_z_mm
+    assert evaluated == pytest.approx(problem.number(wanted, best.unit), rel=1e-9)

@@ -121,6 +121,7 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ("d_2 = [", "tube_length = [", "'tube_length' needs a design with a further stop"),
         ('quantity = "fill_factor"', 'quantity = "fil_factor"', "did you mean 'fill_factor'?"),
         ('quantity = "fill_factor"', 'quantity = "kept_fraction"', "'kept_fraction' differs from field to field"),
+        ('at = "200 mm"', 'field = "1 mm"', "sigma_z_mm is one number for the whole field; drop field"),
         ('quantity = "sigma_z_mm"', 'quantity = "sigma_zz"', "did you mean 'sigma_z_mm'?"),
         ('direction = "min"', "", "goals.1.direction: is missing; add it"),
         ('direction = "min"', 'direction = "down"', 'goals.1.direction: "down" is not known; write'),

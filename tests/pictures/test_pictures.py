@@ -403,7 +403,7 @@ def test_elements_are_drawn_where_a_ruler_puts_them():
     assert max(_mark(picture, "medium").x) == pytest.approx(-32.9)
     assert "n = 1.333" in _words(picture.svg())
     assert not [mark for mark in meridional(PAPER).marks if mark.testid in ("medium", "element-1")]
-    assert "prism 1, turns by 29.8°" in _words(meridional(THROUGH["prism and cover"]).svg())
+    assert "prism 1, unfolded: turns by 29.8°" in _words(meridional(THROUGH["prism and cover"]).svg())
 
 
 def test_a_design_from_another_process_lies_in_air_as_before():

@@ -226,6 +226,7 @@ def test_the_library_refers_to_no_other_place():
 def test_elements_stand_in_the_scene_where_a_ruler_puts_them():
     design = designs.THROUGH["prism and cover"]
     parts = {part.name: part for part in instrument_scene(design).parts}
+    assert "prism 1, unfolded: turns by 29.8°" in [name.text for name in instrument_scene(design).names]
     prism = parts["prism 1"].points
     assert (prism[:, 2].min(), prism[:, 2].max()) == pytest.approx((-80.0, -20.0))
     assert np.hypot(*prism[:, :2].T).max() == pytest.approx(20.0)

@@ -131,6 +131,38 @@ def test_a_rod_is_its_ray_equation(medium):
             np.testing.assert_allclose(found.slope, truth[1], rtol=0, atol=1e-12)
 
 
+ROD = {"kind": "grin", "distance": 30.0, "thickness": 40.0, "index": 1.6, "gradient": 0.2, "diameter": 2.0}
+
+
+@pytest.mark.parametrize("slope", [0.1, -0.2])
+def test_a_rods_barrel_takes_what_swings_beyond_it(slope):
+    """Where a ray in a plane turns: of x'' = -k^2 x (1 - g^2 x^2/2) the sum of squares that stays tells how far out."""
+    height, n, g = 0.3, ROD["index"], ROD["gradient"]
+    x = height - slope * ROD["distance"]
+    if abs(x) > 1:  # aimed at the middle instead
+        height, x = slope * ROD["distance"] + 0.3, 0.3
+    sine = slope / math.sqrt(1 + slope**2)
+    own = n * (1 - g * g * x * x / 2)
+    k = n * g / math.sqrt(own**2 - sine**2)
+    kept = sine**2 / (own**2 - sine**2) / k**2 + x * x - g * g * x**4 / 4
+    crest = math.sqrt(2 / g**2 * (1 - math.sqrt(1 - g * g * kept)))
+    for share, status in ((1.002, Status.KEPT), (0.998, Status.APERTURE + 1)):
+        rod = {**ROD, "diameter": 2 * crest * share}
+        found = FacesAhead.of(Camera.of(looking(rod))).rays((height, 0.0), (slope, 0.0))
+        assert found.status == status, share
+    stages = FacesAhead.of(Camera.of(looking({**ROD, "diameter": None})))
+    depths = np.linspace(0.1, 39.9, 200)
+    seen = [
+        r.height[0] - r.slope[0] * (30 + z)
+        for z, r in zip(depths, stages.rays_at(30 + depths, (height, 0.0), (slope, 0.0)), strict=False)
+    ]
+    assert np.max(np.abs(seen)) == pytest.approx(crest, rel=2e-3)
+    *_, end = stages.rays_at(30 + depths, (height, 0.0), (slope, 0.0))
+    whole = stages.rays((height, 0.0), (slope, 0.0))
+    np.testing.assert_allclose(end.height, whole.height, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(end.slope, whole.slope, rtol=0, atol=1e-12)
+
+
 def test_a_real_objective_is_its_prescription():
     """A prescription as element against the lens's own trace, turned and shifted by hand."""
     group = {"kind": "prescription", "distance": 40.0, "prescription": "AC254-050-A", "decentre": (0.4, -0.1)}

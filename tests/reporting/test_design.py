@@ -98,6 +98,7 @@ def test_a_real_lens_has_its_own_section(text, without_figures):
     page = render_html(report)
     assert "Exact rays through LA1050-A reversed" in page
     assert "its thin twin: an ideal lens" in page
+    assert "Lens and rays are those of the thin twin" in picture_sheet(load("paper-singlet")).caption
     assert "The main lens is ideal and thin" not in page
     assert "<h2>Real main lens</h2>" in page
     assert "<h2>Real main lens</h2>" not in text

@@ -39,8 +39,10 @@ def test_builds_are_their_single_cameras(name):
     design = PAPER.replace(WIDE)
     together = np.broadcast_to(quantity(Camera.of(design, {"d_3": d_3}), at), 4)
     for value, one in zip(together, d_3, strict=True):
-        # Rounding of `inverse_m` and the like, taken once for all or build by build: equal operations, equal bits.
-        assert quantity(Camera.of(design, {"d_3": float(one)}), at) == value
+        # Rounding of `inverse_m` and the like, taken once for all or build by build: equal operations, equal bits. What
+        # is summed takes closed forms for many builds and rows for one, far out of focus here: both to 1e-11.
+        own = quantity(Camera.of(design, {"d_3": float(one)}), at)
+        assert own == (pytest.approx(value, rel=1e-11) if quantity.numeric else value)
 
 
 def test_the_undistorted_field_is_that_of_evaluate_under_decentres():

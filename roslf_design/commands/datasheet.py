@@ -1,0 +1,67 @@
+"""`roslf datasheet`."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from ..design.files import in_the_way, write_atomically
+from ..reporting.datasheet import Basis, datasheet_csv, datasheet_json, datasheet_report
+from ..reporting.printers import Paper, render_html, render_pdf
+from ..reporting.story import datasheet_of
+from .report import folder_name
+from .terminal import StatusLine, check_options, json_text, refusal
+
+KINDS = (".pdf", ".html", ".json", ".csv")
+
+
+def datasheet(
+    design: str,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    paper: Literal["a4", "letter"] = "a4",
+    seed: int | None = None,
+) -> None:
+    """The page an engineer signs: field of view, distances, resolution, depth of field, in the terms of ISO 8600.
+
+    Example: roslf datasheet studies/tolerance-scope/study.toml -o scope.pdf
+
+    Parameters
+    ----------
+    design
+        A design file, the name of a preset, or a study: of roslf tolerance, whose builds give each line its tolerance
+        (2 sigma), or of roslf optimize, whose optimum it is.
+    output
+        File to write: .pdf, .html, .json or .csv. Default: datasheet-<design>.html.
+    paper
+        Size of the PDF's pages.
+    seed
+        Instead of the study's; the same seed gives the same bytes.
+    """
+    target = Path(f"datasheet-{folder_name(design)}.html") if output is None else output
+    kind = target.suffix.lower()
+    if kind not in KINDS:
+        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {', '.join(KINDS)}")
+    if blocked := in_the_way(target):
+        raise refusal("-o", blocked)
+    if kind == ".pdf" and importlib.util.find_spec("typst") is None:
+        raise refusal("-o", "a PDF needs the typst package; install it: pip install typst")
+    check_options(seed)
+    with StatusLine("datasheet") as progress:
+        content = _written(datasheet_of(Path(design), seed, progress.tell), kind, paper)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(target, content)
+    print(target)
+
+
+def _written(found: Basis, kind: str, paper: Paper) -> bytes:
+    if kind == ".json":
+        return f"{json_text(datasheet_json(found))}\n".encode()
+    if kind == ".csv":
+        return datasheet_csv(found).encode()
+    page = datasheet_report(found)
+    return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

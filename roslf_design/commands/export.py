@@ -1,0 +1,62 @@
+"""`roslf export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ..camera import Camera
+from ..design import load
+from ..design.files import in_the_way, write_atomically
+from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
+from ..lenses.glass import ROOM
+from ..lenses.lens_file import load_lens, shipped_names
+from ..lenses.prescription import Prescription
+from ..theory.quantities import QUANTITIES
+from .terminal import refusal
+
+WRITERS = (".zmx", ".json")
+
+
+def export(name: str, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
+    """A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.
+
+    Parameters
+    ----------
+    name
+        A design file or preset; or a lens: one that ships, a lens file that has [[surfaces]], a .zmx file.
+    output
+        The file to write; what it ends with, .zmx or .json, says of which program.
+    """
+    kind = output.suffix.lower()
+    if kind not in WRITERS:
+        raise refusal("-o", f'"{output.name}" ends with neither .zmx nor .json; say which program is to read it')
+    if blocked := in_the_way(output):
+        raise refusal("-o", blocked)
+    lens = _lens(name)
+    if lens is not None:
+        rows, title, wide, warmth = lens_rows(lens), lens.name, 0.0, lens.temperature
+        wavelength = lens.wavelength or D_LINE
+    else:
+        design = load(name)
+        rows, title, wavelength = sequence_of(design), design.name, design.wavelength
+        wide = float(QUANTITIES["field_half_width_mm"](Camera.of(design.thin_twin)))
+        warmth = ROOM if design.environment is None else float(design.environment.temperature)
+    text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(output, text.encode())
+    print(f"{output}: {len(rows)} surfaces")
+    if lens is None and not (design.aligned and all(element.decentre == (0.0, 0.0) for element in design.elements)):
+        print("Misalignments are left out.")
+
+
+def _lens(name: str) -> Prescription | None:
+    """A lens by that name, or in that file; None where it is a design."""
+    path = Path(name)
+    if path.suffix.lower() == ".zmx" or (name.lower() in shipped_names() and not path.exists()):
+        return load_lens(name)
+    if path.suffix.lower() == ".toml" and path.is_file() and "[[surfaces]]" in path.read_text("utf-8", "replace"):
+        return load_lens(name)
+    return None

@@ -1,0 +1,141 @@
+"""`roslf sweep`."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from .._arrays import Array
+from ..design import PATHS, load
+from ..design.files import in_the_way, write_atomically
+from ..errors import InputError
+from ..pictures.sweep import sweep_picture
+from ..theory.sweep import sweep as compute
+from ..theory.sweep import unit_of
+from ..units import parse_quantity
+from .report import folder_name
+from .terminal import refusal
+
+if TYPE_CHECKING:
+    from ..theory.sweep import Sweep
+
+KINDS = (".png", ".svg", ".csv", ".parquet")
+POINTS, ACROSS, MOST = 101, 61, 1_000_000
+DIMENSIONS = {"mm": "length", "rad": "angle"}
+
+
+def sweep(
+    design: str,
+    /,
+    *,
+    set: Annotated[list[str], Parameter(name="--set", negative=())],
+    quantity: Annotated[list[str], Parameter(name="--quantity", negative=())],
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    at: str | None = None,
+    points: int | None = None,
+) -> None:
+    """Any quantities over one or two numbers of a design: a picture, or a table.
+
+    Example: roslf sweep paper --set "d_3=0..150 mm" --set "D_F=1..5 mm" --quantity fill_factor -o fill.png
+
+    Parameters
+    ----------
+    design
+        A design file, or the name of a preset.
+    set
+        A dotted place or a symbol, and from where to where: "aperture.distance=0..150 mm"; may be given twice.
+    quantity
+        Names, with commas between; docs/reference/quantities.md lists all. May be given several times.
+    output
+        File to write: .png, .svg, .csv or .parquet. Default: sweep-<design>.png.
+    at
+        Distance ahead of the bore's tip, as "20 mm", for quantities that are asked for at one. Default: the focal
+        plane.
+    points
+        Along each axis. Default: 101; 61 for two.
+    """
+    target = Path(f"sweep-{folder_name(design)}.png") if output is None else output
+    kind = target.suffix.lower()
+    if kind not in KINDS:
+        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {', '.join(KINDS)}")
+    if blocked := in_the_way(target):
+        raise refusal("-o", blocked)
+    if kind == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise refusal("-o", "Parquet needs the pyarrow package (pip install pyarrow); or write .csv")
+    count = points if points is not None else POINTS if len(set) == 1 else ACROSS
+    if not count >= 2 or count ** len(set) > MOST:
+        raise refusal("--points", f"{count} is out of range; give 2 or more, and no more than {MOST} in all")
+    if len(set) > 2:
+        raise refusal("--set", f"{len(set)} given; sweep one or two places")
+    places = dict(_span(text, count) for text in set)
+    if len(places) < len(set):
+        raise refusal("--set", "the same place twice; name two")
+    names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
+    try:
+        away = None if at is None else parse_quantity(at, "length")
+    except ValueError as error:
+        raise refusal("--at", str(error)) from None
+    loaded = load(design)
+    if not names:
+        raise refusal("--quantity", "names none; give at least one, as fill_factor")
+    try:
+        found = compute(loaded, places, list(dict.fromkeys(names)), away)
+    except InputError as error:
+        raise refusal("--set", "; ".join(map(str, error.problems))) from None
+    except ValueError as error:
+        raise refusal("--quantity", str(error)) from None
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(target, _written(found, kind, loaded.name))
+    print(target)
+
+
+def _span(text: str, count: int) -> tuple[str, Array]:
+    """Read "aperture.distance=0..150 mm"."""
+    place, found, span = text.partition("=")
+    match = re.fullmatch(r"\s*(\S+?)\s*\.\.\s*(\S+?)\s*([^\d\s.].*)?", span)
+    if not found or match is None:
+        raise refusal("--set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
+    place, unit = place.strip(), (match[3] or "").strip()
+    dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
+    ends = []
+    for end in match.groups()[:2]:
+        try:
+            own = f"{end} {unit}".strip() if re.fullmatch(r"[-+.\deE]+", end) else end
+            ends.append(float(own) if dimension is None else parse_quantity(own, dimension))
+        except ValueError as error:
+            raise refusal("--set", f"{place}: {error}") from None
+    return place, np.linspace(ends[0], ends[1], count)
+
+
+def _written(found: Sweep, kind: str, name: str) -> bytes:
+    if kind in (".png", ".svg"):
+        picture = sweep_picture(found, name)
+        return picture.to_png() if kind == ".png" else picture.svg_file()
+    grid = np.meshgrid(*found.places.values(), indexing="ij")
+    columns = dict(zip(found.places, (axis.ravel() for axis in grid), strict=True))
+    columns |= {name: values.ravel() for name, values in found.values.items()}
+    headed = {
+        f"{name} [{unit}]" if name in found.places and (unit := found.units[name]) else name: values
+        for name, values in columns.items()
+    }
+    if kind == ".parquet":
+        import pyarrow
+        import pyarrow.parquet
+
+        sink = pyarrow.BufferOutputStream()
+        pyarrow.parquet.write_table(pyarrow.table(headed), sink)
+        return bytes(sink.getvalue())
+    page = io.StringIO()
+    writer = csv.writer(page, lineterminator="\n")
+    writer.writerow(headed)
+    # An empty cell is what has no value; "inf" what has no end.
+    rows = zip(*(values.tolist() for values in headed.values()), strict=True)
+    writer.writerows([["" if value != value else repr(value) for value in row] for row in rows])
+    return page.getvalue().encode()

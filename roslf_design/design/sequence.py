@@ -1,0 +1,245 @@
+"""A design as other programs take it: surfaces in a row, from the focal plane to the sensor, and files of them.
+
+Straight: misalignments are left out. The scene's medium, elements, stops, main lens, substrate and cover are there, and
+one microlens, on the axis, as a paraxial surface with the array's pitch as its aperture.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError, Problem
+from ..lenses.glass import AIR, Glass
+from ..lenses.manufacture import abbe_number
+from ..lenses.prescription import Prescription, Surface, first_order
+from .elements import Block, FieldLens, Grin, LensGroup
+
+if TYPE_CHECKING:
+    from .design import Design
+
+SCHOTT = "SCHOTT glass catalogue"
+"""How the sources of glasses begin that other programs know by these names."""
+D_LINE = 587.5618e-6
+
+
+@dataclass(frozen=True)
+class SequenceRow:
+    """One surface of a sequence."""
+
+    name: str
+    z: float
+    """Of its vertex, behind the main lens's reference plane [mm]."""
+    surface: Surface
+    """Its shape and the glass behind it."""
+    focal_length: float | None = None
+    """Of an ideal thin lens [mm]; None is a real surface."""
+    is_stop: bool = False
+
+
+def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
+    """Every surface of a design, the focal plane first, the sensor last.
+
+    Raises
+    ------
+    InputError
+        A gradient-index rod, or an objective with a mapping: no surface stands for those.
+    """
+    lens, wavelength = design.lens, design.wavelength
+    if lens is None:
+        front = rear = 0.0
+        body = [SequenceRow("main lens", 0.0, Surface(0.0, design.D / 2), design.f)]
+    else:
+        constants = first_order(lens, wavelength)
+        front, rear = constants.front_principal, constants.rear_principal
+        body = _group("main lens", lens, 0.0)
+    medium = design.object_space.medium if design.elements else AIR
+    widest = max(design.D, *(stop.diameter for stop in design.all_stops))
+    rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
+    for k, stop in enumerate(design.all_stops):
+        name, disc = f"stop {k}" if k else "FAP", Surface(0.0, stop.diameter / 2)
+        rows.append(SequenceRow(name, front - stop.distance, disc, is_stop=k == 0))
+    farthest = max(design.elements, key=lambda element: element.distance, default=None)
+    for k, element in enumerate(design.elements, 1):
+        at, semi = front - element.distance, (element.diameter or widest) / 2
+        name = f"{element.kind} {k}"
+        if isinstance(element, Grin) or (isinstance(element, FieldLens) and element.law is not None):
+            what = "a gradient-index rod" if isinstance(element, Grin) else "a lens with a mapping"
+            message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"
+            raise InputError((Problem(f"elements.{k}", message),))
+        if isinstance(element, Block):
+            rows.append(
+                SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material))
+            )
+            rows.append(SequenceRow(f"{name}, back", at, Surface(0.0, semi)))
+        elif isinstance(element, FieldLens):
+            rows.append(SequenceRow(name, at, Surface(0.0, semi), float(element.focal_length)))
+        else:
+            assert isinstance(element, LensGroup)
+            rows += _group(name, element.lens, at - element.lens.length)
+        if element is farthest and medium != AIR and not isinstance(element, Block):
+            rows.append(SequenceRow("end of the medium", rows[-1].z, Surface(0.0, semi)))
+    return _ordered([*rows, *_behind(design, rear)], medium, front - (farthest.distance if farthest else 0.0))
+
+
+def _group(name: str, lens: Prescription, start: float) -> list[SequenceRow]:
+    pairs = enumerate(zip(lens.surfaces, lens.vertices, strict=True), 1)
+    return [SequenceRow(f"{name}, surface {k}", start + z, surface) for k, (surface, z) in pairs]
+
+
+def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
+    """The microlens, the sensor and the glass about them."""
+    array, sensor = design.microlens_array, design.sensor
+    at, end, half = rear + design.d_1, rear + design.d_1 + design.d_2, max(design.sensor_size)
+    lenslet = SequenceRow("microlens", at, Surface(0.0, design.d / 2), float(design.f_ml))
+    plate = array.substrate
+    before = plate is not None and plate.lenslets == "sensor"
+    if plate is not None and before:
+        yield SequenceRow("substrate, front", at - plate.thickness, Surface(0.0, half, glass=plate.material))
+        yield SequenceRow("substrate, back", at, Surface(0.0, half))
+    yield lenslet
+    if plate is not None and not before:
+        yield SequenceRow("substrate, front", at, Surface(0.0, half, glass=plate.material))
+        yield SequenceRow("substrate, back", at + plate.thickness, Surface(0.0, half))
+    if sensor.cover is not None:
+        yield SequenceRow("cover, front", end - sensor.cover.thickness, Surface(0.0, half, glass=sensor.cover.material))
+        yield SequenceRow("cover, back", end, Surface(0.0, half))
+    yield SequenceRow("sensor", end, Surface(0.0, half))
+
+
+def _ordered(rows: list[SequenceRow], medium: Glass, end: float) -> tuple[SequenceRow, ...]:
+    """In the order of light, with the gaps between them; a stop in a liquid is filled with it."""
+    rows = sorted(rows, key=lambda row: row.z)
+    gaps = [after.z - before.z for before, after in pairwise(rows)]
+    done = []
+    for row, gap in zip(rows, [*gaps, 0.0], strict=True):
+        wet = medium if row.name.startswith(("FAP", "stop")) and row.z < end - 1e-12 else row.surface.glass
+        done.append(replace(row, surface=replace(row.surface, thickness=gap, glass=wet)))
+    return tuple(done)
+
+
+def lens_rows(lens: Prescription) -> tuple[SequenceRow, ...]:
+    """A lens alone, between an object far away and its focal plane."""
+    wavelength = lens.wavelength or D_LINE
+    image = first_order(lens, wavelength)
+    rows = _group("", lens, 0.0)
+    last = replace(rows[-1].surface, thickness=image.back_focal_length)
+    widest = 2 * max(surface.semi_diameter for surface in lens.surfaces)
+    ends = Surface(0.0, widest, float("inf")), Surface(0.0, widest)
+    rows = [replace(row, name=row.name.removeprefix(", ")) for row in (*rows[:-1], replace(rows[-1], surface=last))]
+    rows[0] = replace(rows[0], is_stop=True)
+    begin, end = SequenceRow("object", -float("inf"), ends[0]), SequenceRow("image", lens.length, ends[1])
+    return (begin, *rows, end)
+
+
+def zmx(rows: tuple[SequenceRow, ...], name: str, wavelength: float, temperature: float, wide: float) -> str:
+    """A sequential .zmx file, in millimetres; `wide` is the half-width of the field, or 0 for the axis alone [mm]."""
+    lines = ["VERS 140124 258 36214", "MODE SEQ", f"NAME {' '.join(name.split())}", "UNIT MM X W X CM MR CPMM"]
+    stop = next((row for row in rows if row.is_stop), rows[0])
+    far = rows[0].surface.thickness == float("inf")
+    lines += [f"ENPD {2 * stop.surface.semi_diameter!r}" if far else "FLOA"]
+    lines += [f"ENVD {temperature!r} 1 0", "GFAC 0 0", "GCAT SCHOTT MISC"]
+    heights = (0.0, wide) if wide else (0.0,)
+    lines += [f"FTYP {0 if far else 1} 0 {len(heights)} 1 0 0 0"]
+    lines += [f"{key} {' '.join(repr(part) for part in parts)}" for key, parts in
+              (("XFLN", (0.0,) * len(heights)), ("YFLN", heights))]  # fmt: skip
+    lines += [f"WAVM 1 {1e3 * wavelength!r} 1", "PWAV 1"]
+    for number, row in enumerate(rows):
+        lines += [f"SURF {number}", *(f"  {line}" for line in _zmx_surface(row))]
+    return "\n".join(lines) + "\n"
+
+
+def _zmx_surface(row: SequenceRow) -> Iterator[str]:
+    surface, ideal = row.surface, row.focal_length is not None
+    kind = "PARAXIAL" if ideal else "EVENASPH" if any(surface.asphere) else "STANDARD"
+    if row.is_stop:
+        yield "STOP"
+    yield f"TYPE {kind}"
+    yield f'CURV {surface.curvature!r} 0 0 0 0 ""'
+    if row.name:
+        yield f"COMM {row.name}"
+    if surface.conic:
+        yield f"CONI {surface.conic!r}"
+    if ideal:
+        yield f"PARM 1 {row.focal_length!r}"
+        yield "PARM 2 0"
+    for term, value in enumerate(surface.asphere, 1):
+        yield f"PARM {term} {value!r}"
+    yield "DISZ INFINITY" if surface.thickness == float("inf") else f"DISZ {surface.thickness!r}"
+    if surface.glass != AIR:
+        yield _zmx_glass(surface.glass)
+    yield f'DIAM {surface.semi_diameter!r} 1 0 0 1 ""'
+    yield f"CLAP 0 {surface.semi_diameter!r} 0"
+
+
+def _zmx_glass(glass: Glass) -> str:
+    if glass.source.startswith(SCHOTT) and not glass.offset:
+        return f"GLAS {glass.name} 0 0 {float(glass.index(D_LINE))!r} {abbe_number(glass) or 0.0!r} 0"
+    return f"GLAS ___BLANK 1 0 {float(glass.index(D_LINE))!r} {abbe_number(glass) or 0.0!r} 0"
+
+
+def optiland(rows: tuple[SequenceRow, ...], name: str, wavelength: float, wide: float) -> str:
+    """A file of Optiland's, its own JSON; glasses as their index at the wavelength, which is the only one.
+
+    `wide` is the half-width of the field [mm], or 0 for the axis alone.
+    """
+    far = rows[0].surface.thickness == float("inf")
+    stop = next((row for row in rows if row.is_stop), rows[0])
+    fields = [{"x": 0.0, "y": y, "vx": 0.0, "vy": 0.0, "weight": 1.0} for y in ((0.0, wide) if wide else (0.0,))]
+    begin = rows[1].z
+    data = {
+        "version": 1.0,
+        "name": name,
+        "aperture": {"type": "EPD" if far else "float_by_stop_size", "value": 2 * stop.surface.semi_diameter},
+        "fields": {
+            "fields": fields,
+            "telecentric": False,
+            "field_definition": {"field_type": "AngleField" if far else "ObjectHeightField"},
+        },
+        "wavelengths": {
+            "wavelengths": [{"value": 1e3 * wavelength, "is_primary": True, "unit": "um", "weight": 1.0}],
+            "polarization": "ignore",
+        },
+        "apodization": None,
+        "pickups": [],
+        "solves": {"solves": []},
+        "surface_group": {"surfaces": [_optiland_surface(k, row, begin, wavelength) for k, row in enumerate(rows)]},
+    }
+    return json.dumps(data, indent=1) + "\n"
+
+
+def _optiland_surface(number: int, row: SequenceRow, begin: float, wavelength: float) -> dict[str, Any]:
+    surface = row.surface
+    radius = 1 / surface.curvature if surface.curvature else float("inf")
+    place = {"x": 0.0, "y": 0.0, "z": row.z - begin, "rx": 0.0, "ry": 0.0, "rz": 0.0, "reference_cs": None}
+    geometry: dict[str, Any] = {"type": "Plane", "cs": place, "radius": radius}
+    if surface.curvature and row.focal_length is None:
+        geometry |= {"type": "StandardGeometry", "conic": surface.conic}
+    if any(surface.asphere):
+        terms = {"tol": 1e-12, "max_iter": 100, "coefficients": list(surface.asphere)}
+        geometry |= {"type": "EvenAsphere", "conic": surface.conic, **terms}
+    medium = {
+        "type": "IdealMaterial",
+        "propagation_model": {"class": "HomogeneousPropagation"},
+        "index": float(surface.glass.index(wavelength)),
+        "absorp": 0.0,
+    }
+    if number == 0:
+        return {"type": "ObjectSurface", "geometry": geometry, "material_post": medium, "comment": row.name}
+    model = {"type": "RefractiveReflectiveModel", "is_reflective": False, "coating": None, "bsdf": None}
+    if row.focal_length is not None:
+        model |= {"type": "ThinLensInteractionModel", "focal_length": row.focal_length}
+    rim = {"type": "RadialAperture", "r_max": surface.semi_diameter, "r_min": 0.0, "offset_x": 0.0, "offset_y": 0.0}
+    return {
+        "type": "Surface",
+        "thickness": surface.thickness,
+        "geometry": geometry,
+        "material_post": medium,
+        "is_stop": row.is_stop,
+        "aperture": rim,
+        "comment": row.name,
+        "interaction_model": model,
+    }

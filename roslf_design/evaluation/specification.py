@@ -1,0 +1,290 @@
+"""What a data sheet says of a camera, in the terms of the endoscope standards (ISO 8600)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ..camera import Camera
+from ..design import Design
+from ..json_data import plain
+from ..theory import field_of_view, light, tube
+from ..theory.depth_of_field import depth_of_field
+from ..theory.quantities import QUANTITIES, image_rate
+from ..theory.resolution import FieldTransfer, Kind
+from ..theory.stop_images import MicrolensImages
+from .fields import default_fields
+
+Place = tuple[float, float]
+
+CRITERION = "a point spreads over one microlens pitch, by rays"
+BEYOND = 2.0
+"""Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
+LEVELS = (0.5, 0.1)
+
+
+@dataclass(frozen=True)
+class FieldOfView:
+    """Full angles between the field's ends [degrees]."""
+
+    from_: Literal["entrance pupil", "distal tip"]
+    """Which it is measured from: ISO 8600-3, method B, or the middle of the tip."""
+    width: float
+    height: float
+    diagonal: float
+    at_mm: float | None
+    """Plane on which the tip sees the field; angles from the entrance pupil are the same on all."""
+
+
+@dataclass(frozen=True)
+class ObjectField:
+    """What is seen on a plane ahead of the tip."""
+
+    at_mm: float
+    width_mm: float
+    height_mm: float
+    diagonal_mm: float
+    magnification: float
+    """Array over object."""
+    object_sample_mm: float
+    """Footprint of a microlens."""
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None where it is dark."""
+
+    at_mm: float
+    x0_mm: float
+    """From the axis to the place on the object."""
+    x_ml_mm: Place
+    image: Kind
+    mtf50_lp_per_mm: float | None
+    mtf10_lp_per_mm: float | None
+    tangential_lp_per_mm: tuple[float | None, float | None]
+    """At 50 and 10 %."""
+    sagittal_lp_per_mm: tuple[float | None, float | None]
+    fold_lp_per_mm: float
+    """Beyond it detail folds back: one sample a microlens."""
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Near and far end ahead of the tip [mm]; an infinite far end is None in JSON."""
+
+    view: tuple[float, float]
+    refocused: tuple[float, float]
+    criterion: str = CRITERION
+
+
+@dataclass(frozen=True)
+class FieldPoint:
+    """One field, at the focal plane."""
+
+    x_ml_mm: Place
+    x0_mm: float
+    angle_deg: float
+    """Of the chief ray to the axis, in the medium of the scene."""
+    distortion_percent: float
+    local_magnification: float
+    """Array over object, along the field's radius."""
+    relative_illumination: float
+
+
+@dataclass(frozen=True)
+class Part:
+    """Something that the tube holds."""
+
+    name: str
+    diameter_mm: float
+    """Diameter or diagonal, with twice its decentre."""
+
+
+@dataclass(frozen=True)
+class Specification:
+    """The data sheet's lines."""
+
+    field_of_view_deg: tuple[FieldOfView, ...]
+    direction_of_view_deg: float
+    working_range_mm: tuple[float, float]
+    """Where single views are sharp, ahead of the tip."""
+    working_distance_mm: float
+    """To the focal plane."""
+    hyperfocal_mm: float | None
+    """Nearest focal plane with which the refocused image is sharp to infinity; None where none is."""
+    view_hyperfocal_mm: float | None
+    object_field: tuple[ObjectField, ...]
+    resolution: tuple[Resolved, ...]
+    depth_of_field_mm: Ends
+    field: tuple[FieldPoint, ...]
+    distortion: float
+    """At the farthest of the fields [%]."""
+    relative_illumination: float
+    """There, too."""
+    pixels: tuple[int, int]
+    views_across: float
+    independent_views_across: float
+    object_samples: tuple[int, int]
+    outer_diameter_mm: float
+    length_mm: float
+    """Tip to sensor."""
+    parts: tuple[Part, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `specification` of `roslf evaluate --json`; what is infinite is None."""
+        data: dict[str, Any] = plain(self, undefined=False)
+        return data
+
+
+def planes(camera: Camera) -> tuple[float, float, float]:
+    """Near end of the working range, focal plane, far end, ahead of the tip [mm]; finite, and none at the tip."""
+    focus = float(field_of_view.focus_ahead(camera))
+    near, far = _sharp(camera, "view")
+    return (
+        near if near > 0.1 * focus else focus / 2,
+        focus,
+        far if far < BEYOND * focus else BEYOND * focus,
+    )
+
+
+def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
+    """MTF at a field of a single camera, on a plane ahead of the tip or on the focal plane."""
+    camera = images.camera
+    (centres, radii), shapes = images.discs, images.shapes
+    lit = bool(shapes.lit[field, 0])
+    x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
+    away = math.hypot(x, y)
+    along, across = field_of_view.stretch_of(camera, (x, y))
+    scale = float(QUANTITIES["object_sample_mm"](camera, at) / camera.d)
+    # Tilted parts' shapes count from the FAP's image.
+    u, v = shapes.centroid[field, 0] + (centres[field, 0, 0] if camera.tilted else 0.0)
+    cuts = shapes.clipping[field, 0] if not camera.tilted else np.ones(radii.shape[-1], np.bool_)
+    cuts = cuts | (np.arange(len(cuts)) == 0)
+    return FieldTransfer(
+        camera,
+        centres[field, 0, cuts],
+        radii[field, 0, cuts],
+        (float(u), float(v)) if lit else None,
+        float(image_rate(camera, at)),
+        scale * float(along),
+        scale * float(across),
+        (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
+    )
+
+
+def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Resolved:
+    """Detail that one field shows of a plane ahead of the tip."""
+    camera, transfer = images.camera, transfer_at(images, field, at)
+    tangential = transfer.limits(LEVELS, image, "tangential")
+    if len(transfer.radii) == 1 and transfer.along > 0:  # whole: a quarter turn changes nothing but the scale
+        sagittal = [limit * transfer.along / transfer.across for limit in tangential]
+    else:
+        sagittal = transfer.limits(LEVELS, image, "sagittal")
+    half, tenth = (None if math.isnan(a) else min(a, b) for a, b in zip(tangential, sagittal, strict=True))
+    place = tuple(np.broadcast_to(axis, (len(images.fields), 1))[field, 0] for axis in images.microlens[:2])
+    x, y = field_of_view.on_plane(camera, place, at)
+    told = tuple(images.fields[field].tolist())
+    each = [(None if math.isnan(a) else a, None if math.isnan(b) else b) for a, b in (tangential, sagittal)]
+    fold = min(transfer.fold(way) for way in ("tangential", "sagittal"))
+    return Resolved(at, float(np.hypot(x, y)), told, image, half, tenth, each[0], each[1], fold)
+
+
+def specification(design: Design) -> Specification:
+    """The data sheet of a design: of its straight parts, tilts left out, and of the thin twin of a real main lens.
+
+    Fields are the middle, the edge and the corner of what the sensor sees.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> sheet = roslf.specification(roslf.load("paper"))
+    >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
+    [218.2, 243.2]
+    """
+    camera, axes = Camera.of(design), default_fields(design)
+    images = MicrolensImages(camera, axes)
+    distances = planes(camera)
+    view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
+    rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
+    rows += [resolved(images, 0, at, "view") for at in distances]
+    points = _points(images, distances[1])
+    farthest = max(points, key=lambda point: point.x0_mm)
+    value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
+    return Specification(
+        field_of_view_deg=(
+            FieldOfView("entrance pupil", *_angles(camera, ""), None),
+            *(FieldOfView("distal tip", *_angles(camera, "tip_", at), at) for at in distances),
+        ),
+        direction_of_view_deg=value["direction_of_view_deg"],
+        working_range_mm=view,
+        working_distance_mm=distances[1],
+        hyperfocal_mm=_known(value["hyperfocal_mm"]),
+        view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
+        object_field=tuple(_object_field(camera, at) for at in distances),
+        resolution=tuple(rows),
+        depth_of_field_mm=Ends(view, refocused),
+        field=points,
+        distortion=farthest.distortion_percent,
+        relative_illumination=farthest.relative_illumination,
+        pixels=design.pixels,
+        views_across=value["views_geometric"],
+        independent_views_across=value["views_independent"],
+        object_samples=_samples(camera),
+        outer_diameter_mm=value["outer_diameter_mm"],
+        length_mm=value["total_length_mm"],
+        parts=tuple(Part(part.name, float(part.width)) for part in tube.housed(camera)),
+    )
+
+
+_NAMES = (
+    "direction_of_view_deg",
+    "hyperfocal_mm",
+    "view_hyperfocal_mm",
+    "views_geometric",
+    "views_independent",
+    "outer_diameter_mm",
+    "total_length_mm",
+)
+
+
+def _sharp(camera: Camera, kind: Kind) -> tuple[float, float]:
+    near, far = depth_of_field(camera, kind)
+    return float(near), float(far)
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _angles(camera: Camera, prefix: str, at: float | None = None) -> tuple[float, float, float]:
+    names = [f"{prefix}field_of_view_{part}deg" for part in ("width_", "height_", "")]
+    width, height, diagonal = (float(QUANTITIES[name](camera, at)) for name in names)
+    return width, height, diagonal
+
+
+def _object_field(camera: Camera, at: float) -> ObjectField:
+    halves = [float(QUANTITIES[f"field_half_{side}_mm"](camera, at)) for side in ("width", "height", "diagonal")]
+    magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
+    return ObjectField(at, 2 * halves[0], 2 * halves[1], 2 * halves[2], magnification, sample)
+
+
+def _samples(camera: Camera) -> tuple[int, int]:
+    """Whole microlenses across the width and the height."""
+    rows = math.sqrt(3) / 2 if camera.layout == "hexagonal" else 1.0
+    across, up = (2 * float(half) / float(camera.d) for half in light.sensor_field(camera).half)
+    return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
+
+
+def _points(images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
+    camera, shape = images.camera, (len(images.fields), 1)
+    x, y = (np.broadcast_to(axis, shape)[:, 0] for axis in images.microlens[:2])
+    names = ("distortion_percent", "local_magnification", "relative_illumination")
+    local = [np.broadcast_to(QUANTITIES[name].at_fields(images), shape)[:, 0].tolist() for name in names]
+    met = np.hypot(*field_of_view.on_plane(camera, (x, y), focus))
+    ways = field_of_view.directions(camera, (x, y))
+    angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
+    rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
+    return tuple(FieldPoint((at[0], at[1]), *numbers) for at, *numbers in rows)

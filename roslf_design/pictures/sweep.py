@@ -1,0 +1,54 @@
+"""Quantities over one number of a design as curves, over two as maps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..theory.sweep import Sweep
+from ..words import in_words
+from .marks import Area, Image, Line, Mark, box_key, parted
+from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
+
+TALL = 230.0
+"""Of each panel [px]."""
+
+
+def sweep_picture(found: Sweep, design: str) -> Picture:
+    """A panel a quantity, one below the other; gaps and grey where there is no camera, or no finite value."""
+    pictures = [_panel(found, name) for name in found.values]
+    title = f"{', '.join(map(in_words, found.values))} of {design} over {' and '.join(found.places)}"
+    return beside("sweep", title, pictures, down=True)
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{in_words(name)} [{unit}]" if unit else in_words(name)
+
+
+def _panel(found: Sweep, name: str) -> Picture:
+    values, unit = found.values[name], found.units[name]
+    known = values[np.isfinite(values)]
+    (place, x), *second = found.places.items()
+    across = Scale(float(x.min()), float(x.max())) if np.ptp(x) > 0 else Scale.around(x)
+    label = _label(place, found.units[place])
+    if not second:
+        shown = np.where(np.isfinite(values), values, np.nan)
+        line = Line(x, shown, "blue", 2.0)
+        panel = Panel((0, 0, 1, 1), across, Scale.around(known), (line,), label, _label(name, unit))
+        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72)
+    other, y = second[0]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    high = high if high > low else low + 1.0
+    up = Scale(float(y.min()), float(y.max())) if np.ptp(y) > 0 else Scale.around(y)
+    steps = [(scale.high - scale.low) / max(1, len(v) - 1) / 2 for scale, v in ((across, x), (up, y))]
+    box = across.low - steps[0], across.high + steps[0], up.low - steps[1], up.high + steps[1]
+    shades = Image(np.where(np.isfinite(values), values, low).T, box, "blue", low, high)
+    marks: list[Mark] = [shades]
+    keys = [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
+    none = np.argwhere(~np.isfinite(values))
+    if none.size:
+        middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
+        corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
+        marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, found.units[other]), grid="")
+    picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110)
+    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit)))

@@ -1,0 +1,88 @@
+"""Depth of field: between which planes a point spreads over no more than a microlens pitch, by rays on the axis.
+
+A point at Z_F spreads over ``e |m - A/Z_F|`` of the array, e the width of the FAP that counts: all of it in the
+refocused image, in a single view what its pixel sees of it, blurred by the microlens, ``(q + lambda d_2/d) A/d_2``.
+Sharp is what stays within ``blur`` pitches. In air, ``1/Z_F = (1 +- d/(e m))/(d_f - d_3)``.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from .._arrays import Array, magnitude, product, ratio
+from ..camera import Camera, Number
+from .light import diffraction_width
+
+Kind = Literal["view", "refocused"]
+
+
+class DepthOfField(NamedTuple):
+    """Ahead of the bore's tip [mm]."""
+
+    near: Array
+    """0 where everything up to the tip is sharp."""
+    far: Array
+    """inf where everything beyond is sharp."""
+
+
+def pupil_part(c: Camera, kind: Kind) -> Array:
+    """Width e of the FAP that a point's light counts through, as the main lens sees it [mm]."""
+    whole = magnitude(c.D_F)
+    if kind == "refocused":
+        return whole
+    seen = product(c.q + diffraction_width(c), magnitude(ratio(c.A, c.d_2)))
+    return np.asarray(np.where(np.real(seen) < np.real(whole), seen, whole))[()]
+
+
+def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> DepthOfField:
+    """Nearest and farthest sharp plane about the focal plane.
+
+    Parameters
+    ----------
+    c : Camera
+    kind : {"refocused", "view"}
+        The image refocused to the focal plane, or a single view.
+    blur : float
+        Microlens pitches that a point may spread over.
+    """
+    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
+    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
+    share = share * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+    near, far = (np.asarray(c.plane_seen_at(c.d_3 + ratio(c.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1))
+    focus = np.asarray(c["main_lens.focal_plane"] - c.tip)
+    # A plane that has gone past the tip, or past infinity, comes back on the other side.
+    near = np.where((near >= 0) & (near <= focus), near, 0.0)
+    far = np.where(far >= focus, far, np.inf)
+    return DepthOfField(near[()], far[()])
+
+
+def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip]; nan where none.
+
+    Parameters are those of `depth_of_field`.
+    """
+    ahead, lens = _far(c) - c.d_3, c.f - c.d_3
+    # sigma = grow m - less for what is far, falling with m towards the m that is focused there; A = f + m lens.
+    grow, less = 1 - ratio(lens, ahead), ratio(c.f, ahead)
+    turn = np.where(np.real(grow) < 0, -1.0, 1.0)
+    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) + turn * less, turn * grow)
+    m = np.asarray(by_all)
+    if kind == "view":
+        seen = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+        a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
+        rest = turn * less * c.f + ratio(blur * c.d, seen)
+        root = b * b + 4 * a * rest
+        by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
+        narrow = magnitude(seen * (c.f + by_view * lens)) < magnitude(c.D_F)
+        m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
+    held = np.where(m > 0, m, 1.0)
+    there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
+    return np.asarray(np.where((m > 0) & (there > 0), there, np.nan))[()]
+
+
+def _far(c: Camera) -> Number:
+    """Where the main lens sees what is far [mm]."""
+    front = c.front[1]
+    return ratio(np.asarray(front.d, float), np.asarray(front.c, float)) if c.chain is not None else np.inf

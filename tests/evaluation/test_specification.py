@@ -1,0 +1,214 @@
+"""The data sheet's lines against rays through every face of 40 random cameras with elements."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.evaluation.specification import specification
+from roslf_design.rays.object_space import FacesAhead
+from roslf_design.theory.light import sensor_field
+from roslf_design.theory.stop_images import MicrolensImages
+from tests.commands.test_cli import run
+
+PAPER = roslf.load("paper")
+SMALL = {
+    "sensor.size": (0.5, 0.3),
+    "main_lens.diameter": 20.0,
+    "aperture.diameter": 0.6,
+    "microlens_array.focal_length": 2.0,
+}
+"""A field of hundredths of a radian, where exact rays are first order to 1e-3."""
+
+
+def cameras(count, seed=18):
+    """Windows, prisms, objectives and liquid in any order, the FAP among them, some of it decentred."""
+    rng = np.random.default_rng(seed)
+    made = []
+    while len(made) < count:
+        place, elements, gaps = float(rng.uniform(5, 20)), [], []
+        for _ in range(int(rng.integers(1, 4))):
+            gaps.append(place)
+            if rng.random() < 0.6:
+                thick, index = float(rng.uniform(0.3, 6)), float(rng.uniform(1.35, 1.85))
+                kind = {"kind": "plate", "thickness": thick, "material": {"index": index}, "diameter": 15.0}
+            else:
+                thick = 0.0
+                focal = float(rng.uniform(60, 300) * rng.choice([-1, 1]))
+                kind = {"kind": "lens", "focal_length": focal, "diameter": 15.0}
+            elements.append({**kind, "distance": place})
+            place += thick + float(rng.uniform(2, 15))
+        fap = float(rng.choice([*gaps, place])) - float(rng.uniform(0.2, 0.8))
+        aside = (float(rng.normal(0, 0.05)), float(rng.normal(0, 0.05)))
+        try:
+            design = PAPER.replace({"aperture.distance": 2.0}).replace(
+                {
+                    **SMALL,
+                    "elements": elements,
+                    "object_space.medium": {"index": float(rng.uniform(1, 1.4))},
+                    "aperture.distance": fap,
+                    "aperture.decentre": aside,
+                    "main_lens.focal_plane": place + float(rng.uniform(60, 300)),
+                }
+            )
+        except roslf.DesignError:
+            continue
+        if Camera.of(design).valid and float(Camera.of(design).gap) > 0:
+            made.append(design)
+    return made
+
+
+class Traced:
+    """Exact rays out of one camera: through an array point and a place of the FAP, by Newton's steps."""
+
+    def __init__(self, design):
+        self.camera = Camera.of(design)
+        self.faces = FacesAhead.of(self.camera, clip=False)
+        self.fap = design.aperture.distance
+
+    def rays(self, at, aim):
+        """Heights and slopes outside of rays from array points (2, N) to places (2, N) on the FAP, with a ruler."""
+        c, at, aim = self.camera, np.asarray(at, float), np.asarray(aim, float)
+        d_1, f = float(c.d_1), float(c.f)
+
+        def shot(slope):
+            height = at - slope * d_1
+            return self.faces.rays_at([self.fap], tuple(height), tuple(slope + height / f))
+
+        def on_fap(slope):
+            near = next(iter(shot(slope)))
+            return near.height - near.slope * self.fap
+
+        slope = np.zeros_like(at)
+        rate = (on_fap(slope + 1e-4) - on_fap(slope)) / 1e-4
+        for _ in range(4):
+            slope = slope - (on_fap(slope) - aim) / rate
+        assert np.abs(on_fap(slope) - aim).max() < 1e-9
+        *_, out = shot(slope)
+        assert (out.status == 0).all()
+        return out
+
+
+@pytest.fixture(scope="module")
+def sheets():
+    return [(design, Traced(design), specification(design)) for design in cameras(40)]
+
+
+def unit(slope):
+    """Directions away from the bore."""
+    ways = np.stack([-slope[0], -slope[1], np.ones_like(slope[0])])
+    return ways / np.linalg.norm(ways, axis=0)
+
+
+def degrees(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a.T, b.T), axis=1), (a * b).sum(0)))
+
+
+def test_every_line_is_what_exact_rays_say(sheets):
+    for design, traced, sheet in sheets:
+        camera, decentre = traced.camera, np.array(design.aperture.decentre)[:, None]
+        (x0, y0), (x1, y1) = (tuple(map(float, end)) for end in sensor_field(camera))
+        xm, ym = (x0 + x1) / 2, (y0 + y1) / 2
+        ends = np.array([[x0, x1, xm, xm, x0, x1, x0, x1, xm], [ym, ym, y0, y1, y0, y1, y1, y0, ym]])
+        out = traced.rays(ends, np.broadcast_to(decentre, ends.shape))
+        ways, tip = unit(out.slope), float(camera.tip)
+        angles = degrees(ways[:, 0:8:2], ways[:, 1:8:2])
+        told = sheet.field_of_view_deg[0]
+        assert told.from_ == "entrance pupil"
+        np.testing.assert_allclose([told.width, told.height], angles[:2], rtol=1e-3)
+        assert told.diagonal == pytest.approx(angles[2:].max(), rel=1e-3)
+        axis = degrees(ways[:, 8:], np.array([[0.0], [0.0], [1.0]]))[0]
+        assert sheet.direction_of_view_deg == pytest.approx(axis, abs=1e-3)
+        for told, field in zip(sheet.field_of_view_deg[1:], sheet.object_field, strict=True):
+            assert told.at_mm == field.at_mm
+            met = out.height - out.slope * (tip + field.at_mm)
+            seen = np.stack([met[0], met[1], np.full(9, field.at_mm)])
+            angles = degrees(seen[:, 0:8:2], seen[:, 1:8:2])
+            np.testing.assert_allclose([told.width, told.height], angles[:2], rtol=1e-3)
+            assert told.diagonal == pytest.approx(angles[2:].max(), rel=1e-3)
+            spans = np.linalg.norm(met[:, 1:8:2] - met[:, 0:8:2], axis=0)
+            np.testing.assert_allclose([field.width_mm, field.height_mm, field.diagonal_mm], spans[:3], rtol=1e-3)
+            scale = spans[0] / (x1 - x0)
+            assert field.magnification == pytest.approx(1 / scale, rel=1e-3)
+            assert field.object_sample_mm == pytest.approx(scale * design.d, rel=1e-3)
+            for row in sheet.resolution:
+                if row.at_mm == field.at_mm:
+                    assert row.fold_lp_per_mm == pytest.approx(0.5 / (scale * design.d), rel=1e-3)
+        corner = max(sheet.field, key=lambda point: point.x0_mm)
+        chief = traced.rays(np.array(corner.x_ml_mm)[:, None], decentre)
+        met = chief.height - chief.slope * (tip + sheet.working_distance_mm)
+        assert corner.x0_mm == pytest.approx(math.hypot(*met[:, 0]), rel=1e-3)
+        assert corner.angle_deg == pytest.approx(
+            degrees(unit(chief.slope), np.array([[0.0], [0.0], [1.0]]))[0], rel=1e-3
+        )
+        assert abs(corner.distortion_percent) < 1e-9
+        assert corner.relative_illumination == pytest.approx(1.0, abs=0.01)
+        parts = [20.0, 0.6 + 2 * math.hypot(*design.aperture.decentre), *(15.0 for _ in design.elements)]
+        parts += [math.hypot(*design.microlens_array.size), math.hypot(*design.sensor.size)]
+        assert sorted(part.diameter_mm for part in sheet.parts) == pytest.approx(sorted(parts))
+        assert sheet.outer_diameter_mm == pytest.approx(max(parts))
+        assert sheet.length_mm == pytest.approx(tip + design.d_1 + design.d_2)
+        assert sheet.pixels == design.pixels
+        assert sheet.views_across * design.q == pytest.approx(
+            design.d_2 * 2 * float(camera.fap.radius) / float(camera.A)
+        )
+
+
+def test_the_depth_of_field_ends_where_rays_a_pitch_apart_meet(sheets):
+    """From points half a pitch off the axis through opposite rims of the FAP, to where both meet the chief ray."""
+    for design, traced, sheet in sheets:
+        decentre, radius, half = np.array(design.aperture.decentre), design.D_F / 2, design.d / 2
+        tip = float(traced.camera.tip)
+        for end in sheet.depth_of_field_mm.refocused:
+            if not 0 < end < math.inf:
+                continue
+            gaps = []
+            for sign in (-1, 1):
+                at = np.array([[half, -half], [0.0, 0.0]])
+                aim = decentre[:, None] + np.array([[sign * radius, -sign * radius], [0.0, 0.0]])
+                out = traced.rays(at, aim)
+                met = out.height[0] - out.slope[0] * (tip + end)
+                gaps.append(abs(met[0] - met[1]))
+            # One of the two pairs meets there, to what spherical aberration leaves of the field's size.
+            assert min(gaps) < 2e-3 * max(gaps)
+
+
+def test_json_has_the_keys_of_the_contract(capsys):
+    code, out, _ = run(capsys, "evaluate", "paper", "--json")
+    sheet = json.loads(out)["specification"]
+    assert code == 0
+    keys = "field_of_view_deg direction_of_view_deg working_range_mm resolution depth_of_field_mm distortion "
+    keys += "relative_illumination outer_diameter_mm length_mm"
+    assert set(keys.split()) <= sheet.keys()
+    assert {"from", "width", "height", "diagonal", "at_mm"} == sheet["field_of_view_deg"][0].keys()
+    assert {"at_mm", "x0_mm", "mtf50_lp_per_mm", "mtf10_lp_per_mm"} <= sheet["resolution"][0].keys()
+    assert {"view", "refocused"} <= sheet["depth_of_field_mm"].keys()
+
+
+def test_a_field_without_light_and_a_plane_without_end():
+    dark = PAPER.replace({"stops": [{"diameter": 4.0, "distance": 40.0}]})
+    sheet = specification(dark)
+    assert sheet.to_dict()["resolution"][2]["mtf50_lp_per_mm"] is None
+    assert sheet.relative_illumination == 0
+    far = specification(roslf.load("cystoscope"))
+    assert far.to_dict()["depth_of_field_mm"]["refocused"][1] is None
+
+
+def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
+    """From the far rim of the corner's microlens image to the middle of its microlens."""
+    design = roslf.load("rigid-scope").replace({"sensor.acceptance": math.radians(10.0)})
+    camera = Camera.of(design)
+    images = MicrolensImages(camera, sensor_field(camera).corners[:1])
+    centre, radius = images.discs[0][0, 0, 0], images.discs[1][0, 0, 0]
+    steepest = math.degrees(math.atan((math.hypot(*centre) + radius) / design.d_2))
+    assert float(roslf.quantity("sensor_angle_deg")(camera)) == pytest.approx(steepest, rel=1e-9)
+    (told,) = [text for text in roslf.evaluate(design).warnings if "rays meet the sensor" in text]
+    assert f"{steepest:.3g} degrees" in told
+    assert f"{100 * (1 - 0.5 ** (steepest / 10) ** 2):.3g} %" in told
+    wide = roslf.load("paper").replace({"sensor.acceptance": math.radians(80.0)})
+    assert not any("rays meet the sensor" in text for text in roslf.evaluate(wide).warnings)
+    with pytest.raises(roslf.DesignError, match="between 0 and 90 degrees"):
+        design.replace({"sensor.acceptance": 0.0})

@@ -1,0 +1,204 @@
+"""Transfer of views and of the refocused image against sampled waves and slanted edges; depth of field against rays."""
+
+import math
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.effects.waves import footprint
+from roslf_design.imaging.camera import Region
+from roslf_design.imaging.points import PointSource, point_image
+from roslf_design.theory import light_field, resolution
+from roslf_design.theory.depth_of_field import depth_of_field, hyperfocal, pupil_part
+from roslf_design.theory.light import view_baseline
+from roslf_design.theory.quantities import QUANTITIES, image_rate
+from roslf_design.theory.resolution import FieldTransfer
+from roslf_design.theory.stop_images import MicrolensImages
+from tests.oracles import view_psf
+
+PAPER = roslf.load("paper")
+SHARES = np.array([0.1, 0.2, 0.3, 0.5, 0.8, 1.1])
+"""Frequencies, in periods a pitch."""
+
+
+def transfer_of(design, at=None, way=(1.0, 0.0)):
+    """On the axis; the view's pixel lies where its light's middle is. Frequencies are those on the array."""
+    camera = Camera.of(design)
+    images = MicrolensImages(camera, [(0.0, 0.0)])
+    (centres, radii), middle = images.discs, images.shapes.centroid[0, 0]
+    rate = float(image_rate(camera, at))
+    return FieldTransfer(camera, centres[0, 0], radii[0, 0], tuple(middle), rate, 1.0, 1.0, way)
+
+
+def opening(transfer):
+    """What stops leave of the microlens image."""
+
+    def lit(x, y):
+        return np.all(
+            [np.hypot(x - u, y - v) <= r for (u, v), r in zip(transfer.centres, transfer.radii, strict=False)], axis=0
+        )
+
+    return lit
+
+
+@pytest.mark.parametrize(
+    ("changes", "at", "tolerance"),
+    [
+        ({}, None, 4e-3),  # the sampled points end four pitches out
+        ({"microlens_array.focal_length": 2.4}, 190.0, 4e-3),
+        ({"stops": [{"diameter": 2.6, "distance": 110.0, "decentre": (0.9, 0.3)}]}, 215.0, 4e-3),
+        ({"microlens_array.lens_shape": "circular"}, None, 0.012),  # a square stands in for the disc
+    ],
+)
+def test_a_view_is_what_a_pixel_sees_of_points(changes, at, tolerance):
+    """Waves sampled on FAP, microlens and pixel, in focus and out, whole and cut, along x, along y and aslant."""
+    design = PAPER.replace(changes)
+    transfer, frequency = transfer_of(design, at), SHARES / design.d
+    places = np.arange(-32, 32) * design.d / 8
+    neighbours = 3 if design.microlens_array.lens_shape == "square" else 0
+    (spread,) = view_psf.responses(
+        design, transfer.rate, places, [transfer.middle], opening(transfer), neighbours=neighbours
+    )
+    for direction, axis in (("tangential", 0), ("sagittal", 1)):
+        truth = view_psf.line_transfer(spread, places, frequency, axis)
+        np.testing.assert_allclose(transfer(frequency, "view", direction), truth, atol=tolerance)
+    aslant = transfer_of(design, at, (0.8, 0.6))
+    wave = [np.exp(-2j * np.pi * np.outer(frequency * part, places)) for part in (0.8, 0.6)]
+    truth = np.abs(np.einsum("fx,yx,fy->f", wave[0], spread, wave[1])) / spread.sum()
+    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), truth, atol=tolerance)
+
+
+def test_the_slanted_edge_of_the_wave_image():
+    """One pixel of every microlens, points of the wave image added up to an edge: ISO 12233's way, within 2 %."""
+    transfer = transfer_of(PAPER)
+    places = np.arange(-32, 32) * PAPER.d / 8
+    (spread,) = view_psf.responses(PAPER, 0.0, places, [(0.0, 0.0)], opening(transfer), neighbours=3)
+    # The points are those of the wave image: the middle pixel of the middle microlens.
+    aside = [0, 3, 6, 10]
+    region, seen = Region(2299, 1539, 2, 2), []
+    for k in aside:
+        x = -places[32 + k] / 0.4
+        image = point_image(PointSource(Camera.of(PAPER), x, 0.0, 350.0), region, (PAPER.wavelength,), 0.05)
+        seen.append(float(image.sum()))
+    corners = [(a * PAPER.q / 2, b * PAPER.q / 2) for a in (-1, 1) for b in (-1, 1)]
+    four = view_psf.responses(PAPER, 0.0, places, corners, opening(transfer), nodes=2, neighbours=2).sum(0)[32]
+    told = np.array([four[32 + k] for k in aside])
+    np.testing.assert_allclose(np.array(seen) / seen[0], told / told[0], atol=0.01)  # 5 % of far tails left out
+    # An edge through many microlenses, ten to one: each sees the light of the points on one side.
+    line = spread.sum(0) / spread.sum()
+    u = np.arange(-12, 13)
+    distance = ((u[None, :] + u[:, None] / 10) * PAPER.d).ravel() / math.hypot(1, 0.1)
+    edge = np.interp(distance, places, np.cumsum(line) - line / 2)
+    step = PAPER.d / 8
+    bins = np.round(distance / step).astype(int)
+    kept = np.abs(bins) <= 60
+    middle = np.array([edge[kept][bins[kept] == k].mean() for k in range(-60, 61)])
+    fine = np.gradient(middle, step)
+    at = np.arange(-60, 61) * step
+    frequency = np.array([0.1, 0.2, 0.4, 0.6]) / PAPER.d
+    measured = np.abs(np.exp(-2j * np.pi * np.outer(frequency, at)) @ fine) * step
+    measured /= np.sinc(frequency * step) * np.sinc(2 * frequency * step)  # of bins and of differences
+    np.testing.assert_allclose(transfer(frequency, "view", "tangential"), measured, atol=0.02)
+
+
+@pytest.mark.parametrize(("f_ml", "at"), [(2.0, None), (2.4, 190.0)])
+def test_the_refocused_image_adds_up_moved_views(f_ml, at):
+    """All pixels about a microlens, each moved back; their tails' 1/n by Richardson's step."""
+    design = PAPER.replace({"sensor.pixel": 0.0145}, f_ml=f_ml)
+    transfer, frequency = transfer_of(design, at), SHARES[:4] / design.d
+    places = np.arange(-32, 32) * design.d / 8
+    reach = np.arange(-6, 7)
+    pixels = [(a * design.q, b * design.q) for b in reach for a in reach]
+    spreads = view_psf.responses(design, transfer.rate, places, pixels, opening(transfer), samples=48)
+
+    def total(n):
+        moved = 0.0
+        for (x, y), spread in zip(pixels, spreads, strict=False):
+            if max(abs(x), abs(y)) <= (n + 0.5) * design.q:
+                wave = np.exp(-2j * np.pi * np.outer(np.append(0.0, frequency), places + transfer.rate * x))
+                moved = moved + wave @ spread.sum(0)
+        return moved
+
+    truth = np.abs(2 * total(6) - total(3))
+    np.testing.assert_allclose(transfer(frequency, "refocused", "tangential"), truth[1:] / truth[0], atol=0.02)
+
+
+def test_limits_of_the_refocused_image():
+    """Rays leave the microlens's footprint; microlenses far finer than the spot leave the pupil's own diffraction."""
+    sharp = Camera.of(PAPER.replace(wavelength=1e-7))
+    assert float(resolution.axial_limit(sharp, 0.0, 0.5)) * 0.063 == pytest.approx(0.603355, rel=1e-4)
+    fine = Camera.of(PAPER.replace(d=1e-4, d_2=1e-3))
+    cutoff = 2.9 / (550e-6 * float(fine.A))
+    assert float(resolution.axial_limit(fine, 0.0, 0.5)) / cutoff == pytest.approx(0.403973, rel=1e-3)
+    disc = PAPER.replace({"microlens_array.lens_shape": "circular"}, wavelength=1e-7)
+    assert float(resolution.axial_limit(Camera.of(disc), 0.0, 0.5)) * 0.063 == pytest.approx(0.70510, rel=1e-3)
+    for at in (None, 200.0):
+        (half, tenth) = transfer_of(PAPER, at).limits([0.5, 0.1], "refocused", "sagittal")
+        scale = float(QUANTITIES["object_sample_mm"](Camera.of(PAPER), at)) / 0.063
+        assert half / scale == pytest.approx(float(QUANTITIES["mtf50_lp_per_mm"](Camera.of(PAPER), at)), rel=2e-3)
+        assert tenth / scale == pytest.approx(float(QUANTITIES["mtf10_lp_per_mm"](Camera.of(PAPER), at)), rel=2e-3)
+
+
+def test_a_dark_field_has_no_transfer():
+    cut = PAPER.replace({"stops": [{"diameter": 0.5, "distance": 110.0, "decentre": (5.0, 0.0)}]})
+    transfer = transfer_of(cut)
+    dark = FieldTransfer(
+        *(getattr(transfer, n) for n in ("camera", "centres", "radii")), None, 0.0, 1.0, 1.0, (1.0, 0.0)
+    )
+    assert np.isnan(dark([1.0], "view", "tangential")).all()
+    assert np.isnan(dark.limits([0.5], "refocused", "sagittal")).all()
+
+
+@pytest.mark.parametrize("name", ["paper", "rigid-scope", "arthroscope", "grin-needle", "video-otoscope"])
+def test_depth_of_field_ends_where_a_point_spreads_over_a_pitch(name):
+    """Rays from both ends of the part of the FAP, through what stands before the lens, to the array."""
+    camera = Camera.of(roslf.load(name))
+    for kind in ("refocused", "view"):
+        sharp, width = depth_of_field(camera, kind), float(pupil_part(camera, kind))
+        for end in sharp:
+            if not 0 < float(end) < math.inf:
+                continue
+            plane = camera.plane(float(end) + camera.tip)
+            slopes = []
+            for a in (-width / 2, width / 2):  # from the axis point of the plane through a place of the FAP
+                o = a / (float(plane.distance) - float(camera.d_3))
+                height = a + o * float(camera.d_3)
+                slopes.append(height + float(camera.d_1) * (o - height / float(camera.f)))
+            assert abs(slopes[1] - slopes[0]) == pytest.approx(float(camera.d), rel=1e-9)
+        nearest = float(hyperfocal(camera, kind))
+        if math.isfinite(nearest):
+            focus = nearest + float(camera.tip)
+            ends = [depth_of_field(camera.replace({"d_f": focus * s}), kind).far for s in (1 - 1e-6, 1 + 1e-6)]
+            assert math.isfinite(float(ends[0]))
+            assert math.isinf(float(ends[1]))
+
+
+def test_plenoptisign_where_the_models_agree():
+    """Its default camera: a plane refocused by a pixel's step, and where the outermost pixels' beams part about it.
+
+    A microlens's beam is as wide as `footprint` and its pixel's share of the pupil; PlenoptiSign's own test has
+    962.7459, 1110.0123 and 838.1359 mm, counted from the array.
+    """
+    f, exit_pupil, pixels = 193.2935, 111.0324, 13
+    z = f - exit_pupil  # behind the lens; focused at infinity
+    numbers = {"f": f, "d_f": 1e10, "d_3": f * z / (z - f), "d_2": 2.75, "f_ml": 2.75, "d": 0.125, "q": 0.009}
+    camera = Camera.of(roslf.load("paper"), {k: np.array(v) for k, v in numbers.items()})
+    across = float(view_baseline(camera))
+    depth = float(light_field.depth_of_slope(camera, -1.0))
+    from_array = float(camera.d_3) + f - 65.5563
+    assert depth + from_array == pytest.approx(962.7459, abs=1e-3)
+
+    def parted(at, sign):
+        """Room between the two beams at Z_F [mm on the object]."""
+        aside = (pixels - 1) * across * (at / depth - 1)
+        beam = footprint(camera, at + float(camera.d_3)) + across * abs(at / float(camera.gap) - 1)
+        return sign * aside - beam
+
+    for sign, told in ((1, 1110.0123), (-1, 838.1359)):
+        low, high = sorted((depth, told - from_array + sign * 40))
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if (parted(middle, sign) < 0) == (sign > 0) else (low, middle)
+        assert low + from_array == pytest.approx(told, abs=1e-2)
