@@ -302,11 +302,12 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     first, second = np.triu_indices(free.size, 1)
     ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
     offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
-    few = counts[member] < 2 * len(offsets)
+    least = len(offsets) // 2  # a cell's nodes are kept for the next many
+    few = counts[member] < least
     if few.any():
         alone = np.flatnonzero(few)
         found[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
-    for cell in np.flatnonzero(counts >= 2 * len(offsets)):
+    for cell in np.flatnonzero(counts >= least):
         mine = np.flatnonzero(member == cell)
         nodes = np.repeat(about[mine[:1]], len(offsets), axis=0)
         nodes[:, free] = (index[cell] + 0.5 + offsets) * CELL

@@ -273,14 +273,41 @@ def _several(
         steps[part.place] = name, width
         if width <= min(part.widths):
             del left[part.place]
-        if used <= 1 and (reached := builds.result(trials)).value >= target:
-            by_place = {part.place: part for part in parts}
-            cost = sum(by_place[place].extra(width) or 0.0 for place, (_, width) in steps.items())
-            if len(steps) == 1:
-                return None  # a single change, which is there already
-            listed = tuple((place, name, width) for place, (name, width) in steps.items())
-            return Change("several grades", listed, cost, reached), builds
+        if used <= 1 and builds.result(trials).value >= target:
+            return _pruned(builds, {part.place: part for part in parts}, steps, grades, target, trials)
     return None
+
+
+def _pruned(
+    builds: Builds,
+    parts: dict[str, Part],
+    steps: dict[str, tuple[str, float]],
+    grades: Grades,
+    target: float,
+    trials: int,
+) -> tuple[Change, Builds] | None:
+    """Steps that reach the target without what they can do without; None where a single one is left."""
+    for place in sorted(steps, key=lambda place: -(parts[place].extra(steps[place][1]) or 0.0)):
+        part, (_, least) = parts[place], steps[place]
+        between = [
+            (width, name)
+            for name, width in zip(grades.names, part.widths, strict=True)
+            if least < width < part.tolerance
+        ]
+        for width, name in [(part.tolerance, ""), *sorted(between, reverse=True)]:
+            other = builds.with_part(part, width)
+            if other.result(trials).value >= target:
+                builds = other
+                if name:
+                    steps[place] = name, width
+                else:
+                    del steps[place]
+                break
+    if len(steps) == 1:
+        return None  # a single change, which is there already
+    cost = sum(parts[place].extra(width) or 0.0 for place, (_, width) in steps.items())
+    listed = tuple((place, name, width) for place, (name, width) in steps.items())
+    return Change("several grades", listed, cost, builds.result(trials)), builds
 
 
 def _loosened(
