@@ -150,7 +150,7 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
     for index, p in enumerate(plan.draws.perturbations):
         base, _, axis = p.place.rpartition(".")
         if p.tolerance > 0:
-            rows.setdefault(base if axis in ("0", "1") else p.place, []).append(index)
+            rows.setdefault(base if axis.isdigit() else p.place, []).append(index)
     parts = []
     for place, members in rows.items():
         first = plan.draws.perturbations[members[0]]
@@ -315,9 +315,9 @@ def _loosened(
 ) -> tuple[tuple[Looser, ...], Builds]:
     """Parts to looser grades, those that matter least first, as long as the yield stays."""
     options = []
-    for part in parts:
+    for part in (part for part in parts if part.line is not None):
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
-        if part.line is not None and wider:
+        if wider:
             wider.sort(reverse=True)
             options.append(
                 (start.with_part(part, wider[0][0]).used(max(floor, 0.01), min(trials, STEPS_TRIALS)), part, wider)
