@@ -23,8 +23,8 @@ from .trials import measure_finally
 Array = NDArray[np.float64]
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
-STEPS_TRIALS = 2048
-"""Builds by which the next of several steps is chosen; what is told is measured on as many as a curve's points."""
+MOST_TRIALS, STEPS_TRIALS = 4096, 1024
+"""Builds that a change is measured on, and those by which the next of several steps is chosen."""
 HALVINGS = 12
 """Of a bisection for what suffices: to 1/4096 of the tolerance."""
 UNNOTICED = 0.002
@@ -176,7 +176,7 @@ def budget(
     scaled : (factor, yield), optional
         The common factor on all tolerances that reaches it.
     """
-    target, trials = study.yield_target, curve_trials(plan)
+    target, trials = study.yield_target, min(curve_trials(plan), MOST_TRIALS)
     parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
