@@ -26,7 +26,7 @@ REAL = (
 TILTED = "Parts are tilted; the data sheet is of the straight ones."
 
 
-class Line(NamedTuple):
+class SheetLine(NamedTuple):
     """A line of the data sheet."""
 
     subject: str
@@ -51,50 +51,50 @@ class Basis(NamedTuple):
     design: Design
 
 
-def lines(design: Design, sheet: Specification) -> Iterator[Line]:
+def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     """Every line, in the order of the page."""
     pupil, *tips = sheet.field_of_view_deg
     names = (("full (diagonal)", "diagonal", ""), ("horizontal", "width", "width_"), ("vertical", "height", "height_"))
     for words, key, part in names:
-        yield Line(
+        yield SheetLine(
             "Field of view", f"from the entrance pupil, {words}", getattr(pupil, key), "deg",
             "ISO 8600-3, method B: the FAP, as the scene sees it" if key == "diagonal" else "",
             f"field_of_view_{part}deg",
         )  # fmt: skip
     for words, key, part in names:
-        yield Line(
+        yield SheetLine(
             "Field of view", f"from the distal tip, {words}", getattr(tips[1], key), "deg",
             f"of what is seen {number(tips[1].at_mm or 0.0, 4)} mm ahead of it" if key == "diagonal" else "",
             f"tip_field_of_view_{part}deg",
         )  # fmt: skip
-    yield Line(
+    yield SheetLine(
         "Field of view", "direction of view", sheet.direction_of_view_deg, "deg", "0 is straight ahead",
         "direction_of_view_deg",
     )  # fmt: skip
     near, far = sheet.working_range_mm
-    yield Line(
+    yield SheetLine(
         "Distances", "working distance", sheet.working_distance_mm, "mm", "tip to focal plane", "working_distance_mm"
     )
     for name, ends, prefix, remark in (
         ("working range", (near, far), "view_", f"views sharp: {CRITERION}"),
         ("depth of field, refocused", sheet.depth_of_field_mm.refocused, "", f"at the focal plane; {CRITERION}"),
     ):
-        yield Line("Distances", f"{name}, near", ends[0], "mm", remark, f"{prefix}depth_of_field_near_mm")
-        yield Line("Distances", f"{name}, far", ends[1], "mm", "", f"{prefix}depth_of_field_far_mm")
+        yield SheetLine("Distances", f"{name}, near", ends[0], "mm", remark, f"{prefix}depth_of_field_near_mm")
+        yield SheetLine("Distances", f"{name}, far", ends[1], "mm", "", f"{prefix}depth_of_field_far_mm")
     for name, value, quantity in (
         ("hyperfocal distance", sheet.hyperfocal_mm, "hyperfocal_mm"),
         ("hyperfocal distance of a view", sheet.view_hyperfocal_mm, "view_hyperfocal_mm"),
     ):
         text = "none" if value is None else ""
-        yield Line("Distances", name, value, "mm", "nearest focus that is sharp to infinity", quantity, text)
+        yield SheetLine("Distances", name, value, "mm", "nearest focus that is sharp to infinity", quantity, text)
     for k, (field, where) in enumerate(zip(sheet.object_field, ("near", "focal plane", "far"), strict=True)):
         at = f"at {number(field.at_mm, 4)} mm ({where})"
         focal = k == 1
-        yield Line("Object field", f"width {at}", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm")
+        yield SheetLine("Object field", f"width {at}", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm")
         quantity = "object_magnification" if focal else ""
-        yield Line("Object field", f"magnification {at}", field.magnification, "", "array over object", quantity)
+        yield SheetLine("Object field", f"magnification {at}", field.magnification, "", "array over object", quantity)
         quantity = "object_sample_mm" if focal else ""
-        yield Line("Object field", f"object sample {at}", field.object_sample_mm, "mm", "one microlens", quantity)
+        yield SheetLine("Object field", f"object sample {at}", field.object_sample_mm, "mm", "one microlens", quantity)
     for row in sheet.resolution:
         focal = row.at_mm == sheet.working_distance_mm
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
@@ -108,30 +108,34 @@ def lines(design: Design, sheet: Specification) -> Iterator[Line]:
         folds = (
             f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)} lp/mm; folds beyond {number(row.fold_lp_per_mm, 4)} lp/mm"
         )
-        yield Line(
+        yield SheetLine(
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
             "mtf50_lp_per_mm" if own else "", dark,
         )  # fmt: skip
     corner = max(sheet.field, key=lambda point: point.x0_mm)
     at = f"at {number(corner.angle_deg, 4)} degrees off axis"
-    yield Line("Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped")
+    yield SheetLine("Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped")
     share = (
         corner.local_magnification / sheet.field[0].local_magnification if sheet.field[0].local_magnification else 0.0
     )
-    yield Line("Over the field", f"local magnification {at}", share, "", "against the middle, along the field's radius")
-    yield Line(
+    yield SheetLine(
+        "Over the field", f"local magnification {at}", share, "", "against the middle, along the field's radius"
+    )
+    yield SheetLine(
         "Over the field", f"relative illumination {at}", 100 * corner.relative_illumination, "%", "against the middle"
     )
     width, height = sheet.pixels
-    yield Line("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
+    yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
     views = f"pixels across a microlens image; {number(sheet.independent_views_across, 3)} of them independent"
-    yield Line("Sampling", "views across", sheet.views_across, "", views, "views_geometric")
+    yield SheetLine("Sampling", "views across", sheet.views_across, "", views, "views_geometric")
     across, up = sheet.object_samples
-    yield Line("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
-    yield Line("Body", "outer diameter", sheet.outer_diameter_mm, "mm", "of the narrowest tube", "outer_diameter_mm")
-    yield Line("Body", "length", sheet.length_mm, "mm", "tip to sensor", "total_length_mm")
+    yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
+    yield SheetLine(
+        "Body", "outer diameter", sheet.outer_diameter_mm, "mm", "of the narrowest tube", "outer_diameter_mm"
+    )
+    yield SheetLine("Body", "length", sheet.length_mm, "mm", "tip to sensor", "total_length_mm")
     parts = ", ".join(f"{part.name} {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
-    yield Line("Body", "parts", None, "", parts, text=str(len(sheet.parts)))
+    yield SheetLine("Body", "parts", None, "", parts, text=str(len(sheet.parts)))
 
 
 def scattered(result: StudyResult) -> dict[str, float]:
@@ -151,14 +155,14 @@ def basis(design: Design, result: StudyResult | None = None) -> Basis:
     return Basis(words, scattered(result), specification(design), design)
 
 
-def _value(line: Line) -> str:
+def _value(line: SheetLine) -> str:
     if line.text:
         return line.text
     assert line.value is not None
     return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
-def _spread(line: Line, found: Basis) -> str:
+def _spread(line: SheetLine, found: Basis) -> str:
     sigma = found.sigma.get(line.quantity)
     return "nominal" if sigma is None else f"± {number(SIGMAS * sigma, 2)}"
 
