@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..evaluation.specification import CRITERION, Specification, specification
 from ..pictures.resolution import mtf_curves, resolution_map
+from ..theory.quantities import QUANTITIES
 from ..words import number
 from .blocks import Block, Figure, Paragraph, Report, Section, Table
 
 if TYPE_CHECKING:
+    from ..calibration.lengths import LengthCovariance
     from ..design import Design
     from ..tolerancing.result import StudyResult
 
@@ -23,6 +25,7 @@ REAL = (
     "The main lens is real; the data sheet is of its thin twin: aberrations and the distortion of the lens stand in "
     "the report's section on it, and resolution is without them."
 )
+NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones."
 
 
@@ -41,14 +44,31 @@ class SheetLine(NamedTuple):
     """Instead of a number."""
 
 
+class Known(NamedTuple):
+    """What a calibration tells of one instrument, or will."""
+
+    words: str
+    """What it is, as "as planned"."""
+    design: Design
+    """That it knows the lengths of."""
+    covariance: LengthCovariance
+
+
 class Basis(NamedTuple):
     """What the lines' tolerances come from."""
 
-    words: str
+    sentences: tuple[str, ...]
     sigma: Mapping[str, float]
     """Standard deviation over builds, by quantity."""
+    calibrated: Mapping[str, float]
+    """Standard deviation that a calibration leaves, by quantity."""
     sheet: Specification
     design: Design
+
+    @property
+    def words(self) -> str:
+        """In sentences."""
+        return " ".join(self.sentences)
 
 
 def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
@@ -143,16 +163,37 @@ def scattered(result: StudyResult) -> dict[str, float]:
     return {c.label: c.deviation for c in result.final.distributions if math.isfinite(c.deviation)}
 
 
-def basis(design: Design, result: StudyResult | None = None) -> Basis:
-    """A design's sheet, with what a tolerance study knows of it."""
-    if result is None:
-        return Basis("Nominal values: no tolerance study is at hand.", {}, specification(design), design)
-    share, (low, high) = 100 * result.final.result.value, result.final.result.interval
-    words = (
-        f"Tolerances are two standard deviations over {result.plan.trials} builds of the study {result.plan.name}; "
-        f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). Lines without one are nominal."
+def basis(design: Design, result: StudyResult | None = None, calibration: Known | None = None) -> Basis:
+    """A design's sheet, with what a tolerance study and a calibration know of it."""
+    sheet, sentences = specification(design), []
+    if result is not None:
+        share, (low, high) = 100 * result.final.result.value, result.final.result.interval
+        sentences.append(
+            f"Tolerances are two standard deviations over {result.plan.trials} builds of the study {result.plan.name}; "
+            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %)."
+        )
+    if calibration is not None:
+        names = ", ".join(calibration.covariance.places)
+        sentences.append(
+            f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
+            f"each line's derivatives over {names}."
+        )
+    sentences.append("Lines without one are nominal." if sentences else NOMINAL)
+    return Basis(
+        tuple(sentences),
+        {} if result is None else scattered(result),
+        {} if calibration is None else uncertain(calibration, lines(design, sheet)),
+        sheet,
+        design,
     )
-    return Basis(words, scattered(result), specification(design), design)
+
+
+def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
+    """Standard deviation that a calibration leaves in the lines, by quantity, to first order."""
+    names = sorted({line.quantity for line in rows if line.quantity})
+    design, covariance = calibration.design, calibration.covariance
+    told = {name: float(covariance.carried(design, QUANTITIES[name])) for name in names}
+    return {name: sigma for name, sigma in told.items() if math.isfinite(sigma)}
 
 
 def _value(line: SheetLine) -> str:
@@ -162,24 +203,26 @@ def _value(line: SheetLine) -> str:
     return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
-def _spread(line: SheetLine, found: Basis) -> str:
-    sigma = found.sigma.get(line.quantity)
-    return "nominal" if sigma is None else f"± {number(SIGMAS * sigma, 2)}"
+def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
+    return "nominal" if line.quantity not in sigma else f"± {number(SIGMAS * sigma[line.quantity], 2)}"
 
 
 def datasheet_section(found: Basis) -> Section:
     """The page."""
-    tables: dict[str, list[tuple[str, str, str, str]]] = {}
+    spreads = [("± 2σ, builds", found.sigma), ("± 2σ, calibration", found.calibrated)]
+    spreads = [(heading, sigma) for heading, sigma in spreads if sigma] or [("tolerance", {})]
+    tables: dict[str, list[tuple[str, ...]]] = {}
     for line in lines(found.design, found.sheet):
         rows = tables.setdefault(line.subject, [])
-        rows.append((line.name, _value(line), _spread(line, found), line.remark))
-    widths, headings = (20, 9.5, 6.5, 0), ("", "value", "± 2σ" if found.sigma else "tolerance", "")
+        rows.append((line.name, _value(line), *(_spread(line, sigma) for _, sigma in spreads), line.remark))
+    widths = (20, 9.5, *(8.5 for _ in spreads), 0)
+    headings, align = ("", "value", *(heading for heading, _ in spreads), ""), f"ld{'l' * len(spreads)}l"
     blocks: list[Block] = [Paragraph(found.words)]
     if found.design.lens is not None:
         blocks.append(Paragraph(REAL))
     if not found.design.aligned:
         blocks.append(Paragraph(TILTED))
-    blocks += [Table(tuple(rows), "ldll", headings, title, widths=widths) for title, rows in tables.items()]
+    blocks += [Table(tuple(rows), align, headings, title, widths=widths) for title, rows in tables.items()]
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
@@ -211,6 +254,9 @@ def datasheet_json(found: Basis) -> dict[str, Any]:
             "text": _value(line),
             "unit": line.unit,
             "two_sigma": None if line.quantity not in found.sigma else SIGMAS * found.sigma[line.quantity],
+            "calibration_two_sigma": (
+                None if line.quantity not in found.calibrated else SIGMAS * found.calibrated[line.quantity]
+            ),
             "quantity": line.quantity or None,
             "remark": line.remark,
         }
@@ -223,7 +269,7 @@ def datasheet_json(found: Basis) -> dict[str, Any]:
 def datasheet_csv(found: Basis) -> str:
     """The lines as a table that spreadsheets read."""
     page = io.StringIO()
-    keys = ("subject", "name", "value", "unit", "two_sigma", "text", "remark")
+    keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
     writer = csv.DictWriter(page, keys, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(datasheet_json(found)["lines"])
