@@ -60,6 +60,8 @@ class Table:
     """Rows that matter less."""
     widths: tuple[float, ...] = ()
     """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
+    dense: bool = False
+    """Small and close on paper: of several that are to fit on one page."""
 
     def __post_init__(self) -> None:
         wrong = [row for row in (*self.rows, *filter(None, [self.headings])) if len(row) != len(self.align)]

@@ -17,7 +17,8 @@ from .blocks import Block, Figure, Paragraph, Report, Section, Table
 if TYPE_CHECKING:
     from ..calibration.lengths import LengthCovariance
     from ..design import Design
-    from ..tolerancing.result import StudyResult
+    from ..tolerancing.analyses import Variant
+    from ..tolerancing.study import TolerancePlan
 
 SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0
@@ -25,6 +26,8 @@ REAL = (
     "The main lens is real; the data sheet is of its thin twin: aberrations and the distortion of the lens stand in "
     "the report's section on it, and resolution is without them."
 )
+SHARP = f"Sharp: {CRITERION}."
+PARTS = "parts"
 NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones."
 
@@ -42,6 +45,19 @@ class SheetLine(NamedTuple):
     """The quantity that a tolerance study tells the scatter of."""
     text: str = ""
     """Instead of a number."""
+
+
+class AsBuilt(NamedTuple):
+    """What a tolerance study's builds tell."""
+
+    plan: TolerancePlan
+    final: Variant
+    """After adjustment, where anything is adjusted."""
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations, by quantity of the whole camera."""
+        return {c.label: c.deviation for c in self.final.distributions if math.isfinite(c.deviation)}
 
 
 class Known(NamedTuple):
@@ -96,8 +112,8 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         "Distances", "working distance", sheet.working_distance_mm, "mm", "tip to focal plane", "working_distance_mm"
     )
     for name, ends, prefix, remark in (
-        ("working range", (near, far), "view_", f"views sharp: {CRITERION}"),
-        ("depth of field, refocused", sheet.depth_of_field_mm.refocused, "", f"at the focal plane; {CRITERION}"),
+        ("working range", (near, far), "view_", "views sharp"),
+        ("depth of field, refocused", sheet.depth_of_field_mm.refocused, "", "sharp with the focal plane"),
     ):
         yield SheetLine("Distances", f"{name}, near", ends[0], "mm", remark, f"{prefix}depth_of_field_near_mm")
         yield SheetLine("Distances", f"{name}, far", ends[1], "mm", "", f"{prefix}depth_of_field_far_mm")
@@ -125,15 +141,13 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
         dark = "" if row.mtf50_lp_per_mm is not None else "dark"
         own = focal and centre and row.image == "refocused"
-        folds = (
-            f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)} lp/mm; folds beyond {number(row.fold_lp_per_mm, 4)} lp/mm"
-        )
+        folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
         yield SheetLine(
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
             "mtf50_lp_per_mm" if own else "", dark,
         )  # fmt: skip
     corner = max(sheet.field, key=lambda point: point.x0_mm)
-    at = f"at {number(corner.angle_deg, 4)} degrees off axis"
+    at = f"at {number(corner.angle_deg, 4)} deg off axis"
     yield SheetLine("Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped")
     share = (
         corner.local_magnification / sheet.field[0].local_magnification if sheet.field[0].local_magnification else 0.0
@@ -155,21 +169,16 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     )
     yield SheetLine("Body", "length", sheet.length_mm, "mm", "tip to sensor", "total_length_mm")
     parts = ", ".join(f"{part.name} {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
-    yield SheetLine("Body", "parts", None, "", parts, text=str(len(sheet.parts)))
+    yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
-def scattered(result: StudyResult) -> dict[str, float]:
-    """Standard deviation over a study's builds, by quantity of the whole camera."""
-    return {c.label: c.deviation for c in result.final.distributions if math.isfinite(c.deviation)}
-
-
-def basis(design: Design, result: StudyResult | None = None, calibration: Known | None = None) -> Basis:
+def basis(design: Design, built: AsBuilt | None = None, calibration: Known | None = None) -> Basis:
     """A design's sheet, with what a tolerance study and a calibration know of it."""
     sheet, sentences = specification(design), []
-    if result is not None:
-        share, (low, high) = 100 * result.final.result.value, result.final.result.interval
+    if built is not None:
+        share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
-            f"Tolerances are two standard deviations over {result.plan.trials} builds of the study {result.plan.name}; "
+            f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
             f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %)."
         )
     if calibration is not None:
@@ -181,7 +190,7 @@ def basis(design: Design, result: StudyResult | None = None, calibration: Known 
     sentences.append("Lines without one are nominal." if sentences else NOMINAL)
     return Basis(
         tuple(sentences),
-        {} if result is None else scattered(result),
+        {} if built is None else built.deviations,
         {} if calibration is None else uncertain(calibration, lines(design, sheet)),
         sheet,
         design,
@@ -203,26 +212,38 @@ def _value(line: SheetLine) -> str:
     return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
-def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
-    return "nominal" if line.quantity not in sigma else f"± {number(SIGMAS * sigma[line.quantity], 2)}"
+def _spread(line: SheetLine, sigma: Mapping[str, float], missing: str) -> str:
+    return missing if line.quantity not in sigma else f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.quantity], 2)}"
 
 
 def datasheet_section(found: Basis) -> Section:
     """The page."""
-    spreads = [("± 2σ, builds", found.sigma), ("± 2σ, calibration", found.calibrated)]
-    spreads = [(heading, sigma) for heading, sigma in spreads if sigma] or [("tolerance", {})]
+    columns = (("± 2σ, builds", found.sigma, "nominal"), ("± 2σ, calibrated", found.calibrated, "–"))
+    spreads = [column for column in columns if column[1]] or [("tolerance", {}, "nominal")]
     tables: dict[str, list[tuple[str, ...]]] = {}
+    captions = {"Distances": SHARP}
     for line in lines(found.design, found.sheet):
+        if line.name == PARTS:  # too long for a cell
+            captions[line.subject] = f"{line.text} parts: {line.remark}."
+            continue
         rows = tables.setdefault(line.subject, [])
-        rows.append((line.name, _value(line), *(_spread(line, sigma) for _, sigma in spreads), line.remark))
-    widths = (20, 9.5, *(8.5 for _ in spreads), 0)
-    headings, align = ("", "value", *(heading for heading, _ in spreads), ""), f"ld{'l' * len(spreads)}l"
+        told = (_spread(line, sigma, missing) for _, sigma, missing in spreads)
+        rows.append((line.name, _value(line), *told, line.remark))
+    widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
+    headings = ("", "value", *(heading for heading, *_ in spreads), "")
     blocks: list[Block] = [Paragraph(found.words)]
     if found.design.lens is not None:
         blocks.append(Paragraph(REAL))
     if not found.design.aligned:
         blocks.append(Paragraph(TILTED))
-    blocks += [Table(tuple(rows), align, headings, title, widths=widths) for title, rows in tables.items()]
+    for title, rows in tables.items():
+        first = title == next(iter(tables))
+        blocks.append(
+            Table(
+                tuple(rows), align, headings if first else (), title, captions.get(title, ""),
+                widths=widths, dense=True,
+            )
+        )  # fmt: skip
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "

@@ -130,6 +130,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
                 "align": list(block.align),
                 "faint": block.faint,
                 "widths": block.widths,
+                "dense": block.dense,
                 "rows": rows,
             }
             words = {"title": spans(block.title), "caption": spans(block.caption)}

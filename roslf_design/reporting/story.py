@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -25,12 +25,13 @@ from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.specification import specification
-from ..optimization.study import designs, run
+from ..optimization.study import Result, designs, run
 from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.analyses import summarise
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.result import StudyResult, analyse
-from ..tolerancing.run import run_trials
-from ..tolerancing.study import StrictTable, tolerance_plan
+from ..tolerancing.run import Tally, run_trials
+from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibration import (
@@ -42,16 +43,12 @@ from .calibration import (
     planned_lengths,
     read_calibration,
 )
-from .datasheet import Basis, Known, basis, datasheet_section, lines
+from .datasheet import AsBuilt, Basis, Known, basis, datasheet_section, lines
 from .design import design_report, making
 from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
 
-if TYPE_CHECKING:
-    from ..optimization.study import Result
-
 Tell = Callable[[str], None]
-Asked = Callable[[Mapping[str, Any], Design], Mapping[str, Any]]
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""
@@ -200,9 +197,29 @@ def run_tolerances(
     """
     seeded = data if seed is None else {**data, "seed": seed}
     plan, study, grades = tolerance_plan(seeded, design, folder, origin)
+    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
+
+
+def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> Tally:
     with tempfile.TemporaryDirectory() as scratch:
-        tally = run_trials(plan, Path(scratch), progress=progress)
-    return analyse(plan, study, grades, tally, budgets=budgets)
+        return run_trials(plan, Path(scratch), progress=progress)
+
+
+def builds_of_lines(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
+) -> AsBuilt:
+    """The trials of a tolerance study alone, with every line of the data sheet; arguments as of `run_tolerances`."""
+    design = tolerance_plan(data, design, folder, origin)[0].question.design
+    named = {line.quantity for line in lines(design, specification(design))} - {""}
+    known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
+    asked = {**data, "report": list(dict.fromkeys([*data.get("report", []), *known]))}
+    plan, *_ = tolerance_plan(asked if seed is None else {**asked, "seed": seed}, design, folder, origin)
+    return AsBuilt(plan, summarise(plan, _tally(plan, progress))[-1])
 
 
 def run_optimisation(
@@ -300,7 +317,7 @@ def study_report(
     else:
         tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        sheet = datasheet_section(basis(design, tolerances))
+        sheet = datasheet_section(basis(design, AsBuilt(tolerances.plan, tolerances.final)))
     findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
     return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
@@ -331,7 +348,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
             case StudyResult() as tolerances:
                 findings["tolerances"] = tolerance_finding(tolerances)
                 steps.append(f"Tolerances ({part.name}), of {design.name}.")
-            case result:
+            case Result() as result:
                 findings["optimisation"] = optimization_finding(result)
                 onwards = _chosen(part.take, design)
                 steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
@@ -345,7 +362,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
 class Walked(NamedTuple):
     """A part of a story that has run."""
 
-    outcome: Result | StudyResult | CalibrationPart | Calibrated
+    outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
     """What it found; of a plan what is asked for."""
     before: Design
     design: Design
@@ -355,13 +372,15 @@ class Walked(NamedTuple):
     take: str
 
 
-def _walked(story: Story, seed: int | None, progress: Tell, asked: Asked = lambda data, _: data) -> Iterator[Walked]:
-    """Run a story's parts, tolerance studies as `asked` makes them of what their files say and their design."""
+def _walked(
+    story: Story, seed: int | None, progress: Tell, tolerances: Callable[..., StudyResult | AsBuilt] = run_tolerances
+) -> Iterator[Walked]:
+    """Run a story's parts, tolerance studies by `tolerances`."""
     design = story.design
     for index, part in enumerate(story.table.parts):
         where, before = f"part {index + 1} of {len(story.table.parts)}", design
         file, data = story.folder / (part.file or ""), story.studies.get(index, {})
-        outcome: Result | StudyResult | CalibrationPart | Calibrated
+        outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
         if part.kind == "optimize":
             told = _prefixed(progress, f"{where}, optimisation")
             outcome = run_optimisation(data, design, file.parent, str(file), told, seed)
@@ -371,7 +390,7 @@ def _walked(story: Story, seed: int | None, progress: Tell, asked: Asked = lambd
             design = taken
         elif part.kind == "tolerance":
             counted = _counted(progress, f"{where}, tolerances")
-            outcome = run_tolerances(asked(data, design), design, file.parent, str(file), counted, seed)
+            outcome = tolerances(data, design, file.parent, str(file), counted, seed)
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
             plan = part.calibration
@@ -410,7 +429,7 @@ def datasheet_of(
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
         told = _counted(progress, "tolerances")
-        return basis(design, run_tolerances(_of_lines(data, design), None, path.parent, origin, told, seed), known)
+        return basis(design, builds_of_lines(data, None, path.parent, origin, told, seed), known)
     found = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(found, "best")
     if best is None:
@@ -419,33 +438,26 @@ def datasheet_of(
 
 
 def _story_sheet(story: Story, seed: int | None, progress: Tell) -> Basis:
-    parts = list(_walked(story, seed, progress, _of_lines))
+    parts = list(_walked(story, seed, progress, builds_of_lines))
     design = parts[-1].design
-    result: StudyResult | None = None
+    built: AsBuilt | None = None
     known: Known | None = None
     for index, part in enumerate(parts):
         if part.design != design:
             continue
         match part.outcome:
-            case StudyResult() as tolerances:
-                result = tolerances
+            case AsBuilt() as tolerances:
+                built = tolerances
             case CalibrationPart() as asked:
                 covariance = planned_lengths(design, asked)
                 known = None if covariance is None else Known("as planned", design, covariance)
             case Calibrated():
                 known = _known(story.folder / (story.table.parts[index].calibrated or ""), design)
-    return basis(design, result, known)
+    return basis(design, built, known)
 
 
 def _known(calibration: Path, named: Design) -> Known:
     return Known(f"as in {calibration.name}", *calibrated_camera(calibration, named))
-
-
-def _of_lines(data: Mapping[str, Any], design: Design) -> Mapping[str, Any]:
-    """A tolerance study that tells the scatter of every line of the data sheet."""
-    named = {line.quantity for line in lines(design, specification(design))} - {""}
-    known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
-    return {**data, "report": list(dict.fromkeys([*data.get("report", []), *known]))}
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
