@@ -66,6 +66,6 @@ def _written(found: Basis, kind: str, paper: Paper) -> bytes:
     if kind == ".json":
         return f"{json_text(datasheet_json(found))}\n".encode()
     if kind == ".csv":
-        return datasheet_csv(found).encode()
+        return datasheet_csv(found)
     page = datasheet_report(found)
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

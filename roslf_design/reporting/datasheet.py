@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..evaluation.specification import CRITERION, Specification, specification
 from ..pictures.resolution import mtf_curves, resolution_map
+from ..tables import csv_bytes
 from ..theory.quantities import QUANTITIES
 from ..words import number
 from .blocks import Block, Figure, Paragraph, Report, Section, Table
@@ -287,11 +286,7 @@ def datasheet_json(found: Basis) -> dict[str, Any]:
     return {**head, "lines": told, "specification": found.sheet.to_dict()}
 
 
-def datasheet_csv(found: Basis) -> str:
+def datasheet_csv(found: Basis) -> bytes:
     """The lines as a table that spreadsheets read."""
-    page = io.StringIO()
     keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
-    writer = csv.DictWriter(page, keys, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(datasheet_json(found)["lines"])
-    return page.getvalue()
+    return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(found)["lines"])])
