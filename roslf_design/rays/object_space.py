@@ -20,7 +20,6 @@ from ..camera import Camera, Number
 from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
 from ..design.environment import TEMPERATURE
-from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_table
 from ..lenses.tracer import (
@@ -28,12 +27,14 @@ from ..lenses.tracer import (
     CLIPPED,
     COLUMNS,
     LENGTH,
+    MAPPED,
     MISSED,
     REFLECTED,
     ROD,
     ROWS,
     SPHERE,
     THIN,
+    bend_mapped,
     pass_surfaces,
     pays,
 )
@@ -43,9 +44,6 @@ from .pupil import Status
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
-MAPPED = 21
-"""Kind of a row beside those of `lenses.tracer`: what a mapping makes of a ray that an ideal lens has just bent, with
-the way from there to the entrance pupil in the place of a rod's length."""
 FEW_RAYS = 400
 """Below which numpy takes all of them through upright flat faces faster than loops do one."""
 OPEN = 1e300
@@ -234,8 +232,8 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             faces = [(row, beyond, 1.0, back, name)]
             if k == chain.mapped:
                 reach = camera.pupil_seen_before(np.nextafter(z, np.inf)) - z
-                bent = _row(vertex, axes, radius, reach)
-                bent[..., KIND], bent[..., LENGTH] = MAPPED, reach
+                bent = _row(vertex, axes, float(law_of(camera)[0, 1]), reach)
+                bent[..., KIND], bent[..., LENGTH], bent[..., TURNED] = MAPPED, reach, 0.0
                 faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"], f"{name}, mapping"))
         elif isinstance(element, Grin):
             shown = [n[f"{part}.{name}"] for name in ("index", "gradient")]
@@ -349,20 +347,6 @@ def cross_flat(
     return x, y, z, mu * dx + bend * nx, mu * dy + bend * ny, mu * dz + bend * nz, 0
 
 
-@kernel()
-def bend_mapped(row: Any, law: Any, scene: float, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> Any:
-    """One ray on an objective's plane, bent by its first order, as its mapping has it; as for `cross_flat`."""
-    sx, sy = dx / dz, dy / dz
-    p = scene * sqrt(sx * sx + sy * sy)
-    if p > law[0, 1]:
-        return x, y, z, dx, dy, dz, CLIPPED
-    grown = stretch(law, p, scene)
-    x, y = x + (grown - 1.0) * sx * row[LENGTH], y + (grown - 1.0) * sy * row[LENGTH]
-    sx, sy = sx * grown, sy * grown
-    shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
-    return x, y, z, sx * shrink, sy * shrink, shrink, 0
-
-
 def _centre(numbers: Any, part: str, z: Number) -> Floats:
     return np.stack(np.broadcast_arrays(*_pair(numbers, f"{part}.decentre"), np.negative(z)), axis=-1)
 
@@ -380,7 +364,9 @@ def outwards(
         if int(row[KIND]) == SPHERE and row[3] == 0.0:
             x, y, z, dx, dy, dz, fate = cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
         elif int(row[KIND]) == MAPPED:
-            x, y, z, dx, dy, dz, fate = bend_mapped(row, law, media[s][0], x, y, z, dx, dy, dz)
+            x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
+            shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
+            dx, dy, dz, fate = sx * shrink, sy * shrink, shrink, CLIPPED if p > law[0, 1] else 0
         else:
             buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
             buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0
