@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 FOCAL = PATHS["f"]
 IMAGE = ".image"
+IN_FOCUS = 1e-10
+"""Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 STEEPEST = 1e15
 """Slope that is taken for infinite."""
 PHOTOMETRIC = (
@@ -538,8 +540,11 @@ class Camera(Symbols[Number]):
         if self.chain is None:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
-        scale = magnitude(plane.magnification)
-        return Rim(name, part, radius / scale, plane.distance, stands, scale, plane)
+        scale, distance = magnitude(plane.magnification), plane.distance
+        if part != "aperture":  # of a stop in an image of the focal plane no disc is left, but its limit
+            near = np.abs(distance - self.d_f) < IN_FOCUS * np.abs(self.d_f)
+            distance = np.where(near, self.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
+        return Rim(name, part, radius / scale, distance, stands, scale, plane)
 
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:

@@ -79,7 +79,11 @@ class Projected(NamedTuple):
         if isinstance(slant, float) and slant == 0.0:
             return Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
         # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
-        size = square / (1.0 - square * slant)
+        left = 1.0 - square * slant
+        if np.any(np.real(left) <= 0):  # it leans through an image of the plane in focus: as if upright
+            upright = np.where(np.real(left) <= 0, 0.0, 1.0)
+            ga, gb, left = times(ga, upright), times(gb, upright), np.where(np.real(left) <= 0, 1.0, left)
+        size = square / left
         vu, vv = plus(times(ja, ga), times(jb, gb)), plus(times(ka, ga), times(kb, gb))
         return Ellipse(
             bu - size * vu,
