@@ -114,9 +114,9 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        kinds, bent, turns = self.table[:, KIND], self.table[:, 3], self.table[:, TURNED]
-        if rays.shape[1] < FEW_RAYS and not (np.any(kinds != SPHERE) or np.any(bent) or np.any(turns)):
-            self._upright(rays, out, status)
+        if rays.shape[1] < FEW_RAYS and self._all_upright:
+            for _ in self._upright(rays, out, status, ()):
+                pass
         # Angles from sines come out of numpy and of the compiler a bit apart.
         elif len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
             carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
@@ -127,15 +127,29 @@ class FacesAhead:
         found = out.reshape(4, *shape)
         return Outside(found[:2], found[2:], status.reshape(shape))
 
-    def _upright(self, rays: Floats, out: Floats, status: NDArray[np.uint8]) -> None:
-        """As `carry`, to the same bits, of few rays through flat faces that nothing turns."""
+    @property
+    def _all_upright(self) -> bool:
+        """Whether all faces are flat and nothing turns them."""
+        kinds, bent, turns = self.table[:, KIND], self.table[:, 3], self.table[:, TURNED]
+        return not (np.any(kinds != SPHERE) or np.any(bent) or np.any(turns))
+
+    def _upright(
+        self, rays: Floats, out: Floats, status: NDArray[np.uint8], distances: Sequence[float]
+    ) -> Iterator[None]:
+        """As `carry`, to the same bits, of few rays through upright flat faces; stops at growing distances."""
         finite = np.abs(rays[0]) + np.abs(rays[1]) + np.abs(rays[2]) + np.abs(rays[3]) < OPEN
         x, y, sx, sy = np.where(finite, rays, 0.0)
         status[~finite] = UNTRACEABLE
         shrink = -1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
         dx, dy, dz, z = sx * shrink, sy * shrink, shrink, 0.0
         faces = zip(self.table.tolist(), self.media.tolist(), self.takers.tolist(), strict=True)
+        left = list(distances)
         for row, (scene, sensor), taker in faces:
+            while left and not -row[2] < left[0]:
+                sx, sy = dx / dz, dy / dz
+                out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
+                left.pop(0)
+                yield
             t = (row[2] - z) / dz
             x, y, z = x + t * dx, y + t * dy, row[2]
             px, py = x - row[0], y - row[1]
@@ -151,6 +165,8 @@ class FacesAhead:
                 dz = -np.sqrt(square)
         sx, sy = dx / dz, dy / dz
         out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
+        for _ in (*left, math.inf):
+            yield
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
@@ -160,6 +176,13 @@ class FacesAhead:
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
         lost from where it is lost on.
         """
+        if np.size(height[0]) < FEW_RAYS and self._all_upright:
+            lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
+            out, status = np.zeros((4, lines[0].size)), np.zeros(lines[0].size, np.uint8)
+            for _ in self._upright(lines.reshape(4, -1), out, status, distances):
+                there = out.reshape(lines.shape).copy()
+                yield Outside(there[:2], there[2:], status.reshape(lines.shape[1:]).copy())
+            return
         lost, first, rest = np.zeros((), np.uint8), 0, self._some(0, len(self.table))
         for distance in (*distances, math.inf):
             nearer = -rest.table[:, 2] < distance
