@@ -45,8 +45,8 @@ SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
 THIN, ROD, MAPPED = 11, 12, 13
 """Rows beside surfaces: an ideal lens, 1/f in place of the curvature; a rod from its sensor's side, with n_0 and g in
 the places of curvature and conic, and its length in that of the first aspheric term; what a mapping makes of rays that
-an ideal lens beside it has bent, with the way from there to the entrance pupil in the place of a rod's length, and the
-square of the largest p in that of the semi-diameter's."""
+an ideal lens beside it has bent, with its focal length in the place of the conic, the way to the entrance pupil in that
+of a rod's length, and the largest height that it images, f p, in that of the semi-diameter."""
 COLUMNS = 34
 """Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound,
 irregularity (7), one over its normalising radius."""
@@ -130,6 +130,12 @@ class SurfaceStack(NamedTuple):
     """`COLUMNS` numbers a surface, then those of a mapping's law if there is one, (T, S * COLUMNS + L)."""
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
+
+    @property
+    def radii(self) -> Array:
+        """Semi-diameters, (T, S) [mm]."""
+        count = int(self.media.shape[1]) - 1
+        return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(-1, count, COLUMNS)[:, :, 5]))
 
     def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
         """Trace rays.
@@ -524,7 +530,7 @@ def meet_mapped(
     buffer: Any, squares: Any, m: int, table: Any, first: int, end: int, limit: float, index: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
-    """Bend a block as a mapping does whose law stands behind the surfaces; `squares` gets p^2."""
+    """Bend a block as a mapping does whose law stands behind the surfaces; `squares` gets (f p)^2."""
     law = table[end:].reshape(-1, LAW_COLUMNS)
     for i in range(m):
         if buffer[6 * BLOCK + i] != 0.0:
@@ -534,7 +540,7 @@ def meet_mapped(
         sx, sy = buffer[3 * BLOCK + i] * shrink, buffer[4 * BLOCK + i] * shrink
         x, y = buffer[i] + (z - buffer[2 * BLOCK + i]) * sx, buffer[BLOCK + i] + (z - buffer[2 * BLOCK + i]) * sy
         x, y, sx, sy, p = bend_mapped(law, table[first + LENGTH], index, s > 0.0, x, y, sx, sy)
-        squares[i] = p * p
+        squares[i] = (table[first + 4] * p) ** 2
         if squares[i] > limit:
             buffer[6 * BLOCK + i] = code + CLIPPED
             continue

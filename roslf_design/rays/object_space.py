@@ -255,8 +255,9 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             faces = [(row, beyond, 1.0, back, name)]
             if k == chain.mapped:
                 reach = camera.pupil_seen_before(np.nextafter(z, np.inf)) - z
-                bent = _row(vertex, axes, float(law_of(camera)[0, 1]), reach)
-                bent[..., KIND], bent[..., LENGTH], bent[..., TURNED] = MAPPED, reach, 0.0
+                image = np.abs(focal_length)
+                bent = _row(vertex, axes, image * float(law_of(camera)[0, 1]), reach)
+                bent[..., KIND], bent[..., LENGTH], bent[..., TURNED], bent[..., 4] = MAPPED, reach, 0.0, image
                 faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"], f"{name}, mapping"))
         elif isinstance(element, Grin):
             shown = [n[f"{part}.{name}"] for name in ("index", "gradient")]

@@ -7,6 +7,8 @@ from numpy.testing import assert_allclose
 
 import roslf_design as roslf
 from roslf_design.lenses.tracer import KEPT
+from roslf_design.tolerancing.metrics import Question, builds_of
+from roslf_design.tolerancing.traced import check_traced
 from roslf_design.traced.camera import camera_of, sensor_of_pupil, views
 from roslf_design.traced.images import field_map, real_field
 
@@ -89,3 +91,20 @@ def test_beyond_the_end_of_the_mapping_images_are_dark():
     assert camera.describe(int(views(camera, FIELDS[-1], p).state)) == "clipped at lens 1, mapping"
     told = roslf.evaluate(design).to_dict()
     assert told["real_lens"]["fields"][-1]["status"] == "dark"
+
+
+@pytest.mark.parametrize("fap", [158.0, 166.0])
+def test_builds_are_the_cameras_traced_one_at_a_time(fap):
+    """Image centres, diameters and kept fractions; room that is the lens's, or the mapping's own end in its image."""
+    short = {key: values[:9] for key, values in MAPPINGS["a table"].items()}  # to 15 degrees, 1.29 mm of 5
+    design = scope(short, fap=fap)
+    question = Question(design, ("centre_error_px", "image_diameter_px"), ((1.0, 0.0),), design.d_f)
+    values = {"elements.0.focal_length": np.array([5.0, 5.01]), "main_lens.decentre.0": np.array([0.05, 0.0])}
+    builds, valid = builds_of(question, values, 2)
+    assert valid.all()
+    check = check_traced(design, builds, values)
+    assert check.builds == 2
+    assert check.largest["image_centre_px"] < 1e-6
+    assert check.largest["image_diameter_share"] < 1e-6
+    assert check.largest["kept_fraction"] < 1e-3  # what polynomials over the FAP leave where its light is cut
+    assert np.all((np.asarray(builds.room) > 0) & (np.asarray(builds.room) < 1.3))
