@@ -135,7 +135,7 @@ class SurfaceStack(NamedTuple):
     def radii(self) -> Array:
         """Semi-diameters, (T, S) [mm]."""
         count = int(self.media.shape[1]) - 1
-        return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(-1, count, COLUMNS)[:, :, 5]))
+        return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(len(self.table), count, COLUMNS)[:, :, 5]))
 
     def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
         """Trace rays.
