@@ -97,7 +97,7 @@ def test_beyond_the_end_of_the_mapping_images_are_dark():
 def test_builds_are_the_cameras_traced_one_at_a_time(fap):
     """Image centres, diameters and kept fractions; room that is the lens's, or the mapping's own end in its image."""
     short = {key: values[:9] for key, values in MAPPINGS["a table"].items()}  # to 15 degrees, 1.29 mm of 5
-    design = scope(short, fap=fap)
+    design = scope(short, fap=fap, **{"aperture.diameter": 0.02})
     question = Question(design, ("centre_error_px", "image_diameter_px"), ((1.0, 0.0),), design.d_f)
     values = {"elements.0.focal_length": np.array([5.0, 5.01]), "main_lens.decentre.0": np.array([0.05, 0.0])}
     builds, valid = builds_of(question, values, 2)
