@@ -43,6 +43,7 @@ WORDS = {
     "sigma_z_at_field_mm": "depth spread σ_Z at the field",
     "sigma_disparity_pitches": "disparity error",
     "pixel_electrons": "electrons a pixel",
+    "sensor_angle_deg": "steepest ray at the sensor",
     "blur_pitches": "defocus blur",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",

@@ -28,7 +28,16 @@ if TYPE_CHECKING:
 
 KINDS = (".png", ".svg", ".csv", ".parquet")
 POINTS, ACROSS, MOST = 101, 61, 1_000_000
-DIMENSIONS = {"mm": "length", "rad": "angle"}
+DIMENSIONS = {
+    "mm": "length",
+    "rad": "angle",
+    "/mm": "gradient",
+    "lx": "illuminance",
+    "W/m2/sr": "radiance",
+    "s": "time",
+}
+"""Of base units, as `parse_quantity` calls them; what has none is a plain number."""
+NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
 def sweep(
@@ -99,18 +108,18 @@ def sweep(
 def _span(text: str, count: int) -> tuple[str, Array]:
     """Read "aperture.distance=0..150 mm"."""
     place, found, span = text.partition("=")
-    match = re.fullmatch(r"\s*(\S+?)\s*\.\.\s*(\S+?)\s*([^\d\s.].*)?", span)
+    match = re.fullmatch(rf"\s*({NUMBER})\s*\.\.\s*({NUMBER})\s*(.*)", span)
     if not found or match is None:
         raise refusal("--set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
-    place, unit = place.strip(), (match[3] or "").strip()
+    place, unit = place.strip(), match[3].strip()
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
-    ends = []
-    for end in match.groups()[:2]:
-        try:
-            own = f"{end} {unit}".strip() if re.fullmatch(r"[-+.\deE]+", end) else end
-            ends.append(float(own) if dimension is None else parse_quantity(own, dimension))
-        except ValueError as error:
-            raise refusal("--set", f"{place}: {error}") from None
+    if dimension is None and unit:
+        raise refusal("--set", f"{place} is a plain number; leave out {unit}")
+    try:
+        ends = [float(end) if dimension is None else parse_quantity(f"{end} {unit}".strip(), dimension)
+                for end in match.groups()[:2]]  # fmt: skip
+    except ValueError as error:
+        raise refusal("--set", f"{place}: {error}") from None
     return place, np.linspace(ends[0], ends[1], count)
 
 

@@ -7,6 +7,7 @@ z by t_x about x, then by t_y about y.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
@@ -160,6 +161,16 @@ class Sensor(Part):
     """Rms [electrons]."""
     bits: Annotated[int, Field(ge=1, le=24)] = 12
     """Of the digitised full well."""
+    acceptance: Angle | None = None
+    """Angle of a ray to the sensor's normal, in air, at which a pixel takes half of the light, by its maker's figures
+    [rad]; None where nothing is known."""
+
+    @field_validator("acceptance", mode="after")
+    @classmethod
+    def _slanting(cls, value: float | None) -> float | None:
+        if value is not None and not 0 < value < math.pi / 2:
+            raise ValueError("a pixel takes half of the light at an angle between 0 and 90 degrees; give one")
+        return value
 
     @model_validator(mode="before")
     @classmethod

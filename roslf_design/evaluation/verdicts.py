@@ -15,6 +15,8 @@ from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched
+from ..theory.photometry import accepted
+from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_discs
 from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
@@ -27,6 +29,8 @@ OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 ROUNDING = 1e-9
 """Relative difference of widths that is none."""
+TAKEN_LOSS = 0.01
+"""Share of light lost to slanting rays from which it is told."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -204,11 +208,20 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
         if silent := not_named(design):
             yield (
-                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as they are at "
-                f"{environment.reference:g} degC: name their materials (housing in [environment], material of parts)"
+                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as the file has them: "
+                "name their materials (housing in [environment], material of parts)"
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
+    if design.sensor.acceptance is not None:
+        steepest = float(QUANTITIES["sensor_angle_deg"](Camera.of(design)))
+        lost = 1 - float(accepted(math.radians(steepest), design.sensor.acceptance))
+        if lost > TAKEN_LOSS:
+            yield (
+                f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
+                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); "
+                "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
+            )
     half_x, half_y = (size / 2 for size in array.size)
     for field in fields:
         x, y = field.x_ml_mm

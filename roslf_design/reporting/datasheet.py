@@ -67,7 +67,10 @@ def lines(design: Design, sheet: Specification) -> Iterator[Line]:
             f"of what is seen {number(tips[1].at_mm or 0.0, 4)} mm ahead of it" if key == "diagonal" else "",
             f"tip_field_of_view_{part}deg",
         )  # fmt: skip
-    yield Line("Field of view", "direction of view", sheet.direction_of_view_deg, "deg", "0 is straight ahead")
+    yield Line(
+        "Field of view", "direction of view", sheet.direction_of_view_deg, "deg", "0 is straight ahead",
+        "direction_of_view_deg",
+    )  # fmt: skip
     near, far = sheet.working_range_mm
     yield Line(
         "Distances", "working distance", sheet.working_distance_mm, "mm", "tip to focal plane", "working_distance_mm"
@@ -157,7 +160,7 @@ def _value(line: Line) -> str:
 
 def _spread(line: Line, found: Basis) -> str:
     sigma = found.sigma.get(line.quantity)
-    return "nominal" if sigma is None else f"± {number(SIGMAS * sigma, 2)} {line.unit}".strip()
+    return "nominal" if sigma is None else f"± {number(SIGMAS * sigma, 2)}"
 
 
 def datasheet_section(found: Basis) -> Section:
@@ -166,13 +169,13 @@ def datasheet_section(found: Basis) -> Section:
     for line in lines(found.design, found.sheet):
         rows = tables.setdefault(line.subject, [])
         rows.append((line.name, _value(line), _spread(line, found), line.remark))
-    widths = (20, 9.5, 6.5, 0)
+    widths, headings = (20, 9.5, 6.5, 0), ("", "value", "± 2σ" if found.sigma else "tolerance", "")
     blocks: list[Block] = [Paragraph(found.words)]
     if found.design.lens is not None:
         blocks.append(Paragraph(REAL))
     if not found.design.aligned:
         blocks.append(Paragraph(TILTED))
-    blocks += [Table(tuple(rows), "ldll", title=title, widths=widths) for title, rows in tables.items()]
+    blocks += [Table(tuple(rows), "ldll", headings, title, widths=widths) for title, rows in tables.items()]
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "

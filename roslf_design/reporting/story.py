@@ -183,16 +183,18 @@ def run_tolerances(
     origin: str = "",
     progress: Callable[[int, int], None] | None = None,
     seed: int | None = None,
+    budgets: bool = True,
 ) -> StudyResult:
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
-    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's.
+    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
+    reaches the wanted yield, too.
     """
     seeded = data if seed is None else {**data, "seed": seed}
     plan, study, grades = tolerance_plan(seeded, design, folder, origin)
     with tempfile.TemporaryDirectory() as scratch:
         tally = run_trials(plan, Path(scratch), progress=progress)
-    return analyse(plan, study, grades, tally)
+    return analyse(plan, study, grades, tally, budgets=budgets)
 
 
 def run_optimisation(
@@ -215,7 +217,8 @@ def quick_tolerances(
     design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
 ) -> StudyResult:
     """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
-    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress)
+    # What nobody asked for needs no budget.
+    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress, budgets=False)
 
 
 def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:

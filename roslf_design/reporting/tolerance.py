@@ -263,9 +263,10 @@ def _budget(result: StudyResult, found: Budget) -> Iterator[Table]:
             ("change", "l", lambda change: change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
             ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+            ("of builds", "r", lambda change: f"{change.result.trials:,}"),
         )
         caption = (
-            f"What reaches {100 * found.target:.4g} %, cheapest first, of {found.changes[0].result.trials:,} builds. "
+            f"What reaches {100 * found.target:.4g} %, cheapest first. "
             "Cost: more than now, in the unit of the grades' file; a tolerance between two grades by its logarithm."
         )
         yield Table.of(found.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)

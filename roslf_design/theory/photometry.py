@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from .._arrays import Array, product, ratio
-from ..camera import Camera
+from .._arrays import Array, magnitude, product, ratio
+from ..camera import Camera, Number
+from .exit_pupil import microlens_image_diameter
 
 PLANCK = 6.62607015e-34
 """[J s]; exact by the SI."""
@@ -19,6 +20,24 @@ LONGEST_EXPOSURE = 1 / 60
 """Where none is given [s]: a frame of video."""
 LARGEST_FILL = 0.5
 """Part of the full well that the scene's mean fills at most where no exposure is given."""
+
+
+def sensor_slope(c: Camera, radius: Number) -> Array:
+    """Tangent of the steepest ray's angle at the sensor, from the middle of a microlens to its image's far rim.
+
+    Parameters
+    ----------
+    c : Camera
+    radius : float or ndarray
+        Of the microlens from the main lens's axis [mm].
+    """
+    steep = np.abs(product(radius, c.vergence)) + ratio(microlens_image_diameter(c), 2 * c.d_2)
+    return np.asarray(magnitude(steep) / c["sensor.relay_magnification"])
+
+
+def accepted(angle: Number, half: Number) -> Array:
+    """Share of its light that a pixel takes at an angle, half of it at the angle `half` [both rad]: a Gaussian."""
+    return np.asarray(2.0 ** -np.square(np.divide(angle, half)))
 
 
 def radiance(c: Camera) -> Array:

@@ -545,6 +545,14 @@ register(
         monotone=False,
     ),
     Quantity(
+        "sensor_angle_deg",
+        "deg",
+        "angle to the sensor's normal of the steepest ray through a microlens's middle, at the field's corner",
+        **_over_field(lambda c, _, field: np.rad2deg(np.arctan(photometry.sensor_slope(c, field.radius)))),
+        monotone=False,
+        numeric=True,
+    ),
+    Quantity(
         "blur_pitches",
         "pitches",
         "spread over the array of a point at a distance ahead of the tip",

@@ -23,8 +23,8 @@ from .trials import measure_finally
 Array = NDArray[np.float64]
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
-STEPS_TRIALS = 2048
-"""Builds by which the next of several steps is chosen; what is told is measured on as many as a curve's points."""
+MOST_TRIALS, STEPS_TRIALS = 4096, 1024
+"""Builds that a change is measured on, and those by which the next of several steps is chosen."""
 HALVINGS = 12
 """Of a bisection for what suffices: to 1/4096 of the tolerance."""
 UNNOTICED = 0.002
@@ -150,7 +150,7 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
     for index, p in enumerate(plan.draws.perturbations):
         base, _, axis = p.place.rpartition(".")
         if p.tolerance > 0:
-            rows.setdefault(base if axis in ("0", "1") else p.place, []).append(index)
+            rows.setdefault(base if axis.isdigit() else p.place, []).append(index)
     parts = []
     for place, members in rows.items():
         first = plan.draws.perturbations[members[0]]
@@ -176,7 +176,7 @@ def budget(
     scaled : (factor, yield), optional
         The common factor on all tolerances that reaches it.
     """
-    target, trials = study.yield_target, curve_trials(plan)
+    target, trials = study.yield_target, min(curve_trials(plan), MOST_TRIALS)
     parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
@@ -273,14 +273,41 @@ def _several(
         steps[part.place] = name, width
         if width <= min(part.widths):
             del left[part.place]
-        if used <= 1 and (reached := builds.result(trials)).value >= target:
-            by_place = {part.place: part for part in parts}
-            cost = sum(by_place[place].extra(width) or 0.0 for place, (_, width) in steps.items())
-            if len(steps) == 1:
-                return None  # a single change, which is there already
-            listed = tuple((place, name, width) for place, (name, width) in steps.items())
-            return Change("several grades", listed, cost, reached), builds
+        if used <= 1 and builds.result(trials).value >= target:
+            return _pruned(builds, {part.place: part for part in parts}, steps, grades, target, trials)
     return None
+
+
+def _pruned(
+    builds: Builds,
+    parts: dict[str, Part],
+    steps: dict[str, tuple[str, float]],
+    grades: Grades,
+    target: float,
+    trials: int,
+) -> tuple[Change, Builds] | None:
+    """Steps that reach the target without what they can do without; None where a single one is left."""
+    for place in sorted(steps, key=lambda place: -(parts[place].extra(steps[place][1]) or 0.0)):
+        part, (_, least) = parts[place], steps[place]
+        between = [
+            (width, name)
+            for name, width in zip(grades.names, part.widths, strict=True)
+            if least < width < part.tolerance
+        ]
+        for width, name in [(part.tolerance, ""), *sorted(between, reverse=True)]:
+            other = builds.with_part(part, width)
+            if other.result(trials).value >= target:
+                builds = other
+                if name:
+                    steps[place] = name, width
+                else:
+                    del steps[place]
+                break
+    if len(steps) == 1:
+        return None  # a single change, which is there already
+    cost = sum(parts[place].extra(width) or 0.0 for place, (_, width) in steps.items())
+    listed = tuple((place, name, width) for place, (name, width) in steps.items())
+    return Change("several grades", listed, cost, builds.result(trials)), builds
 
 
 def _loosened(
@@ -288,9 +315,9 @@ def _loosened(
 ) -> tuple[tuple[Looser, ...], Builds]:
     """Parts to looser grades, those that matter least first, as long as the yield stays."""
     options = []
-    for part in parts:
+    for part in (part for part in parts if part.line is not None):
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
-        if part.line is not None and wider:
+        if wider:
             wider.sort(reverse=True)
             options.append(
                 (start.with_part(part, wider[0][0]).used(max(floor, 0.01), min(trials, STEPS_TRIALS)), part, wider)

@@ -18,10 +18,11 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from typing import Any
 
+import distributed
 import numpy as np
 import tomli_w
-from distributed import Client, LocalCluster
 
 from roslf_design.tolerancing.run import run_chunk
 from roslf_design.tolerancing.study import load_plan
@@ -57,10 +58,11 @@ def run(folder: Path, study: Path, trials: int, workers: int) -> dict[str, objec
     plan, _, _ = load_plan(study, trials=trials)
     memory: dict[str, list[float]] = {"worker": [], "driver": []}
     started, spent = time.perf_counter(), 0.0
-    local = LocalCluster(
+    dask: Any = distributed
+    local = dask.LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
     )
-    with local as cluster, Client(cluster, set_as_default=False) as client:
+    with local as cluster, dask.Client(cluster, set_as_default=False) as client:
         command += ["--scheduler", cluster.scheduler_address]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         killed: list[str] = []

@@ -57,6 +57,7 @@ def test_a_page_of_one_design(tmp_path, capsys):
         (("datasheet", "studies/story-otoscope/story.toml", "-o", "x.pdf"), "a story carries several designs"),
         (("sweep", "paper", "--set", "d_3=0..9", "--quantity", "fill_factor"), "no unit"),
         (("sweep", "paper", "--set", "d_3", "--quantity", "fill_factor"), "PLACE=FROM..TO UNIT"),
+        (("sweep", "paper", "--set", "depth.contrast=0.1..0.2 mm", "--quantity", "sigma_z_mm"), "plain number"),
         (("sweep", "paper", "--set", "d_9=0..9 mm", "--quantity", "fill_factor"), "is not a number of this design"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fil_factor"), "did you mean 'fill_factor'"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "kept_fraction"), "belongs to a field"),
@@ -94,6 +95,15 @@ def test_a_sweep_is_its_single_cameras(tmp_path, capsys):
     picture = (tmp_path / "s.svg").read_text()
     assert "no camera" in picture
     assert "fill factor" in picture
+
+
+def test_a_sweep_in_other_units(tmp_path, capsys):
+    arguments = ("sweep", "paper", "--set", "light.illuminance=1e4..1e5 lx", "--quantity", "pixel_electrons")
+    code, _, _ = run(capsys, *arguments, "--points", "2", "-o", tmp_path / "s.csv")
+    rows = list(csv.reader((tmp_path / "s.csv").read_text().splitlines()))
+    assert code == 0
+    assert rows[0] == ["light.illuminance [lx]", "pixel_electrons"]
+    assert [float(row[0]) for row in rows[1:]] == [1e4, 1e5]
 
 
 def test_a_sweep_from_python():

@@ -15,7 +15,7 @@ import pytest
 
 from roslf_design.cli import build_app, main
 from roslf_design.reporting import story
-from roslf_design.tolerancing import analyses, result
+from roslf_design.tolerancing import result
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -145,9 +145,7 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 
 def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Studies and reports look at few builds, at few other scales of them: what pages show is none of their yields."""
-    for name, few in (("CURVE_TRIALS", 256), ("CURVE_TRIALS_ADJUSTED", 256), ("HALVINGS", 8)):
-        monkeypatch.setattr(analyses, name, few)
+    """Reports look at few builds, at few other scales of them: what pages show is none of their yields."""
     look = story.quick_tolerances
 
     def quick(design, seed, progress):
@@ -156,6 +154,7 @@ def few_builds(monkeypatch: pytest.MonkeyPatch) -> None:
                 result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 2.0))
             )
             patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+            patch.setattr(result, "budget", lambda *_, **__: None)
             return look(design, seed, progress, 500)
 
     monkeypatch.setattr(story, "quick_tolerances", quick)

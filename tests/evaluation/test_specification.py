@@ -11,6 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.evaluation.specification import specification
 from roslf_design.rays.object_space import FacesAhead
 from roslf_design.theory.light import sensor_field
+from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
 
 PAPER = roslf.load("paper")
@@ -194,3 +195,20 @@ def test_a_field_without_light_and_a_plane_without_end():
     assert sheet.relative_illumination == 0
     far = specification(roslf.load("cystoscope"))
     assert far.to_dict()["depth_of_field_mm"]["refocused"][1] is None
+
+
+def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
+    """From the far rim of the corner's microlens image to the middle of its microlens."""
+    design = roslf.load("rigid-scope").replace({"sensor.acceptance": math.radians(10.0)})
+    camera = Camera.of(design)
+    images = MicrolensImages(camera, sensor_field(camera).corners[:1])
+    centre, radius = images.discs[0][0, 0, 0], images.discs[1][0, 0, 0]
+    steepest = math.degrees(math.atan((math.hypot(*centre) + radius) / design.d_2))
+    assert float(roslf.quantity("sensor_angle_deg")(camera)) == pytest.approx(steepest, rel=1e-9)
+    (told,) = [text for text in roslf.evaluate(design).warnings if "rays meet the sensor" in text]
+    assert f"{steepest:.3g} degrees" in told
+    assert f"{100 * (1 - 0.5 ** (steepest / 10) ** 2):.3g} %" in told
+    wide = roslf.load("paper").replace({"sensor.acceptance": math.radians(80.0)})
+    assert not any("rays meet the sensor" in text for text in roslf.evaluate(wide).warnings)
+    with pytest.raises(roslf.DesignError, match="between 0 and 90 degrees"):
+        design.replace({"sensor.acceptance": 0.0})

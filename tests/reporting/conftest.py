@@ -25,7 +25,7 @@ def few_builds():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
         patch.setattr(
-            result, "yield_curve", lambda plan: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))
+            result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))
         )
         patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
         yield

@@ -40,9 +40,9 @@ def test_builds_are_their_single_cameras(name):
     together = np.broadcast_to(quantity(Camera.of(design, {"d_3": d_3}), at), 4)
     for value, one in zip(together, d_3, strict=True):
         # Rounding of `inverse_m` and the like, taken once for all or build by build: equal operations, equal bits. What
-        # is summed takes closed forms for many builds and rows for one, far out of focus here: as `MANY` says, to 1e-7.
+        # is summed takes closed forms for many builds and rows for one, far out of focus here: both to 1e-11.
         own = quantity(Camera.of(design, {"d_3": float(one)}), at)
-        assert own == (pytest.approx(value, rel=2e-7) if quantity.numeric else value)
+        assert own == (pytest.approx(value, rel=1e-11) if quantity.numeric else value)
 
 
 def test_the_undistorted_field_is_that_of_evaluate_under_decentres():
