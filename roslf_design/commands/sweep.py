@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import importlib.util
-import io
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +15,7 @@ from ..design import PATHS, load
 from ..design.files import in_the_way, write_atomically
 from ..errors import InputError
 from ..pictures.sweep import sweep_picture
+from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import parse_quantity
@@ -28,7 +27,16 @@ if TYPE_CHECKING:
 
 KINDS = (".png", ".svg", ".csv", ".parquet")
 POINTS, ACROSS, MOST = 101, 61, 1_000_000
-DIMENSIONS = {"mm": "length", "rad": "angle"}
+DIMENSIONS = {
+    "mm": "length",
+    "rad": "angle",
+    "/mm": "gradient",
+    "lx": "illuminance",
+    "W/m2/sr": "radiance",
+    "s": "time",
+}
+"""Of base units, as `parse_quantity` calls them; what has none is a plain number."""
+NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
 def sweep(
@@ -99,18 +107,18 @@ def sweep(
 def _span(text: str, count: int) -> tuple[str, Array]:
     """Read "aperture.distance=0..150 mm"."""
     place, found, span = text.partition("=")
-    match = re.fullmatch(r"\s*(\S+?)\s*\.\.\s*(\S+?)\s*([^\d\s.].*)?", span)
+    match = re.fullmatch(rf"\s*({NUMBER})\s*\.\.\s*({NUMBER})\s*(.*)", span)
     if not found or match is None:
         raise refusal("--set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
-    place, unit = place.strip(), (match[3] or "").strip()
+    place, unit = place.strip(), match[3].strip()
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
-    ends = []
-    for end in match.groups()[:2]:
-        try:
-            own = f"{end} {unit}".strip() if re.fullmatch(r"[-+.\deE]+", end) else end
-            ends.append(float(own) if dimension is None else parse_quantity(own, dimension))
-        except ValueError as error:
-            raise refusal("--set", f"{place}: {error}") from None
+    if dimension is None and unit:
+        raise refusal("--set", f"{place} is a plain number; leave out {unit}")
+    try:
+        ends = [float(end) if dimension is None else parse_quantity(f"{end} {unit}".strip(), dimension)
+                for end in match.groups()[:2]]  # fmt: skip
+    except ValueError as error:
+        raise refusal("--set", f"{place}: {error}") from None
     return place, np.linspace(ends[0], ends[1], count)
 
 
@@ -132,10 +140,5 @@ def _written(found: Sweep, kind: str, name: str) -> bytes:
         sink = pyarrow.BufferOutputStream()
         pyarrow.parquet.write_table(pyarrow.table(headed), sink)
         return bytes(sink.getvalue())
-    page = io.StringIO()
-    writer = csv.writer(page, lineterminator="\n")
-    writer.writerow(headed)
     # An empty cell is what has no value; "inf" what has no end.
-    rows = zip(*(values.tolist() for values in headed.values()), strict=True)
-    writer.writerows([["" if value != value else repr(value) for value in row] for row in rows])
-    return page.getvalue().encode()
+    return csv_bytes([headed, *zip(*(values.tolist() for values in headed.values()), strict=True)])

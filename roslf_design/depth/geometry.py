@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.decoding import LightField
-from ..calibration.result import LengthCovariance
+from ..calibration.lengths import LengthCovariance
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
@@ -22,8 +22,6 @@ from .view_files import CameraGrid
 
 Array = NDArray[np.float64]
 Unit = Literal["mm", "px"]
-STEP = 0.05
-"""Of a length, for derivatives [standard deviations]."""
 
 
 def first_order(design: Design) -> Camera:
@@ -80,18 +78,12 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     """
     camera = Camera.of(design)
     slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.d_3))
-    sigma = np.sqrt(np.diag(covariance.matrix))
-    uncertain = np.flatnonzero(sigma)
-    if not uncertain.size:
-        return np.zeros(np.shape(z))
-    steps = STEP * np.diag(sigma)[uncertain]
-    best = np.array([float(camera[place]) for place in covariance.places])
-    lengths = best + np.concatenate([steps, -steps])
-    many = Camera.of(design, dict(zip(covariance.places, lengths.T, strict=True))).spread(1)
-    told = np.asarray(many.plane_seen_at(many.d_3 + depth_of_slope(many, slope)))
-    rates = (told[: len(steps)] - told[len(steps) :]) / (2 * STEP * sigma[uncertain, None])
-    own = covariance.matrix[np.ix_(uncertain, uncertain)]
-    return np.asarray(np.sqrt(np.maximum(np.einsum("in,ij,jn->n", rates, own, rates), 0.0)))
+
+    def depths(many: Camera) -> Array:
+        builds = many.spread(1)
+        return np.asarray(builds.plane_seen_at(builds.d_3 + depth_of_slope(builds, slope)))
+
+    return covariance.carried(design, depths)
 
 
 class PreparedViews(NamedTuple):

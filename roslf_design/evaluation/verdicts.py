@@ -11,7 +11,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.environment import not_known, not_named
-from ..design.mapping import angle_in_air
+from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched
@@ -208,8 +208,8 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     if environment is not None and {environment.temperature, *(environment.range or ())} != {ROOM}:
         if silent := not_named(design):
             yield (
-                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as they are at "
-                f"{environment.reference:g} degC: name their materials (housing in [environment], material of parts)"
+                f"nothing says how {listed([*silent])} would grow with temperature, so they stay as the file has them: "
+                "name their materials (housing in [environment], material of parts)"
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"

@@ -136,7 +136,7 @@ class Glass:
             raise InputError((Problem("wavelength", message),))
         index = _index(self.formula, self.coefficients, length * 1e3)
         index = self.offset + (index / _air(length * 1e3) if self.against == "vacuum" else index)
-        warm = np.asarray(self.temperature if temperature is None else temperature, float)
+        warm = np.asarray(self.temperature if temperature is None else temperature)
         if self.warming.law == "none" or np.all(warm == ROOM):
             return index + np.zeros(warm.shape) if warm.ndim else index
         return _warmed(self.warming, index, length * 1e3, warm)

@@ -146,13 +146,16 @@ def yield_curve(
         if reached is not None:
             at, words = min(reached, most), f"{100 * target:.3g} % at {reached:.3g} times"
             marks.append(Dots([at], [100 * target], "vermillion", "D", 4.5, edge="ground", width=1.2))
-            marks.append(Text(at, 100 * target, words, "ink", SMALL, "end", dx=-8, dy=16, halo=True))
+            if at * at < least * most:  # no room on the left
+                marks.append(Text(at, 100 * target, words, "ink", SMALL, "start", dx=8, dy=-6, halo=True))
+            else:
+                marks.append(Text(at, 100 * target, words, "ink", SMALL, "end", dx=-8, dy=16, halo=True))
     ticks = scales if len(scales) < 10 else np.array([0.25, 0.5, 1.0, 2.0, 4.0])
     ticks = ticks[(ticks >= least) & (ticks <= most)]
     grade = f"all tolerances of the grade {result.grade}, times" if result.grade else "all tolerances times"
     panel = Panel(
         (0, 0, 1, 1), Scale(least, most, log=True), Scale(0, 105), tuple(marks), grade,
-        f"yield [% of {_builds([share for _, share in result.curve])}]",
+        f"yield [% of {_builds([share for _, share in result.curve])} builds]",
         x_ticks=named_ticks(ticks.tolist()),
     )  # fmt: skip
     told = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))

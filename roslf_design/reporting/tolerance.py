@@ -24,7 +24,7 @@ from ..pictures.studies import (
 )
 from ..tables import Column
 from ..tolerancing.analyses import Yield
-from ..tolerancing.budgets import Budget, Change
+from ..tolerancing.budgets import Change, ToleranceBudget
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
@@ -255,7 +255,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
 
 
-def _budget(result: StudyResult, found: Budget) -> Iterator[Table]:
+def _budget(result: StudyResult, found: ToleranceBudget) -> Iterator[Table]:
     """What reaches the wanted yield, cheapest first, and what may be looser."""
     design = result.plan.question.design
     if found.changes:
@@ -263,9 +263,10 @@ def _budget(result: StudyResult, found: Budget) -> Iterator[Table]:
             ("change", "l", lambda change: change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
             ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+            ("of builds", "r", lambda change: f"{change.result.trials:,}"),
         )
         caption = (
-            f"What reaches {100 * found.target:.4g} %, cheapest first, of {found.changes[0].result.trials:,} builds. "
+            f"What reaches {100 * found.target:.4g} %, cheapest first. "
             "Cost: more than now, in the unit of the grades' file; a tolerance between two grades by its logarithm."
         )
         yield Table.of(found.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)

@@ -20,6 +20,7 @@ lattice, finite because diffraction bounds it. The waves of the texture's spectr
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -56,6 +57,10 @@ MANY = 32
 """Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
+WIDE_DEGREE, WIDE_CELL = 5, 0.4
+"""Of the series where images differ by more than two such cells: to 5e-4 rms, 1.5e-3 at most."""
+NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
+"""Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.02, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
@@ -263,7 +268,7 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
-    """Information of whole images; where many are nearly alike, by second-order series about some in their midst.
+    """Information of whole images; where many are nearly alike, by series through some in their midst.
 
     Up to light and contrast, it hangs on five ratios: the image's diameter, the detail that diffraction passes, defocus
     and the pixel, all against the pitch, and dark noise against light; on how far the plane is out of focus; and on how
@@ -293,34 +298,51 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes[1:, free] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum)
         return np.asarray(np.exp(values[0] + away @ ((values[1:] - values[0]) / STEP)) * scale)
-    cells = np.floor(about[:, free] / CELL).astype(int)
+    spread = np.ptp(about, axis=0)[free]
+    apart = spread.max(initial=0.0) > 2 * CELL
+    wide = apart & (spread > CELL / 2)
+    degrees, sides = np.where(wide, WIDE_DEGREE, 1 if apart else 2), np.where(wide, WIDE_CELL, CELL)
+    cells = np.floor(about[:, free] / sides).astype(int)
     number = np.zeros(len(cells), int)  # of the cell: sorts ten times as fast as its row
     for column in (cells - cells.min(axis=0)).T:
         number = number * (column.max() + 1) + column
     _, one, member, counts = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
     index, found = cells[one], np.empty(images.pitch.size)
-    first, second = np.triu_indices(free.size, 1)
-    ends, both = np.eye(free.size), np.eye(free.size)[first] + np.eye(free.size)[second]
-    offsets = np.concatenate([np.zeros((1, free.size)), ends, -ends, both]) / 2
-    few = counts[member] < 2 * len(offsets)
-    if few.any():
-        alone = np.flatnonzero(few)
+    offsets, terms, inverse = _expansion(tuple(degrees.tolist()))
+    enough = counts >= (0.5 if apart else 2) * len(offsets)
+    alone = np.flatnonzero(~enough[member])
+    if alone.size:
         found[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
-    for cell in np.flatnonzero(counts >= 2 * len(offsets)):
+    for cell in np.flatnonzero(enough):
         mine = np.flatnonzero(member == cell)
-        nodes = np.repeat(about[mine[:1]], len(offsets), axis=0)
-        nodes[:, free] = (index[cell] + 0.5 + offsets) * CELL
+        nodes, middle = np.repeat(about[mine[:1]], len(offsets), axis=0), (index[cell] + 0.5) * sides
+        nodes[:, free] = middle + offsets * sides / 2
         values = _series(c, level, whole, nodes.tobytes(), spectrum)
-        middle, up, down = values[0], values[1 : 1 + free.size], values[1 + free.size : 1 + 2 * free.size]
-        away = about[mine][:, free] / CELL - (index[cell] + 0.5)
-        slope, bow = up - down, 2 * (up + down - 2 * middle)
-        series = middle + away @ slope + away**2 @ bow
-        cross = (
-            4 * (values[1 + 2 * free.size :] - middle) - 2 * (slope[first] + slope[second]) - bow[first] - bow[second]
-        )
-        series += (away[:, first] * away[:, second]) @ cross
-        found[mine] = np.exp(series)
+        away = 2 * (about[mine][:, free] - middle) / sides
+        found[mine] = np.exp(_powers(away, terms) @ (inverse @ values))
     return found * scale
+
+
+@functools.lru_cache(maxsize=64)
+def _expansion(degrees: tuple[int, ...]) -> tuple[Array, NDArray[np.intp], Array]:
+    """Places in a cell, from -1 to 1, the powers of a polynomial through them, and its inverse there.
+
+    Degrees are those along single axes; the whole degree is the largest of them. Places are nested along each axis, so
+    that as many as there are powers pin all of them down.
+    """
+    whole = max(degrees, default=0)
+    terms = np.array([t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole], np.intp)
+    terms = terms.reshape(-1, len(degrees))
+    offsets = NESTED[terms]
+    return offsets, terms, np.linalg.inv(_powers(offsets, terms))
+
+
+def _powers(away: Array, terms: NDArray[np.intp]) -> Array:
+    """Chebyshev polynomials of each place, multiplied as the terms say; shape (places, terms)."""
+    made = np.ones((len(away), len(terms)))
+    for axis in range(terms.shape[1]):
+        made *= np.polynomial.chebyshev.chebvander(away[:, axis], WIDE_DEGREE)[:, terms[:, axis]]
+    return made
 
 
 @functools.lru_cache(maxsize=4096)

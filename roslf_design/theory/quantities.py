@@ -550,6 +550,7 @@ register(
         "angle to the sensor's normal of the steepest ray through a microlens's middle, at the field's corner",
         **_over_field(lambda c, _, field: np.rad2deg(np.arctan(photometry.sensor_slope(c, field.radius)))),
         monotone=False,
+        numeric=True,
     ),
     Quantity(
         "blur_pitches",

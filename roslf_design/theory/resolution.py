@@ -39,6 +39,8 @@ Kind = Literal["view", "refocused"]
 
 ROWS, NODES = 24, 24
 """Gauss-Legendre rows across a pupil's overlap, and places in each: transfers to 1e-3."""
+MOST = 96
+"""Of these where many blurs of the microlens lie in what a pixel's light comes from."""
 FINE = 48
 """Places in the width of the microlens's blur at which K is tabulated."""
 TAILS = 8.0
@@ -239,10 +241,13 @@ class FieldTransfer:
         # Only what the pixel and its blur reach.
         room = self._reach
         along, across = np.array(self.middle) @ np.array([[axes[0], -axes[1]], [axes[1], axes[0]]])
-        y, weight, left, right = chords(centres, self.radii, ROWS, (across - room, across + room))
+        # Fields turn once a blur width or so, also in the blur of defocus.
+        turns = 2 * min(room, float(self.radii[0])) * float(lens.width / (lens.wavelength * lens.distance))
+        more = min(MOST, math.ceil(2 * turns))
+        y, weight, left, right = chords(centres, self.radii, max(ROWS, more), (across - room, across + room))
         left, right = np.maximum(left + shift, along - room), np.minimum(right - shift, along + room)
         half = np.maximum(right - left, 0.0) / 2
-        nodes, weights = np.polynomial.legendre.leggauss(NODES)
+        nodes, weights = np.polynomial.legendre.leggauss(max(NODES, more))
         x = ((left + right) / 2)[..., None] + half[..., None] * nodes
         light = (weight * half)[..., None] * weights
         if self.rate:
@@ -285,7 +290,8 @@ class FieldTransfer:
         alone = lens.circular or self.camera.layout == "hexagonal"
         spread, pitch, pixel = wave * distance, float(self.camera.d), float(lens.pixel)
         image_pitch = pitch * (1 + distance * vergence)
-        farthest = 0 if alone else math.ceil(min(NEIGHBOURS, ratio(TAILS * spread / width, abs(image_pitch))))
+        reaching = float(ratio(TAILS * spread / width, abs(image_pitch)))
+        farthest = 0 if alone else math.ceil(min(reaching, NEIGHBOURS))
         steps = list(range(-farthest, farthest + 1))
         reach = min(2 * float(self.radii[0]), self._reach)
         count = math.ceil(reach * width / spread * FINE)

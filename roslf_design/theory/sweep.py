@@ -75,9 +75,22 @@ def sweep(design: Design, places: Mapping[str, ArrayLike], quantities: Sequence[
     return Sweep(axes, values, units | {place: unit_of(place) for place in axes})
 
 
+UNITS = {
+    "rotation": "rad",
+    "gradient": "/mm",
+    "illuminance": "lx",
+    "radiance": "W/m2/sr",
+    "exposure": "s",
+    **dict.fromkeys(
+        ("index", "relay_magnification", "reflectance", "transmission", "quantum_efficiency", "full_well", "read_noise",
+         "bits", "contrast", "window", "disparity_error"), "",
+    ),
+}  # fmt: skip
+"""Base unit of places by their last name, where that is no length."""
+
+
 def unit_of(place: str) -> str:
-    """Base unit of a place: "mm", "rad" or none."""
-    name = place.rpartition(".")[2]
-    if any(f".{pose}." in place for pose in ("tilt", "wedge")) or name == "rotation":
+    """Base unit of a place: "mm" of lengths, "rad" of angles, none of plain numbers."""
+    if any(f".{pose}." in place for pose in ("tilt", "wedge")):
         return "rad"
-    return "" if name in ("index", "relay_magnification", "abbe") else "mm"
+    return UNITS.get(place.rpartition(".")[2], "mm")

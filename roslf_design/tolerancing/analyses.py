@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from .draws import Draws, sobol_points
+from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
 from .trials import BLOCK, differences, measure, measure_finally
@@ -299,7 +300,7 @@ def exact_derivatives(plan: TolerancePlan) -> Array:
         return exact
     steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
     at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}
-    camera = Camera.of(design).replace(at)
+    camera = Camera.of(design).replace(of_parts(design, at))
     posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
     for row, column in enumerate(plan.columns):
         quantity = QUANTITIES.get(column.metric)

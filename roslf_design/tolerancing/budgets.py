@@ -23,15 +23,15 @@ from .trials import measure_finally
 Array = NDArray[np.float64]
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
-STEPS_TRIALS = 2048
-"""Builds by which the next of several steps is chosen; what is told is measured on as many as a curve's points."""
+MOST_TRIALS, STEPS_TRIALS = 4096, 1024
+"""Builds that a change is measured on, and those by which the next of several steps is chosen."""
 HALVINGS = 12
 """Of a bisection for what suffices: to 1/4096 of the tolerance."""
 UNNOTICED = 0.002
 """Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
 
 
-class Part(NamedTuple):
+class CostedPart(NamedTuple):
     """What is toleranced by one line: a place with its two axes."""
 
     place: str
@@ -95,7 +95,7 @@ class Looser:
 
 
 @dataclass(frozen=True)
-class Budget:
+class ToleranceBudget:
     """What would reach a wanted yield, and what may be looser."""
 
     target: float
@@ -123,7 +123,7 @@ class Builds(NamedTuple):
     factors: Array
     """On each perturbation's tolerance, (P,)."""
 
-    def with_part(self, part: Part, tolerance: float) -> Builds:
+    def with_part(self, part: CostedPart, tolerance: float) -> Builds:
         """One part to another tolerance."""
         factors = self.factors.copy()
         factors[list(part.rows)] = tolerance / part.tolerance
@@ -143,25 +143,25 @@ class Builds(NamedTuple):
         return float(np.quantile(worst, target, method="higher"))
 
 
-def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
+def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
     """What a study's perturbations are as parts that a shop makes; a tolerance of zero is none."""
     design = plan.question.design
     kinds, rows = perturbable(design), dict[str, list[int]]()
     for index, p in enumerate(plan.draws.perturbations):
         base, _, axis = p.place.rpartition(".")
         if p.tolerance > 0:
-            rows.setdefault(base if axis in ("0", "1") else p.place, []).append(index)
+            rows.setdefault(base if axis.isdigit() else p.place, []).append(index)
     parts = []
     for place, members in rows.items():
         first = plan.draws.perturbations[members[0]]
         line, widths = grades.line_of(design, first.place) or (None, ())
-        parts.append(Part(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
+        parts.append(CostedPart(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
     return tuple(parts)
 
 
 def budget(
     plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
-) -> Budget:
+) -> ToleranceBudget:
     """What would reach a study's wanted yield, and what may be looser.
 
     Parameters
@@ -176,7 +176,7 @@ def budget(
     scaled : (factor, yield), optional
         The common factor on all tolerances that reaches it.
     """
-    target, trials = study.yield_target, curve_trials(plan)
+    target, trials = study.yield_target, min(curve_trials(plan), MOST_TRIALS)
     parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
@@ -197,11 +197,11 @@ def budget(
     floor = target if reached else given.value - UNNOTICED
     moved = {place for place, *_ in changes[0].steps} if changes else set()
     looser, builds = _loosened(start, [part for part in parts if part.place not in moved], grades, floor, trials)
-    return Budget(target, changes, looser, builds.result(trials) if looser or changes else given)
+    return ToleranceBudget(target, changes, looser, builds.result(trials) if looser or changes else given)
 
 
 def _single(
-    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
 ) -> Iterator[tuple[Change, Builds]]:
     """Changes of one thing alone that reach the target."""
     for part in parts:
@@ -247,14 +247,14 @@ def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterat
 
 
 def _several(
-    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
 ) -> tuple[Change, Builds] | None:
     """Parts taken to better grades one after the other, each time what helps most for its cost, until the target."""
     few = min(trials, STEPS_TRIALS)
     builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
-        best: tuple[float, float, Part, str, float, Builds] | None = None
+        best: tuple[float, float, CostedPart, str, float, Builds] | None = None
         for part in left.values():
             at = steps[part.place][1] if part.place in steps else part.tolerance
             spent = part.extra(at) or 0.0
@@ -273,24 +273,51 @@ def _several(
         steps[part.place] = name, width
         if width <= min(part.widths):
             del left[part.place]
-        if used <= 1 and (reached := builds.result(trials)).value >= target:
-            by_place = {part.place: part for part in parts}
-            cost = sum(by_place[place].extra(width) or 0.0 for place, (_, width) in steps.items())
-            if len(steps) == 1:
-                return None  # a single change, which is there already
-            listed = tuple((place, name, width) for place, (name, width) in steps.items())
-            return Change("several grades", listed, cost, reached), builds
+        if used <= 1 and builds.result(trials).value >= target:
+            return _pruned(builds, {part.place: part for part in parts}, steps, grades, target, trials)
     return None
 
 
+def _pruned(
+    builds: Builds,
+    parts: dict[str, CostedPart],
+    steps: dict[str, tuple[str, float]],
+    grades: Grades,
+    target: float,
+    trials: int,
+) -> tuple[Change, Builds] | None:
+    """Steps that reach the target without what they can do without; None where a single one is left."""
+    for place in sorted(steps, key=lambda place: -(parts[place].extra(steps[place][1]) or 0.0)):
+        part, (_, least) = parts[place], steps[place]
+        between = [
+            (width, name)
+            for name, width in zip(grades.names, part.widths, strict=True)
+            if least < width < part.tolerance
+        ]
+        for width, name in [(part.tolerance, ""), *sorted(between, reverse=True)]:
+            other = builds.with_part(part, width)
+            if other.result(trials).value >= target:
+                builds = other
+                if name:
+                    steps[place] = name, width
+                else:
+                    del steps[place]
+                break
+    if len(steps) == 1:
+        return None  # a single change, which is there already
+    cost = sum(parts[place].extra(width) or 0.0 for place, (_, width) in steps.items())
+    listed = tuple((place, name, width) for place, (name, width) in steps.items())
+    return Change("several grades", listed, cost, builds.result(trials)), builds
+
+
 def _loosened(
-    start: Builds, parts: Sequence[Part], grades: Grades, floor: float, trials: int
+    start: Builds, parts: Sequence[CostedPart], grades: Grades, floor: float, trials: int
 ) -> tuple[tuple[Looser, ...], Builds]:
     """Parts to looser grades, those that matter least first, as long as the yield stays."""
     options = []
-    for part in parts:
+    for part in (part for part in parts if part.line is not None):
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
-        if part.line is not None and wider:
+        if wider:
             wider.sort(reverse=True)
             options.append(
                 (start.with_part(part, wider[0][0]).used(max(floor, 0.01), min(trials, STEPS_TRIALS)), part, wider)

@@ -35,7 +35,7 @@ from .analyses import (
     yield_at,
     yield_curve,
 )
-from .budgets import Budget, budget
+from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, builds_of
 from .places import Grades
 from .run import Tally
@@ -116,8 +116,9 @@ class StudyResult:
     yield_curve: tuple[tuple[float, Yield], ...]
     scale_for_target: tuple[float, Yield] | None
     """Common factor on all tolerances that meets the wanted yield."""
-    budget: Budget | None
-    """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit."""
+    budget: ToleranceBudget | None
+    """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit, or
+    nobody asked."""
     grades: tuple[GradeYield, ...]
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
@@ -193,7 +194,7 @@ def _yield(result: Yield) -> dict[str, Any]:
     return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
 
 
-def _budget(found: Budget) -> dict[str, Any]:
+def _budget(found: ToleranceBudget) -> dict[str, Any]:
     return {
         "target": found.target,
         "changes": [
@@ -236,9 +237,15 @@ def _variant(variant: Variant) -> dict[str, Any]:
 
 
 def analyse(
-    plan: TolerancePlan, study: Study, grades: Grades, tally: Tally, worst: tuple[WorstTrial, ...] = ()
+    plan: TolerancePlan,
+    study: Study,
+    grades: Grades,
+    tally: Tally,
+    worst: tuple[WorstTrial, ...] = (),
+    *,
+    budgets: bool = True,
 ) -> StudyResult:
-    """Every analysis of a study whose trials have run."""
+    """Every analysis of a study whose trials have run; `budgets`: what reaches the wanted yield, too."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
     lens = trace_check(plan)
     rss = tuple(rss_rows(plan, moves, variants[0]))
@@ -258,7 +265,7 @@ def analyse(
         allowed=() if misses else inverse_sensitivity(plan, share),
         yield_curve=curve,
         scale_for_target=scaled,
-        budget=None if misses else budget(plan, study, grades, given, scaled),
+        budget=budget(plan, study, grades, given, scaled) if budgets and not misses else None,
         grades=_grades(plan, study, grades, given),
         correlations=correlations(tally),
         worst=worst,

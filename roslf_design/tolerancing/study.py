@@ -40,7 +40,7 @@ from ..units import Length, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
-from .places import SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
+from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 Array = NDArray[np.float64]
 
@@ -496,6 +496,8 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
     for index, line in enumerate(study.perturb):
         own = _widths(line.tolerance, line.place, design)
         for place in line.place:
+            if place.startswith(LENSLETS) and int(place.split(".")[2]) >= len(study.fields):
+                continue  # nobody looks at it
             key = f"perturb.{index + 1}.place"
             if place in given:
                 problems.append(Problem(key, f"{place} is given twice; keep one line"))

@@ -277,7 +277,8 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     good = state == KEPT
     point = chief.views.at(fap.z - camera.focal_plane)
     depth, aside = camera.focus
-    ideal, real = np.hypot(*np.moveaxis((point - aside) * camera.d_1 / depth, -1, 0)), np.hypot(*np.moveaxis(c, -1, 0))
+    ideal = np.hypot(*np.moveaxis((camera.straightened(point) - aside) * camera.d_1 / depth, -1, 0))
+    real = np.hypot(*np.moveaxis(c, -1, 0))
     away = good & (ideal > 1e-9 * fap.diameter) & (real > 0)
     distortion = np.divide(real - ideal, ideal, where=away, out=np.zeros_like(ideal))
     along = np.where(real[..., None] > 0, c / np.where(real > 0, real, 1.0)[..., None], np.array([1.0, 0.0]))

@@ -11,8 +11,11 @@ from roslf_design.lenses.lens_file import dumps_lens, load_lens, loads_lens
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.solid import find_solid
 from roslf_design.optimization.problem import Constraint
+from roslf_design.tolerancing.analyses import exact_derivatives
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.study import tolerance_plan
 from roslf_design.tolerancing.traced import check_traced
+from roslf_design.tolerancing.trials import differences
 
 TEMPERATURE = "environment.temperature"
 E_LINE, G_LINE, INFRARED = 546.0740e-6, 435.8343e-6, 1060e-6
@@ -173,6 +176,19 @@ def test_builds_behind_an_ideal_lens_and_limits_at_a_temperature():
     assert abs(depth[0]) < 1e-9 < abs(depth[1])
     limit = Constraint.model_validate({"quantity": "fill_factor", "max": 1.1, "temperature": 37.0})
     assert float(limit.values(Camera.of(design))) == pytest.approx(float(fill[1]), rel=1e-13)
+
+
+def test_derivatives_by_temperature_are_exact():
+    design = loads(dumps(warm("arthroscope", 37)).replace("[main_lens]", '[main_lens]\nmaterial = "N-BK7"'))
+    data = {"name": "warmth", "trials": 16, "perturb": [{"place": TEMPERATURE, "tolerance": "10 K"}]}
+    data["goals"] = [{"metric": name, "min": -1e9} for name in ("fill_factor", "image_diameter_mm", "sigma_z_mm")]
+    plan, *_ = tolerance_plan(data, design)
+    slopes = exact_derivatives(plan)
+    central = differences(plan, [(TEMPERATURE, 0.5)])
+    known = np.isfinite(slopes)
+    assert known.sum() >= 2
+    assert np.all(slopes[known] != 0)
+    np.testing.assert_allclose(slopes[known], central[known], rtol=1e-4)  # half a kelvin bends it by so much
 
 
 def fill_of(design):

@@ -85,7 +85,7 @@ def test_page_tells_command_and_design_and_no_date_and_text_in_drawings_is_text(
 @pytest.mark.parametrize("name", ["mismatched-borescope", "vignetted", "strange"])
 def test_difficult_designs_have_whole_reports(name):
     report = design_report(DESIGNS[name])
-    assert len({figure.name for figure in report.figures}) == len(report.figures) == 10
+    assert len({figure.name for figure in report.figures}) == len(report.figures) == 12
     assert all("nan" not in figure.content.lower().split("base64")[0] for figure in report.figures)
     assert "% in the geometric disc" in next(f.caption for f in report.figures if f.name == "waves")
     Page(render_html(report))
@@ -116,7 +116,7 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
 def test_figures_as_files(tmp_path, monkeypatch):
     made = design_report(load("rigid-scope"))
     monkeypatch.setattr(command, "maker", lambda *_: lambda **_: made)
-    with pytest.raises(InputError, match="'ray' is not here; there are all, dimensions, rays, cells"):
+    with pytest.raises(InputError, match="'ray' is not here; there are all, mtf, resolution-map, dimensions, rays"):
         command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
     assert not (tmp_path / "out").exists()
     command.report("rigid-scope", output=tmp_path / "out", figure=["rays", "plane"])

@@ -178,6 +178,19 @@ def test_builds_are_those_taken_one_by_one(layout, lens_shape):
     assert np.isfinite(many).all()
 
 
+def test_builds_far_from_alike_are_those_taken_one_by_one():
+    """As a workshop without tolerances makes them: series through few builds, to 1.5e-3 of the information."""
+    at = np.random.default_rng(1)
+    changes = {
+        "main_lens.focal_plane": 350 * np.exp(0.3 * at.uniform(-1, 1, 400)),
+        "aperture.diameter": 2.9 * np.exp(0.3 * at.uniform(-1, 1, 400)),
+    }
+    together = QUANTITIES["sigma_disparity_pitches"](Camera.of(PAPER, changes))
+    for k in range(0, 400, 40):
+        one = Camera.of(PAPER, {place: float(values[k]) for place, values in changes.items()})
+        assert float(QUANTITIES["sigma_disparity_pitches"](one)) == pytest.approx(together[k], rel=8e-4)
+
+
 def test_distances_at_once():
     camera = Camera.of(PAPER)
     ahead = np.array([100.0, 200.0, 230.0, 400.0])

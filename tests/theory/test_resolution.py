@@ -141,6 +141,15 @@ def test_limits_of_the_refocused_image():
         assert tenth / scale == pytest.approx(float(QUANTITIES["mtf10_lp_per_mm"](Camera.of(PAPER), at)), rel=2e-3)
 
 
+def test_a_view_of_a_sharp_camera_shows_the_microlens_alone():
+    """96 independent views across an image: in focus a square microlens's box, whatever the pixel sees of the FAP."""
+    pipe = roslf.load("pipe-bore")
+    frequency = np.linspace(0.1, 1.4, 9) / pipe.d
+    for direction in ("tangential", "sagittal"):
+        seen = transfer_of(pipe)(frequency, "view", direction)
+        np.testing.assert_allclose(seen, np.abs(np.sinc(frequency * pipe.d)), atol=0.02)
+
+
 def test_a_dark_field_has_no_transfer():
     cut = PAPER.replace({"stops": [{"diameter": 0.5, "distance": 110.0, "decentre": (5.0, 0.0)}]})
     transfer = transfer_of(cut)

@@ -15,6 +15,9 @@ from roslf_design.lenses.prescription import LensError, Prescription, Surface, s
 from roslf_design.lenses.tracer import Rays
 from roslf_design.tolerancing.metrics import Question, builds_of
 from roslf_design.tolerancing.places import expand, perturbable, tolerance_at
+from roslf_design.tolerancing.result import analyse
+from roslf_design.tolerancing.run import merged, tally_chunk
+from roslf_design.tolerancing.study import tolerance_plan
 from roslf_design.tolerancing.traced import check_traced
 
 FORM = (40e-6, -70e-6, 55e-6, 30e-6, -25e-6, 60e-6, 80e-6)
@@ -194,3 +197,13 @@ def test_microlenses_out_of_place_and_their_sag():
     flatter, _ = builds_of(question, {"microlens_array.sag": np.array([0.9 * scope.d**2 / 8 / radius])}, 1)
     assert flatter.camera.f_ml == pytest.approx(scope.f_ml / 0.9, rel=1e-12)
     assert "microlens_array.sag" not in perturbable(load("paper"))
+
+
+def test_a_study_of_what_no_grade_knows():
+    data = {"name": "scatter", "design": "paper", "trials": 64, "sobol_samples": 0, "fields": ["centre", "edge"]}
+    data["perturb"] = [{"place": "microlens_array.lenslets.*.decentre", "tolerance": "0.5 um"}]
+    data["goals"] = [{"metric": "centre_error_px", "max": 0.5}]
+    plan, study, grades = tolerance_plan(data)
+    assert {p.place.split(".")[2] for p in plan.draws.perturbations} == {"0", "1"}  # nobody looks at others
+    result = analyse(plan, study, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
+    assert result.final.result.value == 1

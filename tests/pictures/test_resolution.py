@@ -1,0 +1,38 @@
+"""MTF curves and the map of resolution: what they show, their units, and fields without light."""
+
+import numpy as np
+
+import roslf_design as roslf
+from roslf_design.pictures.marks import Image, Line
+from roslf_design.pictures.resolution import mtf_curves, resolution_map
+from roslf_design.reporting.datasheet import basis, datasheet_section
+from roslf_design.theory.quantities import QUANTITIES
+
+SCOPE = roslf.load("rigid-scope")
+DARK = roslf.load("paper").replace({"stops": [{"diameter": 4.0, "distance": 40.0}]})
+
+
+def test_curves_begin_at_one_and_pass_the_limits_that_the_sheet_tells():
+    picture = mtf_curves(SCOPE)
+    refocused = picture.panels[0]
+    assert "lp/mm" in refocused.x_label
+    curve = next(mark for mark in refocused.marks if isinstance(mark, Line) and mark.colour == "blue")
+    x, y = np.asarray(curve.x), np.asarray(curve.y)
+    assert y[0] == 1
+    told = float(QUANTITIES["mtf50_lp_per_mm"](roslf.Camera.of(SCOPE)))
+    assert abs(np.interp(told, x, y) - 0.5) < 2e-3  # drawn in steps
+
+
+def test_the_map_is_in_units_and_falls_with_distance():
+    picture = resolution_map(SCOPE)
+    shades = next(mark for mark in picture.panels[0].marks if isinstance(mark, Image))
+    assert (np.diff(shades.values[:, 0]) < 0).all()
+    assert "[mm]" in picture.panels[0].y_label
+    assert "lp/mm" in picture.panels[1].y_label
+
+
+def test_dark_fields_are_named_and_nothing_is_drawn_for_them():
+    assert "corner: dark" in mtf_curves(DARK).svg()
+    assert "dark where nothing is drawn" in resolution_map(DARK).svg()
+    rows = [row for block in datasheet_section(basis(DARK)).blocks for row in getattr(block, "rows", ())]
+    assert any(row[1] == "dark" for row in rows)
