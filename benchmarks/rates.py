@@ -16,7 +16,11 @@ from pathlib import Path
 import numpy as np
 import pyperf
 
+from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
+from roslf_design.depth.estimate import PixelNoise
+from roslf_design.depth.geometry import ArrayGeometry
+from roslf_design.depth.measure import measure as measure_light_field
 from roslf_design.design import load
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
@@ -36,6 +40,8 @@ BLOCK, BLOCKS = 20_000, 20
 REGION = (2000, 1300, 300, 200)
 RAYS = 64
 """A pixel."""
+VIEWS = (237, 365)
+"""Microlenses down and across of the light field that depth is measured in."""
 TRIALS = 1 << 15
 """Of one chunk of a study."""
 
@@ -107,12 +113,33 @@ def trials(study: str, adjusted: bool) -> Ready:
     return lambda: run_chunk(plan, 0), TRIALS
 
 
+def depths() -> Ready:
+    """Disparity and depth of every microlens of the paper's decoded light field, neighbours' light taken out before."""
+    from scipy import ndimage
+
+    (rows, columns), across = VIEWS, np.arange(-6.0, 7.0)
+    random, margin = np.random.default_rng(0), 10
+    wall = ndimage.gaussian_filter(random.standard_normal((rows + 2 * margin, columns + 2 * margin)), 1.2)
+    wall = 1 + 0.15 * wall / wall.std()
+    values = np.zeros((13, 13, rows, columns), np.float32)
+    light = np.hypot(across[:, None], across) <= 6.5
+    for t, s in np.argwhere(light):
+        seen = ndimage.shift(wall, (-0.03 * across[t], -0.03 * across[s]))
+        values[t, s] = seen[margin:-margin, margin:-margin]
+    weight = np.array(np.broadcast_to(light[:, :, None, None], values.shape), np.float32)
+    u, v = (np.arange(float(count)) - count // 2 for count in (columns, rows))
+    field = LightField(values, weight, across, across, u, v, 13.0)
+    geometry, noise = ArrayGeometry(load("paper")), PixelNoise(5000.0, 4.0)
+    return lambda: measure_light_field(geometry, field, noise, search=(-0.6, 1.2)), rows * columns
+
+
 RATES = (
     Rate("designs", "cameras, each through every quantity", "designs", designs),
     Rate("shapes", "images of microlenses: area, centre, axes", "images", shapes),
     Rate("white", "white image", "pixels", partial(white, "square")),
     Rate("white-hexagonal", "white image, hexagonal array", "pixels", partial(white, "hexagonal")),
     Rate("rays", "checkerboard out of focus, traced backward", "rays", board),
+    Rate("depth", "depth of microlenses, 13 x 13 views", "microlenses", depths),
     Rate("trials", "tolerance trials, as built", "trials", partial(trials, "tolerance-paper", False)),
     Rate("trials-adjusted", "tolerance trials, adjusted", "trials", partial(trials, "tolerance-paper", True)),
     Rate("trials-traced", "trials, lens traced", "trials", partial(trials, "tolerance-singlet", False)),

@@ -284,12 +284,15 @@ def report(rows: Sequence[tuple[str, dict[str, Any]]], predicted: Sequence[tuple
                 f"Fisher information of rendered pictures; the farthest is off by {off:.1%}.",
             )
         )
+    names = {name for name, _ in rows}
+    missing = [c for c in cases() if any(name.startswith(f"{c}, ") and name not in names for name in ordered())]
     rays = " or ".join(str(n) for n in sorted({one["rays"] for _, one in rows}))
     about = Paragraph(
         f"A wall {DISPARITY:g} pitches out of focus; textures: finest detail of 4 or 8 microlenses, contrast 10 % or "
         f"3 % an octave; light: half of the full well, an eighth and a 250th of that. {rays} "
         "rays a pixel: what they scatter is the same in all exposures. "
         f"{len(rows)} of the {len(cases()) * len(TEXTURES) * len(LIGHTS)} combinations are measured."
+        + (f" Not or not all of: {', '.join(missing)}." if missing else "")
     )
     figure = Figure.of(
         "proof", "Spread over prediction", "Each sign is one camera, texture and light; right of the line depth is not "
