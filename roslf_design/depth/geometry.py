@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
 from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
+from .traced_views import TracedViews
 from .unmixing import places_on_array, unmixed
 from .view_files import CameraGrid
 
@@ -85,6 +86,14 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     return covariance.carried(design, depths)
 
 
+class PreparedViews(NamedTuple):
+    """What `estimate_disparity` takes."""
+
+    field: LightField
+    pupil: NDArray[np.floating]
+    aside: NDArray[np.floating] | None = None
+
+
 class ViewGeometry(Protocol):
     """What makes depths of the disparities of a light field."""
 
@@ -100,11 +109,8 @@ class ViewGeometry(Protocol):
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
-        """A decoded light field with its views' own light, and where on the pupil they look from.
-
-        As `estimate_disparity` takes them.
-        """
+    def prepared(self, field: LightField) -> PreparedViews:
+        """A decoded light field with its views' own light, and where they look from."""
 
     def places(self, field: LightField) -> Array:
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
@@ -144,9 +150,17 @@ class ArrayGeometry:
         """As the design has it, odd."""
         return max(3, (self.matched or self.design.depth.window) | 1)
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
-        """Freed of neighbours' light."""
-        return unmixed(self.camera, field)
+    @cached_property
+    def traced(self) -> TracedViews | None:
+        """The real main lens; None of an ideal one."""
+        return None if self.design.lens is None else TracedViews(self.design, self.camera, self.depth)
+
+    def prepared(self, field: LightField) -> PreparedViews:
+        """Freed of neighbours' light, as by first order; looking as the main lens makes them."""
+        field, pupil = unmixed(self.camera, field)
+        if self.traced is None:
+            return PreparedViews(field, pupil)
+        return PreparedViews(field, *self.traced.sight(field, pupil))
 
     def places(self, field: LightField) -> Array:
         """On the array [mm]."""
@@ -189,10 +203,10 @@ class GridGeometry:
         """Of depths."""
         return "px" if self.grid is None else "mm"
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
+    def prepared(self, field: LightField) -> PreparedViews:
         """As it is: cameras to the right see near points further left."""
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
-        return field, np.stack([-s, -t]) / self.across
+        return PreparedViews(field, np.stack([-s, -t]) / self.across)
 
     def places(self, field: LightField) -> Array:
         """To the right and upwards from the middle of the views [px]."""
