@@ -26,23 +26,10 @@ from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
 from ..rays.object_space import FacesAhead
-from ..traced.builds import (
-    Aimed,
-    Aims,
-    Outlines,
-    Planes,
-    aimed,
-    aims,
-    crossings,
-    cut_shapes,
-    landings,
-    outlines,
-    pupil_points,
-    seen_shapes,
-    spot_radii,
-)
+from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
+from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points, seen_shapes
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
