@@ -34,6 +34,8 @@ from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
 from ..units import AnyLength, Length, Temperature, format_quantity, parse_quantity
+from .search import FTOL
+from .traces import FieldTraces, clearances
 
 Array = NDArray[np.float64]
 
@@ -42,6 +44,9 @@ SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
 
 ROOM = 1e-6
 """Relative distance kept from cameras that are none: d_f = f, the focal plane inside the bore, images of no pitch."""
+
+TRACED_FTOL = 1e-9
+"""Change of a merit of traced rays that is theirs, and not of their rounding."""
 
 LOG_ABOVE = 4.0
 """Ratio of bounds from which a variable is scaled by its logarithm."""
@@ -145,8 +150,10 @@ class _Asked(StrictTable):
             raise ValueError(f"{name} is not asked for at a distance; drop at")
         if self.quantity.of is None and self.field is None:
             raise ValueError(f"'{name}' differs from field to field; say where on the array, e.g. field = \"3 mm\"")
-        if self.quantity.of is not None and self.field is not None:
+        if self.quantity.local is None and self.field is not None:
             raise ValueError(f"{name} is one number for the whole field; drop field")
+        if self.at is not None and self.field is not None:
+            raise ValueError(f"{name} at a field is not asked for at a distance; drop at")
         return self
 
     @property
@@ -162,8 +169,13 @@ class _Asked(StrictTable):
         """The camera at the temperature asked for."""
         return camera if self.temperature is None else camera.replace({TEMPERATURE: self.temperature})
 
-    def values(self, camera: Camera) -> Array:
-        """The quantity itself, of every build; of several rims that of the worst."""
+    def values(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
+        """The quantity itself, of every build; of several rims that of the worst.
+
+        At a field behind a real lens it is traced: `traces` of the same builds.
+        """
+        if self.field is not None and traces is not None:
+            return traces.at(self.quantity, self.field, self.temperature)
         camera = self.warm(camera)
         if self.field is not None:
             return np.asarray(self.quantity.at_fields(MicrolensImages(camera, [self.field]))[0])  # type: ignore[index]
@@ -174,7 +186,7 @@ class _Asked(StrictTable):
 
         What hangs on how much the sensor sees is taken for the rectangle `over`, where one is given.
         """
-        if self.quantity.of is None:
+        if self.quantity.of is None or self.field is not None:
             return self.values(camera)
         camera = self.warm(camera)
         if over is not None and self.quantity.over is not None:
@@ -230,11 +242,13 @@ class Constraint(_Asked):
         """A limit in words, without its number, e.g. ``fill_factor <=``."""
         return f"{self.label} {SIGNS[side]}"
 
-    def measured(self, camera: Camera) -> Array:
+    def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
         """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
         if self.quantity.name == "fill_factor":
-            return np.abs(inverse_fill_factor(self.warm(camera)))
-        return self.values(camera) if self.quantity.worst is None else self.each(camera)
+            whole = self.field is None
+            return np.abs(inverse_fill_factor(self.warm(camera)) if whole else 1 / self.values(camera, traces))
+        alone = self.quantity.worst is None or self.field is not None
+        return self.values(camera, traces) if alone else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""
@@ -320,10 +334,20 @@ class DesignProblem:
         return len(self.variables)
 
     @property
+    def traced(self) -> bool:
+        """Whether a goal or limit is told from rays through a real lens."""
+        return self.design.lens is not None and any(part.field for part in (*self.goals, *self.constraints))
+
+    @property
+    def finest(self) -> float:
+        """Change of the merit that ends a polished search: rounding, or what Newton's steps leave of traced rays."""
+        return TRACED_FTOL if self.traced else FTOL
+
+    @property
     def summed(self) -> bool:
-        """Whether a goal or limit takes milliseconds: an error of depth predicted from light and texture."""
+        """Whether a goal or limit takes milliseconds: depth errors predicted from light and texture, traced rays."""
         numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
-        return any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
+        return self.traced or any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
 
     def values(self, units: Array) -> dict[str, Array]:
         """Place to its values [mm], derived lengths turned into those that they set; units as for `cameras`."""
@@ -348,9 +372,15 @@ class DesignProblem:
         camera, symbols = self.cameras(unit), {place: symbol for symbol, place in PATHS.items()}
         return {symbols.get(place, place): float(camera[place]) for place in dict.fromkeys(moved) if place not in own}
 
+    def traces(self, cameras: Camera) -> FieldTraces | None:
+        """What lies at the fields of cameras behind a real lens; None behind an ideal one, or where none is asked."""
+        fields = tuple(dict.fromkeys(p.field for p in (*self.goals, *self.constraints) if p.field is not None))
+        return None if self.design.lens is None or not fields else FieldTraces(self.design, fields, cameras)
+
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
-        return float(np.ravel(part.values(self.cameras(unit[None])))[0])
+        cameras = self.cameras(unit[None])
+        return float(np.ravel(part.values(cameras, self.traces(cameras)))[0])
 
     def design_at(self, unit: Array, name: str = "") -> Design:
         """The design at one point.
@@ -388,6 +418,9 @@ class DesignProblem:
             for near, far, label in self._kept_apart():
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
+        if self.design.lens is not None:
+            for clearance in clearances(self.design, {*self._set_places, *self.given}):
+                yield row(clearance.label, clearance.room)
 
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
         """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
@@ -412,7 +445,7 @@ class DesignProblem:
                     yield *((stop, start) if before else (end, stop)), f"{rim.name} clear of {named[k]}"
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
-        worst = constraint.quantity.worst
+        worst = constraint.quantity.worst if constraint.field is None else None
         widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
         rims = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
@@ -444,31 +477,36 @@ class DesignProblem:
             return self.scales
         with np.errstate(all="ignore"):
             cameras = self.cameras(sobol_units(self.n, 64, 0))
-            limited = tuple(_spread_of(constraint.values(cameras)) for constraint in self.constraints)
-            return limited, tuple(_spread_of(goal.values(cameras)) for goal in self.goals)
+            traces = self.traces(cameras)
+            limited = tuple(_spread_of(constraint.values(cameras, traces)) for constraint in self.constraints)
+            return limited, tuple(_spread_of(goal.values(cameras, traces)) for goal in self.goals)
 
     def vector(self, units: Array) -> Array:
         """Merit and rows, shape (1 + rows, N), for units (N, n); not finite where there is no such number."""
         with np.errstate(all="ignore"):
             cameras = self.cameras(units)
             result = np.empty((1 + len(self.rows), len(units)))
-            result[0], result[1:] = self.merit(cameras), self.rows_of(cameras, len(units))
+            traces = self.traces(cameras)
+            result[0] = self.merit(cameras, traces)
+            result[1:] = self.rows_of(cameras, len(units), traces)
         return result
 
-    def rows_of(self, cameras: Camera, count: int) -> Array:
+    def rows_of(self, cameras: Camera, count: int, traces: FieldTraces | None = None) -> Array:
         """Rows of so many cameras, these or builds of a design; shape (rows, N)."""
         result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
-            measured = [*(constraint.measured(cameras) for constraint in self.constraints), cameras]
+            traces = traces or self.traces(cameras)
+            measured = [*(constraint.measured(cameras, traces) for constraint in self.constraints), cameras]
             for number, row in enumerate(self.rows):
                 result[number] = row.of(measured[row.constraint])
         return result
 
-    def merit(self, cameras: Camera) -> Array:
+    def merit(self, cameras: Camera, traces: FieldTraces | None = None) -> Array:
         """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
+        traces = traces or self.traces(cameras)
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
-            value = goal.values(cameras)
+            value = goal.values(cameras, traces)
             total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
         return total / (sum(goal.weight for goal in self.goals) or 1.0)
 

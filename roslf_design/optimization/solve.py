@@ -297,11 +297,12 @@ def _solve(
     problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell, starts: Sequence[Array]
 ) -> Answer:
     searches: list[Search] = []
+    tolerance = max(settings.tolerance, problem.finest)
     for number, start in enumerate(starts, 1):
         if searches and budget.ended:
             break
         tell(f"start {number} of {len(starts)}")
-        searches.append(search(problem.vector, start, budget, settings.evaluations, settings.tolerance))
+        searches.append(search(problem.vector, start, budget, settings.evaluations, tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
@@ -315,7 +316,7 @@ def _solve(
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = search(problem.vector, best.unit, budget, settings.evaluations)
+        polished = search(problem.vector, best.unit, budget, settings.evaluations, problem.finest)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
@@ -324,7 +325,7 @@ def _solve(
         conflict = explain(problem, points, budget, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
         if conflict.feasible_after_all:
-            again = search(problem.vector, conflict.unit, budget, settings.evaluations)
+            again = search(problem.vector, conflict.unit, budget, settings.evaluations, problem.finest)
             if again.feasible:
                 searches.append(again)
                 best, conflict = again, None
@@ -359,7 +360,8 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Sea
     guard = Guard(problem.vector, budget)
     ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
     unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
-    polished = search(problem.vector, unit, budget, settings.evaluations, settings.tolerance)
+    tolerance = max(settings.tolerance, problem.finest)
+    polished = search(problem.vector, unit, budget, settings.evaluations, tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
@@ -619,7 +621,7 @@ def pareto_front(
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
         posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
-        results = [search(posed.vector, start, budget) for start in starts]
+        results = [search(posed.vector, start, budget, tolerance=posed.finest) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None

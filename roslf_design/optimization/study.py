@@ -39,6 +39,7 @@ from .solve import (
     pareto_front,
     solve,
 )
+from .traces import FIXED, Retrace, faults_behind, retraced
 
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length")
@@ -106,6 +107,8 @@ class StudyTable(StrictTable):
                 if part.field is not None and any(abs(x) > most for x, most in zip(part.field, half, strict=True)):
                     words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
                     yield Problem(f"{key}.{number}.field", words)
+        if design.lens is not None:
+            yield from self._faults_behind(design, design.lens.name)
         goals = [goal.quantity.name for goal in self.goals]
         for name in self.pareto.goals if self.pareto is not None else ():
             if name not in goals:
@@ -125,6 +128,23 @@ class StudyTable(StrictTable):
             if "lenses" in self.catalogue.kinds and plane and CONJUGATES[2] in varied:
                 words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
                 yield Problem("catalogue", words)
+
+    def _faults_behind(self, design: Design, lens: str) -> Iterator[Problem]:
+        """What does not go together with a real main lens."""
+        for name in self.variables:
+            if PATHS.get(name, name) in FIXED:
+                words = f"'{name}' is the real lens's own ({lens}); drop it, or take an ideal main lens to choose it"
+                yield Problem("variables", words)
+        if self.robust is not None:
+            words = "is for ideal main lenses; find the optimum without it and see `roslf tolerance` with best.toml"
+            yield Problem("robust", words)
+        if self.catalogue is not None and {"lenses", "windows"} & {*self.catalogue.kinds}:
+            words = f'with a real main lens ({lens}) arrays and sensors are chosen; write kinds = ["microlens_arrays"]'
+            yield Problem("catalogue.kinds", words)
+        for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
+            for number, part in enumerate(parts, 1):
+                for words in faults_behind(design, part.quantity.name, part.quantity, part.field is not None):
+                    yield Problem(f"{key}.{number}", words)
 
     def posed(self, design: Design) -> DesignProblem:
         """The problem on a base design; a bore takes the place of the design's own stops."""
@@ -203,14 +223,6 @@ def _base(data: Mapping[str, Any], folder: Path, faults: list[Problem], design: 
     except InputError as error:
         faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
         return None
-    if design.lens is not None:
-        message = (
-            f"{name}: has a real main lens ({design.lens.name}), and the search varies ideal ones; give main_lens "
-            f'focal_length = "{design.f:.6g} mm" and diameter = "{design.D:.6g} mm" in place of its prescription, then '
-            "see `roslf evaluate` with the lens for what it really does"
-        )
-        faults.append(Problem("design", message))
-        return None
     return design
 
 
@@ -224,6 +236,8 @@ class Result:
     front: Front | None
     robust: Robust | None
     ranking: Ranking | None
+    retrace: Retrace | None
+    """Behind a real lens."""
     seconds: float
 
 
@@ -261,7 +275,17 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         element = table.catalogue.plate(problem.design)
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element)
         ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell)
-    return Result(study, answer, bore, front, robust, ranking, time.monotonic() - began)
+    retrace = _retraced(answer) if problem.design.lens is not None and answer.feasible else None
+    return Result(study, answer, bore, front, robust, ranking, retrace, time.monotonic() - began)
+
+
+def _retraced(answer: Answer) -> Retrace:
+    """The optimum as its design file has it, traced again."""
+    best = answer.problem.design_at(answer.unit)
+    asked: tuple[Constraint | Goal, ...] = (*answer.asked.goals, *answer.asked.constraints)
+    parts = [part for part in asked if part.temperature is None]
+    at_fields = [(part.quantity, part.field, answer.number(part)) for part in parts if part.field is not None]
+    return retraced(best, at_fields)
 
 
 def designs(result: Result) -> Iterator[tuple[str, Design]]:
@@ -313,6 +337,8 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "loose_variables_mm": answer.loose(),
         "notes": answer.notes,
     }
+    if result.retrace is not None:
+        data["traced"] = result.retrace.to_dict()
     if timings:
         data["seconds"] = {"solve": answer.seconds, "all": result.seconds}
     finite: dict[str, Any] = plain(data)

@@ -13,6 +13,7 @@ from ..optimization.problem import Constraint, Goal
 from ..optimization.ranking import Ranking
 from ..optimization.solve import Active, Answer, Front, optimum_accuracy
 from ..optimization.study import Result
+from ..optimization.traces import Retrace
 from ..pictures.picture import Picture
 from ..pictures.studies import bore_and_stop, ends_of, goal_front, robust_yields, search_history
 from ..tables import Column
@@ -27,6 +28,8 @@ TITLES = {
 
 PRESSED = 1e-6
 """Multiplier from which a limit stops the goals, and is not only touched."""
+AGREED = 1e-3
+"""Difference between an optimum as searched and as traced again from which a page warns."""
 HISTORY = (
     "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
     "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
@@ -117,6 +120,8 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
     yield _optimum(answer, reached)
     yield _agreement(answer)
+    if result.retrace is not None:
+        yield _about_trace(result.retrace)
     accuracy = optimum_accuracy(answer)
     if accuracy is not None and accuracy.asked is not None:
         yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
@@ -139,6 +144,25 @@ def _optimum(answer: Answer, reached: str) -> Statement:
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
     stopped = f" It rests on {bounds}, too." if bounds else ""
     return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
+
+
+def _about_trace(retrace: Retrace) -> Statement:
+    """What was traced behind a real lens, and how well the optimum's own trace agrees."""
+    folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.check.folded)
+    text = (
+        f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried, the rest "
+        "follows from the lens's focal length and principal planes. "
+        f"Traced again on its own, the optimum's goals and limits differ by up to {retrace.moved:.1g}"
+    )
+    if folded:
+        remedy = "Ask non_distortion_room_mm there to be at least 0, or leave the field out."
+        return Statement("caution", f"{text}; the image at {folded} is folded: its shape is undefined.", remedy)
+    centre, diameter, kept = retrace.check.largest.values()
+    text += f", images by {centre:.1g} px in place, {diameter:.1g} of their diameter and {kept:.1g} of what is kept."
+    good = max(retrace.moved, diameter, kept) <= AGREED
+    return Statement(
+        "plain" if good else "caution", text, "" if good else "See `roslf evaluate` with the design found."
+    )
 
 
 def _about_conflict(answer: Answer) -> Statement:

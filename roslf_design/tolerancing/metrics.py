@@ -134,11 +134,12 @@ def strays(question: Question, values: Mapping[str, Array]) -> tuple[Number, Num
 
 
 def builds_of(
-    question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False
+    question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False, afresh: bool = False
 ) -> tuple[IdealBuilds, NDArray[np.bool_]]:
     """Builds of a question, parameters as for `evaluate_builds`, and which of them are cameras.
 
-    The others have nominal numbers, which mean nothing.
+    The others have nominal numbers, which mean nothing. `afresh` is for builds behind a real lens that are far from the
+    nominal design: each one's rays are found from its own thin twin.
     """
     design, rest = question.design, (question.fields, question.object_distance, calibrated, strays(question, values))
     values = of_parts(design, values)
@@ -153,4 +154,4 @@ def builds_of(
         camera = nominal.replace({place: np.where(valid, value, nominal[place]) for place, value in changes.items()})
     if mount is None:
         return IdealBuilds(camera, nominal, *rest), valid
-    return TracedBuilds(design, mount, camera, *rest), valid & mount.sound
+    return TracedBuilds(design, mount, camera, *rest, afresh=afresh), valid & mount.sound

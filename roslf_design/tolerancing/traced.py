@@ -26,6 +26,7 @@ from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
 from ..rays.object_space import FacesAhead
+from ..theory.stop_images import lens_point
 from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
@@ -282,15 +283,46 @@ def reference(
     )
 
 
-def traced(mount: Mounted, half: Array, wanted: Aims, rays: int) -> Aimed:
-    """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,)."""
-    trials, fields = len(half), len(wanted.base) // rays
+def traced(mount: Mounted, half: Array, wanted: Aims, rays: int, own: bool = False) -> Aimed:
+    """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,).
+
+    `own` says that every build has aims of its own, the builds slowest.
+    """
+    trials, fields = len(half), len(wanted.base) // rays // (len(half) if own else 1)
     together = next(count for count in range(fields, 0, -1) if fields % count == 0 and count * rays <= BLOCK)
     groups = fields // together
     trial = np.repeat(np.arange(trials), groups)
-    begin = np.tile(np.arange(groups) * together * rays, trials)
+    begin = np.tile(np.arange(groups) * together * rays, trials) + (trial * fields * rays if own else 0)
     rows = aimed(mount.train, mount.planes, half, wanted, trial, begin, together * rays)
     return Aimed(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
+
+
+def thin_aims(camera: Camera, nominal: Aims) -> Aims:
+    """The same rays for each of T builds, found from its thin twin; builds slowest.
+
+    Where builds are far from the nominal camera, whose own rays are then no place to start from.
+    """
+    trials, (base, offset, target) = camera.shape[0], nominal[:3]
+    half, radius = (np.broadcast_to(np.asarray(part), trials) for part in (camera.d / 2, camera.fap.radius))
+    at = base[:, None] + offset[:, None] * half[:, None]
+    microlens = camera.microlens(at[..., 0], at[..., 1])
+    point = lens_point(camera, camera.fap, microlens)
+    there = target[:, None] * radius[:, None]
+
+    def slopes(aside: Array) -> Array:
+        x, y = point.at(aside[..., 0], aside[..., 1])
+        ways = ((c - l) / camera.d_1 for c, l in zip(microlens[:2], (x, y), strict=True))
+        return np.asarray(np.stack(np.broadcast_arrays(*ways), axis=-1) + 0 * there)
+
+    start = slopes(there)
+    columns = [(slopes(there + radius[:, None] * way) - start) for way in np.eye(2)]
+    inverse = np.stack(columns, axis=-1)
+
+    def flat(part: Array) -> Array:
+        return np.ascontiguousarray(np.swapaxes(part, 0, 1).reshape(trials * len(base), -1))
+
+    again, aside, goal = (np.tile(part, (trials, 1)) for part in (base, offset, target))
+    return Aims(again, aside, goal, flat(start), flat(inverse.reshape(*inverse.shape[:2], 4)))
 
 
 def epi_slopes(
@@ -341,14 +373,25 @@ class TracedBuilds(IdealBuilds):
         object_distance: float,
         calibrated: bool,
         strays: tuple[Number, Number] | None = None,
+        afresh: bool = False,
     ) -> None:
         super().__init__(camera, Camera.of(design), fields, object_distance, calibrated, strays)
-        self.mount, self.trials = mount, len(mount.sound)
+        self.mount, self.trials, self.afresh = mount, len(mount.sound), afresh
         self.half = np.broadcast_to(np.asarray(camera.d) / 2, (self.trials,)).copy()
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
+        if afresh:  # whether the nominal images are folded says nothing of builds far from it
+            known = self.known
+            wanted = (thin_aims(camera, rays) for rays in (known.chief, known.rim, known.inner, known.neighbours))
+            chief, rim, inner, neighbours = wanted
+            unfolded = np.zeros_like(known.folded)
+            self.known = known._replace(chief=chief, rim=rim, inner=inner, neighbours=neighbours, folded=unfolded)
 
     def _aimed(self, wanted: Aims, rays: int) -> Aimed:
-        return traced(self.mount, self.half, wanted, rays)
+        return traced(self.mount, self.half, wanted, rays, self.afresh)
+
+    def _rays(self, wanted: Aims) -> int:
+        """How many of them belong to one field of one build."""
+        return len(wanted.base) // len(self.fields) // (self.trials if self.afresh else 1)
 
     def _grid(self, column: Array) -> Array:
         """From (trials * fields, ...) to (fields, trials, ...)."""
@@ -357,7 +400,7 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def rim(self) -> Aimed:
         """Rays of the FAP's rim."""
-        return self._aimed(self.known.rim, len(self.known.rim.base) // len(self.fields))
+        return self._aimed(self.known.rim, self._rays(self.known.rim))
 
     @cached_property
     def uncut(self) -> Outlines:
@@ -407,9 +450,10 @@ class TracedBuilds(IdealBuilds):
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
         if len(cut):
             fields = len(self.fields)
-            rays = len(self.known.inner.base) // fields
+            rays = self._rays(self.known.inner)
             trial, field = cut // fields, cut % fields
-            inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, field * rays, rays)
+            begin = (cut if self.afresh else field) * rays
+            inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, begin, rays)
             parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
             shape[cut], share[cut] = cut_shapes(*parts)
             out = np.isnan(share[cut])

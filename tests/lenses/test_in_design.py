@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.cli import main
 from roslf_design.design import Design, DesignError, dumps, load, loads, preset_path, save
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import dumps_lens, load_lens, shipped_names
@@ -210,14 +209,3 @@ def test_every_fault_of_lens_and_design_is_told_at_once(tmp_path):
     assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[0]
     assert "surfaces.1.diameter" in lines[1]
     assert "aperture.diameter" in lines[2]
-
-
-def test_optimize_refuses_real_lenses_in_one_line(tmp_path, capsys):
-    study = preset_path("paper").parent.parent / "studies" / "optimize-rigid-scope" / "study.toml"
-    if not study.exists():
-        pytest.skip("the studies are not beside the designs")
-    (tmp_path / "study.toml").write_text(study.read_text().replace('"start.toml"', '"paper-singlet"'))
-    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert "has a real main lens (LA1050-A reversed), and the search varies ideal ones" in lines[0]

@@ -1,0 +1,162 @@
+"""What lies at single fields of cameras behind a real main lens, traced: the same builds that tolerance studies trace.
+
+What belongs to the camera as a whole follows from the lens's own first order, its focal length and principal planes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import SEEING, TIP, Camera, Number
+from ..design import PATHS, Design
+from ..design.conjugates import CONJUGATES
+from ..design.environment import TEMPERATURE
+from ..theory.quantities import Quantity
+from ..tolerancing.ideal import IdealBuilds
+from ..tolerancing.metrics import Question, builds_of
+from ..tolerancing.traced import TraceCheck, TracedBuilds, check_traced, mounted
+
+Array = NDArray[np.float64]
+Field = tuple[float, float]
+"""A microlens's place on the array [mm]."""
+
+FIXED = (CONJUGATES[0], PATHS["D"])
+"""What a real lens gives."""
+AS_IF_THIN = {
+    "distortion_percent": "the lens's distortion",
+    "local_magnification": "how the lens's magnification changes over the field",
+    "undistorted_field_mm": "what the lens's aberrations cut; hold non_distortion_room_mm at a field instead",
+    "centre_shift_px_per_microlens": "how it differs over the field; take centre_shift_px at a field instead",
+}
+"""Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
+
+
+def is_traced(quantity: Quantity) -> bool:
+    """Whether a quantity is told from rays behind a real lens: then it belongs to a field."""
+    return quantity.local is not None and quantity.name not in AS_IF_THIN
+
+
+def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool) -> Iterator[str]:
+    """What is wrong with asking for a quantity of a design behind a real lens."""
+    assert design.lens is not None
+    lens = design.lens.name
+    if quantity.name in AS_IF_THIN:
+        yield f"{name} is not traced while searching, and its formula leaves out {AS_IF_THIN[quantity.name]}"
+    elif is_traced(quantity) and not at_field:
+        yield (
+            f"behind a real lens ({lens}) {name} is traced and differs from field to field; say where on the array, "
+            'e.g. field = "3 mm" (once for each place that matters)'
+        )
+
+
+class FieldTraces:
+    """Fields of the cameras that a design with a real lens becomes; rays are shared by all that is asked there.
+
+    Parameters
+    ----------
+    design : Design
+        Behind a real lens, which all the cameras have.
+    fields : tuple of (x, y)
+        Every field that will be asked about [mm].
+    camera : Camera
+        T builds; what it has otherwise than the design is how they differ.
+    own : bool
+        Whether they are the design itself, whose folded images are then left undefined.
+    """
+
+    def __init__(self, design: Design, fields: tuple[Field, ...], camera: Camera, *, own: bool = False) -> None:
+        self.design, self.fields, self.camera, self.own = design, fields, camera, own
+        self._builds: dict[float | None, tuple[IdealBuilds, NDArray[np.bool_]]] = {}
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Place to what builds have there, where that is not the design's own number, (T,) each."""
+        own, builds = Camera.of(self.design).numbers, self.camera.shape or (1,)
+        kept = {*SEEING, *CONJUGATES, TIP}
+        moved = {place: v for place, v in self.camera.numbers.items() if place not in kept}
+        moved = {place: v for place, v in moved.items() if not np.array_equal(v, own[place])}
+        moved[CONJUGATES[2]] = self.camera[CONJUGATES[2]]
+        return {place: np.broadcast_to(np.asarray(v, float), builds).copy() for place, v in moved.items()}
+
+    def at(self, quantity: Quantity, field: Field, temperature: float | None = None) -> Array:
+        """A quantity at one of the fields, (T,); nan where builds make no camera, or where it has no value."""
+        builds, valid = self._at(temperature)
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(quantity.at_fields(builds), (len(self.fields), len(valid)))
+        return np.where(valid, values[self.fields.index(field)], np.nan)
+
+    def _at(self, temperature: float | None) -> tuple[IdealBuilds, NDArray[np.bool_]]:
+        if temperature not in self._builds:
+            numbers = self.numbers
+            trials = len(next(iter(numbers.values())))
+            if temperature is not None:
+                numbers[TEMPERATURE] = np.full(trials, temperature)
+            question = Question(self.design, (), self.fields, float(Camera.of(self.design).d_f))
+            with np.errstate(all="ignore"):
+                self._builds[temperature] = builds_of(question, numbers, trials, afresh=not self.own)
+        return self._builds[temperature]
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """What must not stand inside a real lens."""
+
+    label: str
+    room: Callable[[Camera], Number]
+    """In units of the lens's focal length; not below 0."""
+
+
+def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
+    """Of the array, and of stops and elements of which places move."""
+    mount, focal = mounted(design, {}, 1), float(Camera.of(design).f)
+    lens = mount.lens
+    behind = float(lens.rear[0] - lens.rear_principal[0])
+    ahead = float(lens.front_principal[0] - lens.front[0])
+
+    def array(c: Camera) -> Number:
+        before = 0.0 if c.chain is None else c.chain.before_array(c.numbers)
+        return (c[CONJUGATES[2]] - before - behind) / focal
+
+    yield Clearance("the array behind the lens's last surface", array)
+    for place in sorted(moved):
+        part, _, name = place.rpartition(".")
+        if name == "distance" and part.startswith(("aperture", "stops.", "elements.")):
+            yield Clearance(f"{part} before the lens's first surface", lambda c, p=place: (c[p] - ahead) / focal)  # type: ignore[misc]
+
+
+@dataclass(frozen=True)
+class Retrace:
+    """The optimum, traced again on its own."""
+
+    lens: str
+    check: TraceCheck
+    moved: float
+    """Largest difference between goals and limits as the search had them and as the optimum's own trace has them,
+    relative to the larger of the two, or to 1."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """For the JSON object."""
+        folded = [list(field) for field in self.check.folded]
+        return {"lens": self.lens, **self.check.to_dict(), "goals_and_limits": self.moved, "folded_fields_mm": folded}
+
+
+def retraced(best: Design, asked: list[tuple[Quantity, Field, float]]) -> Retrace:
+    """Trace a design as a camera of its own: images integrated ray by ray, where the search used series.
+
+    `asked` are the quantities at fields that goals and limits name, and what the search had for them.
+    """
+    assert best.lens is not None
+    fields = tuple(dict.fromkeys(field for _, field, _ in asked)) or ((0.0, 0.0),)
+    cameras = Camera.of(best).replace({PATHS["d_2"]: np.array([best.d_2])})
+    own = FieldTraces(best, fields, cameras, own=True)
+    builds, _ = own._at(None)
+    assert isinstance(builds, TracedBuilds)
+    again = [(value, float(own.at(quantity, field)[0])) for quantity, field, value in asked]
+    moved = [abs(a - b) / max(abs(a), abs(b), 1.0) for a, b in again]
+    finite = [off for off in moved if np.isfinite(off)]
+    return Retrace(best.lens.name, check_traced(best, builds, {}), max(finite, default=0.0))

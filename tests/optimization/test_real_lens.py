@@ -1,0 +1,148 @@
+"""Designs behind a real main lens: the optimum against differential evolution over designs traced one at a time."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import differential_evolution
+
+import roslf_design as roslf
+from roslf_design.cli import main
+from roslf_design.design import preset_path
+from roslf_design.optimization import Constraint, Goal, Settings, solve
+from roslf_design.optimization.traces import FieldTraces
+from roslf_design.traced.camera import camera_of, microlenses
+from roslf_design.traced.images import real_images
+from tests.optimization.posing import posed
+
+SINGLET = roslf.load("paper-singlet").replace({"depth.disparity_error": 0.1})
+FIELDS = ((0.0, 0.0), (11.0, 7.0))
+
+STUDY = """
+name = "behind a singlet"
+design = "paper-singlet"
+
+[variables]
+D_F = ["2 mm", "4 mm"]
+d_3 = ["90 mm", "130 mm"]
+
+[[constraints]]
+quantity = "fill_factor"
+field = "11 mm"
+max = 1.0
+
+[[constraints]]
+quantity = "kept_fraction"
+field = ["11 mm", "7 mm"]
+min = 0.98
+
+[[goals]]
+quantity = "sigma_z_mm"
+direction = "min"
+
+[solver]
+starts = 1
+check = false
+"""
+
+
+def images(design):
+    """Both fields of one design, integrated ray by ray."""
+    return real_images(camera_of(design), microlenses(design, np.array(FIELDS)), points=64)
+
+
+def test_no_worse_than_differential_evolution_over_exact_traces():
+    """The brightest corner whose image on the axis is no wider than the pitch: where the lens begins to cut it.
+
+    64 points round a cut image leave 5e-3 of its area, the same to 1e-4 for cameras this near each other; both optima
+    are compared by that one measure.
+    """
+
+    def cost(numbers):
+        lit = images(SINGLET.replace(D_F=float(numbers[0]), d_3=float(numbers[1])))
+        over = max(0.0, np.log(lit.diameter[0] / 0.063))
+        return -np.log(max(lit.area[1], 1e-9)) + 10 * over
+
+    known = differential_evolution(cost, [(2, 4), (90, 130)], seed=1, popsize=5, maxiter=8, polish=False)
+    start = SINGLET.replace(D_F=10.0, d_3=195.0)  # dark at the corner, folded on the axis: no matter
+    problem = posed(
+        {"D_F": (2, 4), "d_3": (90, 130)},
+        [Constraint(quantity="image_diameter_mm", field=FIELDS[0], max=0.063)],
+        Goal(quantity="image_area_mm2", field=FIELDS[1], direction="max"),
+        design=start,
+    )
+    answer = solve(problem, Settings(starts=1, check=False, accuracy=1e-4))
+    assert answer.feasible
+    assert cost([answer.variables()["D_F"], answer.variables()["d_3"]]) <= known.fun + 1e-3
+
+
+def test_cameras_far_from_the_design_are_traced_as_if_they_were_it():
+    """Whole and cut images, near and far FAPs, small and large: to what the boundary's points leave."""
+    numbers = {"D_F": np.array([1.0, 2.5, 6.0, 3.0]), "d_3": np.array([20.0, 93.0, 60.0, 125.0])}
+    traces = FieldTraces(SINGLET, FIELDS, roslf.Camera.of(SINGLET, numbers))
+    for build in range(4):
+        own = images(SINGLET.replace(**{name: float(values[build]) for name, values in numbers.items()}))
+        for k, field in enumerate(FIELDS):
+            kept, area = (traces.at(roslf.quantity(name), field)[build] for name in ("kept_fraction", "image_area_mm2"))
+            whole = own.kept_fraction[k] == 1
+            assert area == pytest.approx(own.area[k], rel=1e-9 if whole else 5e-3)
+            assert kept == pytest.approx(own.kept_fraction[k], rel=1e-9 if whole else 5e-3)
+
+
+def test_a_study_behind_a_real_lens(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text(STUDY)
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "optimal"
+    assert found["traced"]["lens"] == "LA1050-A reversed"
+    assert found["traced"]["goals_and_limits"] < 1e-6
+    assert found["traced"]["folded_fields_mm"] == []
+    best = roslf.load(tmp_path / "out" / "best.toml")
+    assert best.lens == SINGLET.lens
+    field = roslf.evaluate(best, [FIELDS[1]]).fields[0]
+    asked = {c["quantity"]: c["value"] for c in found["constraints"]}
+    assert field.kept_fraction == pytest.approx(asked["kept_fraction"], abs=2e-3)  # its cut images have 96 points
+    assert asked["fill_factor"] <= 1 + 1e-8
+    assert asked["kept_fraction"] >= 0.98 - 1e-8
+    assert "was traced at every design tried" in (tmp_path / "out" / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("D_F = [", "f = [", "'f' is the real lens's own (LA1050-A reversed); drop it"),
+        ("D_F = [", "D = [", "'D' is the real lens's own"),
+        ('field = "11 mm"\n', "", "constraints.1: behind a real lens (LA1050-A reversed) fill_factor is traced and"),
+        ('"fill_factor"', '"distortion_percent"', "distortion_percent is not traced while searching"),
+        ('field = "11 mm"\n', 'field = "11 mm"\nat = "9 mm"\n', "is not asked for at a distance"),
+        ('field = "11 mm"\n', 'field = "12 mm"\n', "lies beyond the array"),
+        ("[solver]", "[[robust.perturb]]\nplace = 'd_2'\ntolerance = '1 um'\n[solver]", "is for ideal main lenses"),
+        ("[solver]", "[catalogue]\nkinds = ['lenses']\n[solver]", 'write kinds = ["microlens_arrays"]'),
+    ],
+)
+def test_what_does_not_go_behind_a_real_lens_is_one_line(capsys, tmp_path, old, new, said):
+    assert old in STUDY
+    (tmp_path / "study.toml").write_text(STUDY.replace(old, new, 1))
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_spent_budget_is_told(capsys, tmp_path):
+    (tmp_path / "study.toml").write_text(STUDY.replace("starts = 1", "starts = 40\nbudget = 100\nevaluations = 30"))
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["trust"]["ended_by"] == "evaluations"
+
+
+def test_a_lens_that_diverges_is_one_line(capsys, tmp_path):
+    surfaces = '[[surfaces]]\nradius = "-50 mm"\nthickness = "3 mm"\nglass = "N-BK7"\ndiameter = "50 mm"\n'
+    surfaces += '[[surfaces]]\nradius = "50 mm"\ndiameter = "50 mm"\n'
+    (tmp_path / "lens.toml").write_text(f'name = "hollow"\n{surfaces}')
+    design = (preset_path("paper-singlet")).read_text().replace('"LA1050-A"', '"lens.toml"')
+    (tmp_path / "hollow.toml").write_text(design)
+    (tmp_path / "study.toml").write_text(STUDY.replace('"paper-singlet"', '"hollow.toml"'))
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "hollow" in line
+    assert "does not converge light" in line
