@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -60,6 +62,8 @@ class Table:
     """Rows that matter less."""
     widths: tuple[float, ...] = ()
     """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
+    dense: bool = False
+    """Small and close on paper: of several that are to fit on one page."""
 
     def __post_init__(self) -> None:
         wrong = [row for row in (*self.rows, *filter(None, [self.headings])) if len(row) != len(self.align)]
@@ -95,6 +99,14 @@ class Table:
             tuple(cell(*parts) for parts in zip(self.align, row, split, rooms, strict=True))
             for row, split in zip(self.rows, splits, strict=True)
         )
+
+
+def csv_bytes(rows: Iterable[Iterable[object]]) -> bytes:
+    """Rows as CSV that spreadsheets read; a number that is not known, or None, is an empty cell."""
+    page = io.StringIO()
+    writer = csv.writer(page, lineterminator="\n")
+    writer.writerows(["" if cell is None or cell != cell else cell for cell in row] for row in rows)
+    return page.getvalue().encode()
 
 
 def plain_text(text: str, style: str = "") -> Text:

@@ -14,13 +14,16 @@ from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
 from ..words import sentence
-from .fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
+from .fit import StatisticsFit, corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
+from .lengths import LengthCovariance
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
-from .posterior import variance_shares
-from .sidedata import image_pitch, white_pitch
+from .posterior import laplace_draws, variance_shares
+from .sidedata import SideDatum, image_pitch, white_pitch
 from .space import SceneSide, Shown, as_shown
 
+DRAWS = 20_000
+"""Of cameras, for the covariance of their lengths: standard deviations to 0.5 %."""
 MOST_CORNERS = 10_000
 """Of a plan, over all its images: beyond it, time and memory grow without telling more."""
 _STEEPEST = math.radians(40.0)
@@ -216,6 +219,13 @@ class ExpectedErrors(NamedTuple):
     """Of the fit."""
     correlation: float
     """Between A and 1/d_2, the ridge along which calibrations err."""
+    typical: tuple[StatisticsFit, tuple[SideDatum, ...]]
+    """That of the sets of poses which knows d_3 as well as half of them, with its side data."""
+
+    def lengths(self, sheet: DataSheet) -> LengthCovariance:
+        """How sure the camera's lengths will be, together, of that set of poses."""
+        fit, data = self.typical
+        return LengthCovariance.of(laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data), sheet)
 
 
 class PlanChange(NamedTuple):
@@ -318,15 +328,15 @@ def expected_errors(
         lost = undetermined(fit.covariance, camera, captures.boards)
         if lost:
             raise CalibrationError(f"these captures do not determine {lost}: {reason(captures)}")
-        fits.append(fit)
         pitch = float(image_pitch(camera.vector(), sheet))
         data = () if white is None else (white_pitch(fit, sheet, pitch, white),)
+        fits.append((fit, data))
         shares.append(variance_shares(fit, sheet, data))
     sigma = {name: float(np.median([one[name]["sigma"] for one in shares])) for name in shares[0]}
     middle = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
     typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[middle].items()}
-    covariance = fits[middle].covariance
-    return ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]))
+    covariance = fits[middle][0].covariance
+    return ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]), fits[middle])
 
 
 def _pupil(camera: Intrinsics, sheet: DataSheet) -> float:

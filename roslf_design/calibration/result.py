@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ..accuracy.statement import Accuracy
 from ..camera import Camera
-from ..design import PATHS, Design
+from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
 from .diffraction import DiffractionCheck
 from .fit import Calibration
 from .frames import Array
+from .lengths import LengthCovariance
 from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .planning import camera_of
@@ -54,15 +54,6 @@ class QuantityEstimate:
     def off(self) -> float | None:
         """Calibrated less design [standard deviations]; None where nothing is uncertain."""
         return (self.value - self.design) / self.sigma if self.sigma > 0 else None
-
-
-class LengthCovariance(NamedTuple):
-    """How sure lengths of a camera are, together."""
-
-    places: tuple[str, ...]
-    """Such as "aperture.distance"."""
-    matrix: Array
-    """[mm^2] of lengths, shape (n, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +123,7 @@ class Outcome:
     @property
     def covariance(self) -> LengthCovariance:
         """Of the lengths that `calibrated` has from here, and of what stands before the lens, by the draws."""
-        lengths = dict(self.draws.quantities)
-        if (space := self.sheet.space_at(lengths)) is not None:
-            lengths |= space.ruler(lengths)
-        own = {PATHS[name]: lengths[name] for name in ("d_3", "d_1", "d_2")} | {PATHS["f"]: self.draws.draws("f")}
-        drawn = own | {known.place: lengths[known.place] for known in self.sheet.elements}
-        return LengthCovariance(tuple(drawn), np.atleast_2d(np.cov(np.stack([*drawn.values()]))))
+        return LengthCovariance.of(self.draws, self.sheet)
 
     @property
     def calibrated(self) -> Design:

@@ -23,9 +23,9 @@ from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.elements import FieldLens, Grin
 from ..design.environment import TEMPERATURE, Growth
-from ..design.mapping import Law, image_height, stretch
 from ..design.parts import PATHS, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
+from ..lenses.angles import Law, first_order, stretch
 from .frames import Frame, Vector, along, dot, frame, minus, plus, times
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 FOCAL = PATHS["f"]
 IMAGE = ".image"
+IN_FOCUS = 1e-10
+"""Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 STEEPEST = 1e15
 """Slope that is taken for infinite."""
 PHOTOMETRIC = (
@@ -313,7 +315,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def law(self) -> Law | None:
-        """How the objective maps angles, where it is not f tan (`..design.mapping`)."""
+        """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
         if self.chain is None or self.chain.mapped is None:
             return None
         lens = self.chain.elements[self.chain.mapped]
@@ -387,8 +389,7 @@ class Camera(Symbols[Number]):
         ]
         slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
         steepness = np.hypot(slopes[0], slopes[1])
-        in_air = np.arcsin(np.minimum(front.medium * np.sin(np.arctan(steepness)), 1.0))
-        p = image_height(self.law, in_air)
+        p = first_order(self.law, steepness, front.medium)
         shrunk = np.where(steepness > 0, p / front.medium / np.where(steepness > 0, steepness, 1.0), 1.0)
         reach = (z if plane is None else plane) - at
         u, v = (middle - shrunk * slope * reach for middle, slope in zip(middles, slopes, strict=True))
@@ -539,8 +540,11 @@ class Camera(Symbols[Number]):
         if self.chain is None:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
-        scale = magnitude(plane.magnification)
-        return Rim(name, part, radius / scale, plane.distance, stands, scale, plane)
+        scale, distance = magnitude(plane.magnification), plane.distance
+        if part != "aperture":  # of a stop in an image of the focal plane no disc is left, but its limit
+            near = np.abs(distance - self.d_f) < IN_FOCUS * np.abs(self.d_f)
+            distance = np.where(near, self.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
+        return Rim(name, part, radius / scale, distance, stands, scale, plane)
 
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:

@@ -37,7 +37,7 @@ from ..errors import InputError, Problem
 from ..pictures.calibration import what_was_seen
 from ..pictures.svg import file_of
 from ..reporting import calibration as pages
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..tables import plain_text
 from ..toml_files import nearest, problems_of, read_toml
 from .failures import UnfinishedError, failure_files, what_there_was
@@ -48,6 +48,7 @@ from .terminal import (
     bar,
     check_options,
     json_text,
+    listed,
     print_blocks,
     refusal,
     typed,
@@ -208,6 +209,7 @@ def calibrate(
         drawings[name] = picture.svg(name=f"calibration-{name}")
         files |= {f"{name}.svg": file_of(drawings[name]), f"{name}.png": picture.to_png()}
     report = pages.calibration_report(result, drawings, command)
+    files |= render_tables(report)
     write_files(output, files | {"index.html": render_html(report).encode()})
     if json:
         print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
@@ -218,7 +220,7 @@ def calibrate(
     console.print(plain_text(report.title, "bold"))
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
-    print(f"\nWritten to {output}: {', '.join((*files, 'index.html'))}\n{seconds:.1f} s")
+    print(f"\nWritten to {output}: {listed((*files, 'index.html'))}\n{seconds:.1f} s")
 
 
 def calibrated(

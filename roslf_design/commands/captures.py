@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.result import LengthCovariance, image_pitch
+from ..calibration.lengths import LengthCovariance
+from ..calibration.result import image_pitch
 from ..camera import Camera
 from ..depth.captured import (
     MeasuredCapture,
@@ -28,7 +29,7 @@ from ..depth.view_files import MATLAB, read_pfm, read_views
 from ..design import Design, load
 from ..errors import InputError, Problem
 from ..imaging.camera import Region
-from ..reporting.calibration import CALIBRATED, read_calibration
+from ..reporting.calibration import calibrated_camera
 from ..units import parse_quantity
 from .failures import UnfinishedError
 from .raw_images import OTHER_CAMERA, RawDecoded, from_raw
@@ -81,22 +82,7 @@ def _camera(
             message = f"is missing; name the camera that took {image.name}, or its --calibration"
             raise refusal("--design", message)
         return named, None
-    table = read_calibration(calibrated)
-    folder = calibrated if calibrated.is_dir() else calibrated.parent
-    found = load(folder / CALIBRATED)
-    if named is not None and named.name not in (table.data["design"], found.name):
-        message = f'{calibrated} is of "{table.data["design"]}", and --design is "{named.name}"; drop the wrong one'
-        raise refusal("--calibration", message)
-    together = table.data.get("covariance")
-    if together is None:
-        message = f"{calibrated} does not tell how its lengths err together, as an older one; calibrate again"
-        raise refusal("--calibration", message)
-    covariance = LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
-    known = Camera.of(found).numbers
-    strange = [place for place in covariance.places if place not in known]
-    if strange:
-        raise refusal("--calibration", f"{strange[0]} is no length of {folder / CALIBRATED}; calibrate again")
-    return found, covariance
+    return calibrated_camera(calibrated, named)
 
 
 def _raw(

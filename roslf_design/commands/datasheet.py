@@ -24,6 +24,7 @@ def datasheet(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     paper: Literal["a4", "letter"] = "a4",
+    calibration: Path | None = None,
     seed: int | None = None,
 ) -> None:
     """The page an engineer signs: field of view, distances, resolution, depth of field, in the terms of ISO 8600.
@@ -34,11 +35,14 @@ def datasheet(
     ----------
     design
         A design file, the name of a preset, or a study: of roslf tolerance, whose builds give each line its tolerance
-        (2 sigma), or of roslf optimize, whose optimum it is.
+        (2 sigma), of roslf optimize, whose optimum it is, or a story, whose last design it is.
     output
         File to write: .pdf, .html, .json or .csv. Default: datasheet-<design>.html.
     paper
         Size of the PDF's pages.
+    calibration
+        Folder that roslf calibrate wrote: each line gets what it leaves uncertain (2 sigma). Of a single design the
+        page is then of the instrument that was calibrated.
     seed
         Instead of the study's; the same seed gives the same bytes.
     """
@@ -52,7 +56,7 @@ def datasheet(
         raise refusal("-o", "a PDF needs the typst package; install it: pip install typst")
     check_options(seed)
     with StatusLine("datasheet") as progress:
-        content = _written(datasheet_of(Path(design), seed, progress.tell), kind, paper)
+        content = _written(datasheet_of(Path(design), seed, progress.tell, calibration), kind, paper)
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, content)
     print(target)
@@ -62,6 +66,6 @@ def _written(found: Basis, kind: str, paper: Paper) -> bytes:
     if kind == ".json":
         return f"{json_text(datasheet_json(found))}\n".encode()
     if kind == ".csv":
-        return datasheet_csv(found).encode()
+        return datasheet_csv(found)
     page = datasheet_report(found)
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

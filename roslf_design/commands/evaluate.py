@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
+from ..design.files import in_the_way, write_atomically
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
+from ..tables import csv_bytes
 from ..units import COLDEST, HOTTEST, parse_quantity
-from .terminal import Flag, json_text, refusal
+from .terminal import Flag, OptionalOutput, json_text, refusal
 
 
 def evaluate(
@@ -26,6 +29,7 @@ def evaluate(
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     json: Flag = False,
+    output: OptionalOutput = None,
     accuracy: float | None = None,
 ) -> None:
     """Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.
@@ -41,12 +45,22 @@ def evaluate(
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
     json
         Print JSON instead of tables.
+    output
+        Write all numbers to this file instead, as .json, or as .csv for spreadsheets: a row for each, by its place in
+        the JSON.
     accuracy
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
     if accuracy is not None:
         check_accuracy(accuracy)
+    if output is not None:
+        if output.suffix.lower() not in (".json", ".csv"):
+            raise refusal("-o", f"{output.name} is of no kind that is written here; end it in .json or .csv")
+        if blocked := in_the_way(output):
+            raise refusal("-o", blocked)
+        if json:
+            raise refusal("--json", "prints what -o writes; give one of them")
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)
@@ -55,16 +69,36 @@ def evaluate(
     result = compute(loaded, fields, accuracy)
     worth = evaluation_accuracy(loaded, result, accuracy)
     worth = replace(worth, seconds=time.perf_counter() - began)
-    if json:
+    if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
         sheet = {"specification": specification(loaded).to_dict()}
-        print(json_text(result.to_dict() | sheet | {"accuracy": worth.to_dict(times=accuracy is not None)}))
+        data = result.to_dict() | sheet | {"accuracy": worth.to_dict(times=accuracy is not None)}
+        if output is None:
+            print(json_text(data))
+            return
+        content = csv_bytes([("key", "value"), *rows(data)])
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(output, content if output.suffix.lower() == ".csv" else f"{json_text(data)}\n".encode())
+        print(output)
         return
     from rich.console import Console
 
     print_evaluation(result, Console())
     if accuracy is not None:
         print(f"\n{worth.sentence()}")
+
+
+def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Numbers and texts of nested values, each with its place, as "fields.0.kept_fraction"."""
+    if isinstance(data, Mapping):
+        items: Iterable[tuple[Any, Any]] = data.items()
+    elif isinstance(data, list):
+        items = enumerate(data)
+    else:
+        yield place, data
+        return
+    for key, inner in items:
+        yield from rows(inner, f"{place}.{key}".lstrip("."))
 
 
 def parse_temperature(text: str) -> float:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import importlib.util
-import io
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +15,7 @@ from ..design import PATHS, load
 from ..design.files import in_the_way, write_atomically
 from ..errors import InputError
 from ..pictures.sweep import sweep_picture
+from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import parse_quantity
@@ -141,10 +140,5 @@ def _written(found: Sweep, kind: str, name: str) -> bytes:
         sink = pyarrow.BufferOutputStream()
         pyarrow.parquet.write_table(pyarrow.table(headed), sink)
         return bytes(sink.getvalue())
-    page = io.StringIO()
-    writer = csv.writer(page, lineterminator="\n")
-    writer.writerow(headed)
     # An empty cell is what has no value; "inf" what has no end.
-    rows = zip(*(values.tolist() for values in headed.values()), strict=True)
-    writer.writerows([["" if value != value else repr(value) for value in row] for row in rows])
-    return page.getvalue().encode()
+    return csv_bytes([headed, *zip(*(values.tolist() for values in headed.values()), strict=True)])

@@ -111,6 +111,11 @@ def print_blocks(blocks: Iterable[Block], console: Console) -> None:
                     console.print(plain_text(line), soft_wrap=True)
 
 
+def listed(files: Iterable[str]) -> str:
+    """Names of files as a line tells them; of tables their folder alone."""
+    return ", ".join(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
+
+
 def json_text(data: Any) -> str:
     """JSON as commands print and write it; what steers a terminal is spelled out, as JSON itself does below 0x20."""
     text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
@@ -121,6 +126,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Files into a folder, made if needed, each whole or not at all; returns what was written."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
         write_atomically(folder / name, content)
     return [folder / name for name in files]
 

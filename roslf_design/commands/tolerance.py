@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..reporting.tolerance import headline, tables, tolerance_pictures, tolerance_report
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
@@ -102,7 +102,8 @@ def tolerance(
     }
     for name, picture in tolerance_pictures(result).items():
         files |= {f"{name}.svg": picture.svg_file(), f"{name}.png": picture.to_png()}
-    write_files(output, files | {"index.html": render_html(tolerance_report(result, command)).encode()})
+    report = tolerance_report(result, command)
+    write_files(output, files | render_tables(report) | {"index.html": render_html(report).encode()})
     if json:
         timed = None if result.precision is None else result.precision.to_dict(times=True)
         print(_lines(result.to_dict() | {"accuracy": timed}))

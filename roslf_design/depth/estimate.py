@@ -135,14 +135,22 @@ class EpipolarPlane:
     """[microlens pitches]"""
     disparity: Array
     """Of each microlens of the row; NaN where none was measured."""
+    aside: Array | None = None
+    """How far views see to the side along the row [pitches], shape (s, u)."""
 
     def line(self, index: int) -> tuple[Array, Array]:
         """Points (u, pupil coordinate) of what microlens `index` sees, from rim to rim of its views."""
+        if self.aside is not None:
+            known = np.isfinite(self.pupil[:, index])
+            at = self.pupil[known, index]
+            return self.u[index] + self.disparity[index] * at + self.aside[known, index], at
         rims = np.array([np.nanmin(self.pupil[:, index]), np.nanmax(self.pupil[:, index])])
         return self.u[index] + self.disparity[index] * rims, rims
 
 
-def epipolar_plane(field: LightField, pupil: ArrayLike, disparity: DisparityMap, row: int) -> EpipolarPlane:
+def epipolar_plane(
+    field: LightField, pupil: ArrayLike, disparity: DisparityMap, row: int, aside: ArrayLike | None = None
+) -> EpipolarPlane:
     """Epipolar-plane image of a row of microlenses, through the pupil's middle, with its fitted disparities."""
     middle = int(np.abs(field.t).argmin())
     where = np.asarray(pupil, float)[0, middle]
@@ -154,6 +162,7 @@ def epipolar_plane(field: LightField, pupil: ArrayLike, disparity: DisparityMap,
         np.broadcast_to(where, shape),
         field.u,
         disparity.disparity[row],
+        None if aside is None else np.asarray(aside, float)[0, middle, :, row],
     )
 
 
@@ -164,6 +173,7 @@ def estimate_disparity(
     *,
     search: tuple[float, float],
     window: int = 5,
+    aside: ArrayLike | None = None,
     largest_sigma: float = 0.3,
     largest_chi2: float = 3.0,
     passes: int = 4,
@@ -189,6 +199,9 @@ def estimate_disparity(
         Least and largest disparity [pitches].
     window : int
         Side of the matching window [microlenses], odd.
+    aside : array_like, optional
+        How far views see to the side of that, whatever the disparity: the view from s sees at u + B s + aside what the
+        pupil's centre sees at u. Along u and along v [microlens pitches], shape (2, t, s, v, u). None is nothing.
     largest_sigma : float
         Standard error [pitches] above which there is no disparity. Beyond about 0.3 the wrong one of two likely
         disparities would be taken now and then, and no standard error says so.
@@ -209,18 +222,18 @@ def estimate_disparity(
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"search is {search}; give a least and a largest disparity")
-    views = _Views.of(field, pupil, noise)
+    views = _Views.of(field, pupil, noise, aside)
     if not len(views.values):
         return _unlit(views, window, (low, high))
     first = _searched(views, noise, low, high, window)
     splines, cells = views.splines()
     disparity, picture = first.disparity, first.picture
     sums = np.zeros((SUMS, *views.shape))
-    every = (splines, cells, views.pupil)
+    every = (splines, cells, views.pupil, views.aside)
     some = every
     if len(views.grid) >= _MANY:
         other = views.grid.sum(axis=1) % 2 == 0
-        some = (splines[other], cells[other], views.pupil[:, other])
+        some = (splines[other], cells[other], views.pupil[:, other], views.aside[:, other])
     bound = (low - first.step, high + first.step)
     for count in range(passes):
         robust = _ROBUST if count else math.inf
@@ -250,6 +263,8 @@ class _Views:
     """What is saturated, shape of `values`."""
     pupil: Pictures
     """Shape (2, view, v, u)."""
+    aside: Pictures
+    """Likewise [pitches]."""
     grid: NDArray[np.int64]
     """Place (t, s) of each view in the grid of views, shape (view, 2)."""
     lit: NDArray[np.int64]
@@ -262,7 +277,7 @@ class _Views:
     """Microlenses a sample: below 1 where a hexagonal array was made square."""
 
     @classmethod
-    def of(cls, field: LightField, pupil: ArrayLike, noise: PixelNoise) -> _Views:
+    def of(cls, field: LightField, pupil: ArrayLike, noise: PixelNoise, aside: ArrayLike | None = None) -> _Views:
         grid, shape = field.values.shape[:2], field.values.shape[2:]
         if min(shape) < 4:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
@@ -277,6 +292,13 @@ class _Views:
             where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
         else:
             known = np.asarray(np.isfinite(where).all(axis=0))
+        if aside is None:
+            beside = np.broadcast_to(np.float32(0), where.shape)
+        else:
+            beside = np.asarray(aside, np.float32)
+            if beside.shape != (2, *grid, *shape):
+                raise ValueError(f"aside of shape {beside.shape}; give (2, t, s, v, u) of {(2, *grid, *shape)}")
+            beside = beside[:, usable]
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
         full = good & (values * light * np.float32(noise.electrons) >= np.float32(noise.saturation))
@@ -284,7 +306,9 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
-        return cls(np.ascontiguousarray(values), light, full, where, places, lit, full.sum(axis=0), steps, density)
+        return cls(
+            np.ascontiguousarray(values), light, full, where, beside, places, lit, full.sum(axis=0), steps, density
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -325,15 +349,17 @@ class _Searched:
 
 def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> _Searched:
     """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
-    zone, count = views.zones(max(abs(low), abs(high)))
-    shape = views.shape
+    largest, shape = max(abs(low), abs(high)), views.shape
+    if views.aside.any():
+        largest += 2 * float(np.abs(views.aside).max())
+    zone, count = views.zones(largest)
     overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
-    zones = np.zeros((count, 4, *shape), np.float32)
+    zones = np.zeros((count, 6, *shape), np.float32)
     with THREADS:
         gather_zones.compiled(
-            views.values, views.light, views.pupil, zone, overall, noise.electrons, noise.read_noise, zones
+            views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise, zones
         )
-    reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:], 0)).max()), 1e-3)
+    reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
     # The outermost views move by a quarter of a microlens from one candidate to the next.
     steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
     step = (high - low) / steps
@@ -344,9 +370,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     for k, candidate in enumerate(candidates):
         squares = np.zeros(shape, np.float32)
         with THREADS:
-            spread_of_zones.compiled(
-                zones, candidate / views.steps[0], candidate / views.steps[1], squares, freedoms[k], means[k]
-            )
+            spread_of_zones.compiled(zones, float(candidate), views.steps, squares, freedoms[k], means[k])
         total, freedom = _box(squares, window), _box(freedoms[k], window)
         freedoms[k] = freedom
         np.divide(total, freedom, out=costs[k], where=freedom > 0.5)

@@ -5,24 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.decoding import LightField
-from ..calibration.result import LengthCovariance
+from ..calibration.lengths import LengthCovariance
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
 from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
+from .traced_views import TracedViews
 from .unmixing import places_on_array, unmixed
 from .view_files import CameraGrid
 
 Array = NDArray[np.float64]
 Unit = Literal["mm", "px"]
-STEP = 0.05
-"""Of a length, for derivatives [standard deviations]."""
 
 
 def first_order(design: Design) -> Camera:
@@ -79,18 +78,20 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     """
     camera = Camera.of(design)
     slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.d_3))
-    sigma = np.sqrt(np.diag(covariance.matrix))
-    uncertain = np.flatnonzero(sigma)
-    if not uncertain.size:
-        return np.zeros(np.shape(z))
-    steps = STEP * np.diag(sigma)[uncertain]
-    best = np.array([float(camera[place]) for place in covariance.places])
-    lengths = best + np.concatenate([steps, -steps])
-    many = Camera.of(design, dict(zip(covariance.places, lengths.T, strict=True))).spread(1)
-    told = np.asarray(many.plane_seen_at(many.d_3 + depth_of_slope(many, slope)))
-    rates = (told[: len(steps)] - told[len(steps) :]) / (2 * STEP * sigma[uncertain, None])
-    own = covariance.matrix[np.ix_(uncertain, uncertain)]
-    return np.asarray(np.sqrt(np.maximum(np.einsum("in,ij,jn->n", rates, own, rates), 0.0)))
+
+    def depths(many: Camera) -> Array:
+        builds = many.spread(1)
+        return np.asarray(builds.plane_seen_at(builds.d_3 + depth_of_slope(builds, slope)))
+
+    return covariance.carried(design, depths)
+
+
+class PreparedViews(NamedTuple):
+    """What `estimate_disparity` takes."""
+
+    field: LightField
+    pupil: NDArray[np.floating]
+    aside: NDArray[np.floating] | None = None
 
 
 class ViewGeometry(Protocol):
@@ -108,11 +109,8 @@ class ViewGeometry(Protocol):
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
-        """A decoded light field with its views' own light, and where on the pupil they look from.
-
-        As `estimate_disparity` takes them.
-        """
+    def prepared(self, field: LightField) -> PreparedViews:
+        """A decoded light field with its views' own light, and where they look from."""
 
     def places(self, field: LightField) -> Array:
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
@@ -152,9 +150,17 @@ class ArrayGeometry:
         """As the design has it, odd."""
         return max(3, (self.matched or self.design.depth.window) | 1)
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
-        """Freed of neighbours' light."""
-        return unmixed(self.camera, field)
+    @cached_property
+    def traced(self) -> TracedViews | None:
+        """The real main lens; None of an ideal one."""
+        return None if self.design.lens is None else TracedViews(self.design, self.camera, self.depth)
+
+    def prepared(self, field: LightField) -> PreparedViews:
+        """Freed of neighbours' light, as by first order; looking as the main lens makes them."""
+        field, pupil = unmixed(self.camera, field)
+        if self.traced is None:
+            return PreparedViews(field, pupil)
+        return PreparedViews(field, *self.traced.sight(field, pupil))
 
     def places(self, field: LightField) -> Array:
         """On the array [mm]."""
@@ -197,10 +203,10 @@ class GridGeometry:
         """Of depths."""
         return "px" if self.grid is None else "mm"
 
-    def prepared(self, field: LightField) -> tuple[LightField, NDArray[np.floating]]:
+    def prepared(self, field: LightField) -> PreparedViews:
         """As it is: cameras to the right see near points further left."""
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
-        return field, np.stack([-s, -t]) / self.across
+        return PreparedViews(field, np.stack([-s, -t]) / self.across)
 
     def places(self, field: LightField) -> Array:
         """To the right and upwards from the middle of the views [px]."""

@@ -29,14 +29,19 @@ from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
-from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, first_order, sigma_of
+from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
+from .traced_views import TracedViews
 from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-RAYS = 128
-"""For each pixel of a textured scene: what they scatter is far below shot noise."""
+RAYS, RAYS_FOR = 128, 5000.0
+"""For each pixel of a textured scene whose pixels hold so many electrons: they scatter by a twentieth of the noise.
+Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
+LEAST_RAYS, MOST_RAYS = 32, 2048
+SCATTER = 0.85
+"""Power of the number of rays that what they scatter falls with."""
 DETAIL = 2.5
 """Period of the finest detail of the scene that is looked at where none is given [microlenses]."""
 SLANT = 0.5
@@ -88,6 +93,8 @@ class Depths:
     field: LightField
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
+    aside: NDArray[np.floating] | None
+    """How far views see to the side by the main lens's faults, likewise."""
     disparities: DisparityMap
     x_ml: Array
     """Places of the microlenses on the array [mm], or of the views' pixels [px], shape (v, u, 2)."""
@@ -285,14 +292,46 @@ def measure(
     search : tuple of float
         Least and largest disparity [pitches].
     """
-    field, pupil = geometry.prepared(field)
-    disparities = estimate_disparity(field, pupil, noise, search=search, window=geometry.window)
+    field, pupil, aside = geometry.prepared(field)
+    disparities = estimate_disparity(field, pupil, noise, search=search, window=geometry.window, aside=aside)
     z = geometry.depth(disparities.disparity)
     known = np.isfinite(z)
     sigma = np.full(z.shape, np.inf)
     sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
     off = geometry.calibration_sigma(z)
-    return Depths(geometry, field, pupil, disparities, geometry.places(field), z, sigma, off)
+    return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
+
+
+def rays_for(charge: float) -> int:
+    """Rays for each pixel that stay as far below the noise of so many electrons as `RAYS` do."""
+    wanted = RAYS * (max(charge, 0.0) / RAYS_FOR) ** (0.5 / SCATTER)
+    return int(np.clip(16 * round(wanted / 16), LEAST_RAYS, MOST_RAYS))
+
+
+class Unexposed(NamedTuple):
+    """Pictures without noise, of which exposures are made with any light."""
+
+    scene: RawImage
+    white: RawImage
+
+    @classmethod
+    def of(
+        cls,
+        design: Design,
+        scene: Scene,
+        region: tuple[int, int, int, int],
+        *,
+        seed: int = 0,
+        rays: int = RAYS,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> Unexposed:
+        """Rendered of a scene and of white, with so many rays a pixel."""
+        lines = plan(design, scene, Budget(), ["-noise"])
+        side = math.ceil(math.sqrt(rays))
+        sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
+        quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
+        picture = render(design, quiet, effects=lines, seed=seed, region=region, sampling=sampling, progress=progress)
+        return cls(picture, render(design, None, effects=lines, seed=seed, region=region, sampling=sampling))
 
 
 def default_scene(design: Design) -> Scene:
@@ -325,8 +364,9 @@ def simulate(
     region: tuple[int, int, int, int] | None = None,
     seed: int = 0,
     exposures: int = 1,
-    rays: int = RAYS,
+    rays: int | None = None,
     believed: Design | None = None,
+    unexposed: Unexposed | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Trial:
     """Take pictures of a scene, with noise, and measure depth in them.
@@ -343,11 +383,13 @@ def simulate(
         Of the noise.
     exposures : int
         Pictures, which differ by noise alone.
-    rays : int
-        For each pixel.
+    rays : int, optional
+        For each pixel; None is `rays_for` the light.
     believed : Design, optional
         The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
         images are those of the white image all the same.
+    unexposed : Unexposed, optional
+        Of the same camera, scene and region, in any light; None renders them.
     progress : callable
         Told what is being done, and how much of it is done.
 
@@ -357,34 +399,34 @@ def simulate(
         A scene that the design cannot see; a region without microlenses; an objective with a mapping.
     """
     believed = design if believed is None else believed
-    geometry = ArrayGeometry(believed)
-    camera = first_order(design)
+    geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
+    camera = actual.camera
     scene = default_scene(design) if scene is None else scene
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
     lattice = lattice_of(camera, part)
     inside = lattice.inside((part.rows, part.columns))
+    if actual.traced is not None:
+        lattice = actual.traced.lattice(lattice, inside, float(camera.q))
+        inside = lattice.inside((part.rows, part.columns))
     if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
-    lines = plan(design, scene, Budget(), ["-noise"])
-    sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed)
-    quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
-    picture = render(
-        design, quiet, effects=lines, seed=seed, region=part, sampling=sampling,
-        progress=lambda share: progress("picture", share),
-    )  # fmt: skip
-    white = render(design, None, effects=lines, seed=seed, region=part, sampling=sampling)
+    mean = float(electrons(camera))
+    if unexposed is None:
+        unexposed = Unexposed.of(
+            design, scene, part, seed=seed, rays=rays or rays_for(mean), progress=lambda done: progress("picture", done)
+        )
+    picture, white = unexposed
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
-    mean = float(electrons(camera))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
     decoder = Decoder.of(lattice, picture.pixels.shape, white=white.pixels)
     even = decoder(white.pixels)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
     noise = PixelNoise(full * brightest, dark, saturation * 0.98)
-    true = _truth(camera, scene, even)
+    true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
     reach = MARGIN + 0.1 * (high - low)
@@ -400,9 +442,13 @@ def simulate(
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
 
 
-def _truth(camera: Camera, scene: Scene, field: LightField) -> Array:
+def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: LightField) -> Array:
     """Z that the chief ray of each microlens meets [mm]."""
     places = places_on_array(camera, field).reshape(-1, 2)
+    if traced is not None:
+        chief = traced.chief_rays(places)
+        met = seen_distances(scene, float(camera["main_lens.focal_plane"]), float(camera.tip), chief)
+        return np.where(np.isfinite(met), met, np.nan).reshape(len(field.v), len(field.u))
     x, y = MicrolensImages(camera, places).from_lens.T
     # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
     slopes = [np.asarray(at * camera.inverse_m / camera.gap) for at in (x, y)]

@@ -154,13 +154,14 @@ def gather_zones(
     values: Samples,
     light: Samples,
     pupil: Floats,
+    aside: Floats,
     zone: NDArray[np.int64],
     picture: Floats,
     electrons: float,
     read: float,
     out: Samples,
 ) -> None:
-    """Mean value, information and mean pupil coordinate (2) of each zone's views; `out` has shape (zone, 4, v, u)."""
+    """Mean value, information, pupil coordinate (2) and shift aside (2) of each zone; `out`: (zone, 6, v, u)."""
     count, rows, columns = values.shape
     for v in prange(rows):
         for k in range(count):
@@ -173,20 +174,27 @@ def gather_zones(
                     out[z, 1, v, u] += weight
                     out[z, 2, v, u] += weight * pupil[0, k, v, u]
                     out[z, 3, v, u] += weight * pupil[1, k, v, u]
+                    out[z, 4, v, u] += weight * aside[0, k, v, u]
+                    out[z, 5, v, u] += weight * aside[1, k, v, u]
         for z in range(out.shape[0]):
             for u in range(columns):
                 weight = out[z, 1, v, u]
                 if weight > 0:
                     out[z, 0, v, u] = out[z, 0, v, u] / weight + picture[v, u]
-                    out[z, 2, v, u] /= weight
-                    out[z, 3, v, u] /= weight
+                    for a in range(2, 6):
+                        out[z, a, v, u] /= weight
 
 
 @kernel(parallel=True)
 def spread_of_zones(
-    zones: Samples, across: float, down: float, squares: Samples, freedom: Samples, mean: Samples
+    zones: Samples,
+    disparity: float,
+    steps: tuple[float, float],
+    squares: Samples,
+    freedom: Samples,
+    mean: Samples,
 ) -> None:
-    """Chi-square of the zones about their mean at each microlens, moved by `across`, `down` samples a unit of s."""
+    """Chi-square of the zones about their mean at each microlens, moved by a disparity; `steps` pitches a sample."""
     count, _, rows, columns = zones.shape
     for v in prange(rows):
         sums = np.zeros((4, columns))
@@ -194,7 +202,8 @@ def spread_of_zones(
             for u in range(columns):
                 if zones[z, 1, v, u] <= 0:
                     continue
-                x, y = u + across * zones[z, 2, v, u], v + down * zones[z, 3, v, u]
+                x = u + (disparity * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
+                y = v + (disparity * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
                 if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
                     continue
                 a, b = min(int(x), columns - 2), min(int(y), rows - 2)
@@ -224,6 +233,7 @@ def common(
     splines: Samples,
     cells: Samples,
     pupil: Floats,
+    aside: Floats,
     disparity: Floats,
     picture: Floats,
     peak: Floats,
@@ -234,7 +244,7 @@ def common(
     robust: float,
     out: Floats,
 ) -> None:
-    """Moments of all views about each microlens of `picture`, warped back by `disparity`; see `SUMS`.
+    """Moments of all views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, may saturate, nothing is used: what by
@@ -247,7 +257,8 @@ def common(
             for u in range(columns):
                 level = picture[v, u]
                 along, over = pupil[0, k, v, u], pupil[1, k, v, u]
-                x, y = u + disparity[v, u] * along / steps[0], v + disparity[v, u] * over / steps[1]
+                x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+                y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                 if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                     continue
                 a, b = min(int(x), columns - 2), min(int(y), rows - 2)
@@ -260,7 +271,8 @@ def common(
                 near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
                 if near != along or lower != over:
                     along, over = near, lower
-                    x, y = u + disparity[v, u] * along / steps[0], v + disparity[v, u] * over / steps[1]
+                    x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+                    y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                     if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                         continue
                     a, b = min(int(x), columns - 2), min(int(y), rows - 2)

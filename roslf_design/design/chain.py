@@ -369,7 +369,12 @@ def chain_numbers(design: Design) -> dict[str, float]:
             numbers[f"{part}.thickness"] = float(plate.thickness)
     if design.environment is not None:
         numbers[TEMPERATURE] = float(design.environment.temperature)
-    return numbers | {place: float(glass.index(design.wavelength)) for place, glass in materials_of(design).items()}
+    return numbers | {place: _index(glass, design.wavelength) for place, glass in materials_of(design).items()}
+
+
+@lru_cache(maxsize=256)
+def _index(glass: Glass, wavelength: float) -> float:
+    return float(glass.index(wavelength))
 
 
 def materials_of(design: Design) -> dict[str, Glass]:

@@ -16,12 +16,13 @@ from pydantic import Field, StrictBool, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..errors import Problem
+from ..lenses.angles import Law
 from ..lenses.glass import AIR
 from ..lenses.prescription import Prescription, rotation
 from ..units import Angle, AnyLength, Distance, Gradient, Length
 from ..words import length
 from .check import shown, stop_beyond_focus
-from .mapping import COLLINEAR, AnyMapping, Law, MappingTable, mapping_fault, mapping_law
+from .mapping import COLLINEAR, AnyMapping, MappingTable, mapping_fault, mapping_law
 from .material import Material
 from .parts import Offset, Part, Tilt
 from .real_lens import Lens, mounted_lens
@@ -255,19 +256,12 @@ def _about_reflection(design: Design) -> list[Problem]:
 
 
 def _about_mapping(design: Design) -> list[Problem]:
-    """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not.
-
-    Nor may a real main lens stand behind it.
-    """
+    """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not."""
     problems = []
     for number, lens in enumerate(design.elements, 1):
         if not isinstance(lens, FieldLens) or lens.law is None:
             continue
         key = f"elements.{number}.mapping"
-        if design.main_lens.prescription is not None:
-            problems.append(
-                Problem(key, "a real main lens is not traced together with a mapping; drop one or the other")
-            )
         for other, element in enumerate(design.elements, 1):
             if element.distance <= lens.distance:
                 continue

@@ -117,7 +117,8 @@ def load(path: str | os.PathLike[str]) -> Design:
     """
     origin = os.fspath(path)
     place = Path(path)
-    if origin in preset_names() and not os.path.exists(place):  # unlike `Path.exists`, never raises
+    # A folder may well be called as a preset, being what a command wrote of it; unlike `Path`, `os.path` never raises.
+    if origin in preset_names() and (os.path.isdir(place) or not os.path.exists(place)):
         place = preset_path(origin)
     missing = "check the path, or see `roslf presets` for the designs that ship"
     data = read_toml(place, origin, missing, refusal=DesignError)
@@ -127,7 +128,7 @@ def load(path: str | os.PathLike[str]) -> Design:
 
 def load_beside(name: str, folder: Path) -> Design:
     """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
-    return load(name if name in preset_names() and not (folder / name).exists() else folder / name)
+    return load(name if name in preset_names() and not (folder / name).is_file() else folder / name)
 
 
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "") -> Design:

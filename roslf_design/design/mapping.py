@@ -5,7 +5,7 @@ Every wide-angle objective has barrel distortion. Its first order is f all the s
 an angle theta in air instead of its tangent. Flat windows and liquid before the objective obey Snell's law then, and
 every ray crosses the entrance pupil, the image of the FAP in front of all elements, where the chain has it.
 
-A law is an array, for kernels and numpy alike: a row of kind and largest p; of a table also a row an interval.
+What kernels know of it, and what follows from it, is in `..lenses.angles`.
 """
 
 from __future__ import annotations
@@ -17,17 +17,13 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from .._jit import kernel
+from ..lenses.angles import SINE, STEREOGRAPHIC, TABLE, THETA, Law, angle_in_air
 from ..toml_files import TAG, nearest
 from ..units import Angle, AnyLength, format_quantity
 from .parts import Part
 
-Law = NDArray[np.float64]
-
-THETA, SINE, STEREOGRAPHIC, TABLE = range(4)
 KINDS: dict[str, tuple[int, float]] = {
     "f theta": (THETA, math.pi / 2),
     "f sin": (SINE, 1.0),
@@ -38,8 +34,6 @@ COLLINEAR: Literal["f tan"] = "f tan"
 NAMES = (COLLINEAR, *KINDS)
 MISFIT = 0.05
 """Share by which a table's own first order may miss the focal length."""
-NOTHING = 1e-150
-"""Added to p where it divides: changes no other number."""
 
 
 class MappingTable(Part):
@@ -121,78 +115,3 @@ def mapping_law(mapping: str | MappingTable, focal_length: float) -> Law | None:
         law = np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float)
     law.setflags(write=False)
     return law
-
-
-@kernel()
-def angle_in_air(law: Any, p: Any) -> Any:
-    """Angle theta [rad] with g(theta) = p, where p does not exceed the law's largest."""
-    kind = law[0, 0]
-    if kind == THETA:
-        return p * 1.0
-    if kind == SINE:
-        return np.arcsin(p)
-    if kind == STEREOGRAPHIC:
-        return 2.0 * np.arctan(p / 2.0)
-    q = p * p
-    i = 1 + np.maximum(np.searchsorted(law[1:, 0], q.real, "right") - 1, 0)
-    t = q - law[:, 0][i]
-    return p * (((law[:, 1][i] * t + law[:, 2][i]) * t + law[:, 3][i]) * t + law[:, 4][i])
-
-
-@kernel()
-def stretch(law: Any, p: Any, n: Any) -> Any:
-    """Slope in a medium of index n over the first order's, p/n: 1 near the axis, huge at 90 degrees.
-
-    Beyond the law's largest p that of the largest.
-    """
-    held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
-    sine, cosine = np.sin(angle), np.cos(angle)
-    return sine / np.sqrt((n - 1.0) * (n + 1.0) + cosine * cosine) * (n / held)
-
-
-@kernel()
-def illumination(law: Any, p: Any) -> Any:
-    """Irradiance against the axis, through an entrance pupil that is a flat opening of one size: 1 for f sin.
-
-    A part of the image of area dA = f^2 g dg dphi gets its light from the solid angle dOmega = sin(theta) dtheta dphi,
-    through an opening that is seen foreshortened, by cos(theta). Its etendue over dA, against that on the axis, is
-
-        cos(theta) sin(theta)/(g g') = sin(theta) cos(theta) theta'(p)/p,
-
-    cos^4 for f tan, sin(theta) cos(theta)/theta for f theta, cos(theta) cos^4(theta/2) for 2f tan(theta/2), 1 for
-    f sin. Flat windows and liquid change nothing: n^2 cos(theta) dOmega is the same in each.
-    """
-    held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
-    light = np.sin(angle) * np.cos(angle) / held
-    kind = law[0, 0]
-    if kind == THETA:
-        return light
-    if kind == SINE:
-        return held * 0.0 + 1.0
-    if kind == STEREOGRAPHIC:
-        return light / (1.0 + held * held / 4.0)
-    q = held * held
-    i = 1 + np.maximum(np.searchsorted(law[1:, 0], q.real, "right") - 1, 0)
-    t = q - law[:, 0][i]
-    steepness = (3.0 * law[:, 1][i] * t + 2.0 * law[:, 2][i]) * t + law[:, 3][i]
-    return light * (angle / held + 2.0 * q * steepness)
-
-
-def image_height(law: Law, angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """P = g(theta) of angles in air [rad]; beyond what is imaged, the largest."""
-    largest = law[0, 1]
-    held = np.minimum(angle, angle_in_air(law, largest))
-    if law[0, 0] == THETA:
-        return np.asarray(held * 1.0)
-    if law[0, 0] == SINE:
-        return np.asarray(np.sin(held))
-    if law[0, 0] == STEREOGRAPHIC:
-        return np.asarray(2 * np.tan(held / 2))
-    low, high = np.zeros(np.shape(held)), np.full(np.shape(held), largest)
-    for _ in range(60):  # the angle rises with p
-        middle = (low + high) / 2
-        below = angle_in_air(law, middle) < held
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray((low + high) / 2)

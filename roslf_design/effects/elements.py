@@ -18,7 +18,7 @@ from ..design import Design
 from ..design.parts import PATHS
 from ..rays.backward import behind_elements, law_of, mapped, scene_side
 from ..rays.object_space import FacesAhead, Outside
-from ..theory.exit_pupil import microlens_image_diameter, stop_angle
+from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
@@ -145,12 +145,13 @@ def _clipping(
         place = [part[good] for part in (height[0] - slope[0] * z, height[1] - slope[1] * z)]
         first = (lens[k] + plane.a * l - plane.b * o + plane.aside[k] for k, (l, o) in enumerate(((lx, ox), (ly, oy))))
         farthest = float(np.max(np.hypot(*(at - part[good] for at, part in zip(place, first, strict=True)))))
-        moved.append(abs(farthest / float(rim.scale) * float(camera.d_2 * stop_angle(camera, rim.distance))))
+        moved.append(farthest / float(rim.radius * rim.scale) * float(size))
         if rim is camera.fap or camera.tilted:
             continue
         # What a rim does not reach into, by first order nor by Snell's law, it changes by no more than that.
-        centre, own = camera.stands(rim.part).origin, float(rim.radius * rim.scale)
-        reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, centre[:2], strict=True)))))
+        part, own = rim.part.rpartition(".")[0] if rim.part.count(".") == 2 else rim.part, float(rim.radius * rim.scale)
+        middle_of = (camera[f"{part}.decentre.{axis}"] for axis in (0, 1))
+        reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, middle_of, strict=True)))))
         cut = ((NEARLY if posed else 1.0) * reach / own - 1) * size
         moved[-1] = min(moved[-1], max(max(cut, deep) + moved[0], 0.0))
     return max(moved)

@@ -17,10 +17,10 @@ from ..camera import Camera
 from ..design import Design, load
 from ..design.elements import FieldLens, element_name, made_of
 from ..design.environment import TEMPERATURE, not_known, not_named
-from ..design.mapping import angle_in_air
 from ..design.material import material_told
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
+from ..lenses.angles import angle_in_air
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.disparity_error import view_gradient

@@ -116,6 +116,10 @@ def _lens_facts(lens: RealLens) -> list[tuple[str, str, str]]:
     ]
 
 
+FAR = 1e9
+"""Lengths that are told as infinite: of what stands in a focus, rounding leaves some 1e13 [mm]."""
+
+
 def seen_table(result: Evaluation) -> Table | None:
     """What light meets beside the main lens; nothing where all is air."""
     if (through := result.object_space) is None:
@@ -143,7 +147,7 @@ def _seen(part: SeenPart) -> str:
     """How it is seen, as far as that differs."""
     pairs = (("", part.distance_mm, part.seen_distance_mm), ("diameter ", part.diameter_mm, part.seen_diameter_mm))
     told = [
-        f"{name}{number(seen)} mm"
+        f"{name}{number(seen)} mm" if abs(seen) < FAR else f"{name}∞"
         for name, own, seen in pairs
         if own is not None and seen is not None and not math.isclose(own, seen, rel_tol=1e-6)
     ]

@@ -95,7 +95,7 @@ class FieldPoint:
 
 
 @dataclass(frozen=True)
-class Part:
+class ListedPart:
     """Something that the tube holds."""
 
     name: str
@@ -131,7 +131,7 @@ class Specification:
     outer_diameter_mm: float
     length_mm: float
     """Tip to sensor."""
-    parts: tuple[Part, ...]
+    parts: tuple[ListedPart, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite is None."""
@@ -235,7 +235,7 @@ def specification(design: Design) -> Specification:
         object_samples=_samples(camera),
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
-        parts=tuple(Part(part.name, float(part.width)) for part in tube.housed(camera)),
+        parts=tuple(ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
     )
 
 

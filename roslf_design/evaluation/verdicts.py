@@ -11,7 +11,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.environment import not_known, not_named
-from ..design.mapping import angle_in_air
+from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.f_number import fill_factor, matched

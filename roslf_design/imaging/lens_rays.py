@@ -148,7 +148,7 @@ class RealLensTracer:
             encode(scene, design.d_f) if level is None else None,
             0.0 if level is None else level,
             finite,
-            not plan.on("object_defocus"),
+            not plan.on("object_defocus") and camera.law is None,  # which bends the plane in focus
             plan.on("cos4"),
             level is not None and not plan.on("overlap"),
             float(camera.tip),

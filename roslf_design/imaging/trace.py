@@ -18,10 +18,10 @@ from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
-from ..design.mapping import illumination
 from ..design.parts import Part
 from ..effects import Plan, Subject
 from ..effects.elements import misses
+from ..lenses.angles import illumination
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS
 from ..rays.backward import (
     ARRAY_X,

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
-from ..design.mapping import illumination
 from ..effects import Plan, plan
+from ..lenses.angles import illumination
 from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes

@@ -318,6 +318,8 @@ def surface_table(lens: Prescription) -> Array:
 
 def rotation(alpha: ArrayLike, beta: ArrayLike) -> Array:
     """Matrices that turn by alpha about x, then by beta about y [rad], (..., 3, 3)."""
+    if np.ndim(alpha) == np.ndim(beta) == 0 and alpha == beta == 0:
+        return np.eye(3)
     a, b = np.broadcast_arrays(np.asarray(alpha, float), np.asarray(beta, float))
     (ca, sa), (cb, sb) = (np.cos(a), np.sin(a)), (np.cos(b), np.sin(b))
     rows = [[cb, sa * sb, ca * sb], [0 * a, ca, -sa], [-sb, sa * cb, ca * cb]]

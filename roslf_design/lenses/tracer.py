@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
+from .angles import LAW_COLUMNS, first_order, stretch
 
 Array = NDArray[np.float64]
 Pair = tuple[ArrayLike, ArrayLike] | Array
@@ -41,9 +42,11 @@ REASONS = {
 }
 
 SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
-THIN, ROD = 11, 12
+THIN, ROD, MAPPED = 11, 12, 13
 """Rows beside surfaces: an ideal lens, 1/f in place of the curvature; a rod from its sensor's side, with n_0 and g in
-the places of curvature and conic, and its length in that of the first aspheric term."""
+the places of curvature and conic, and its length in that of the first aspheric term; what a mapping makes of rays that
+an ideal lens beside it has bent, with its focal length in the place of the conic, the way to the entrance pupil in that
+of a rod's length, and the largest height that it images, f p, in that of the semi-diameter."""
 COLUMNS = 34
 """Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound,
 irregularity (7), one over its normalising radius."""
@@ -124,9 +127,15 @@ class SurfaceStack(NamedTuple):
     """T builds of a lens of S surfaces, as the kernels want them."""
 
     table: Array
-    """`COLUMNS` numbers a surface, (T, S * COLUMNS)."""
+    """`COLUMNS` numbers a surface, then those of a mapping's law if there is one, (T, S * COLUMNS + L)."""
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
+
+    @property
+    def radii(self) -> Array:
+        """Semi-diameters, (T, S) [mm]."""
+        count = int(self.media.shape[1]) - 1
+        return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(len(self.table), count, COLUMNS)[:, :, 5]))
 
     def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
         """Trace rays.
@@ -156,7 +165,8 @@ class SurfaceStack(NamedTuple):
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
-        compiled = pays(kernel, total * count)
+        has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
+        compiled = has_law or pays(kernel, total * count)
         if not compiled:
             arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
         (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
@@ -505,6 +515,41 @@ def meet_thin(
 
 
 @kernel()
+def bend_mapped(law: Any, reach: float, n: float, inwards: bool, x: float, y: float, sx: float, sy: float) -> Any:
+    """Height and slope of a ray, bent by first order, as a mapping has it, or back, and p; its pupil point stays."""
+    steepness = sqrt(sx * sx + sy * sy)
+    p = first_order(law, steepness, n) if inwards else n * steepness
+    grown = stretch(law, p, n)
+    if inwards:
+        p, grown = n * steepness / grown, 1.0 / grown
+    return x + (grown - 1.0) * sx * reach, y + (grown - 1.0) * sy * reach, sx * grown, sy * grown, p
+
+
+@kernel()
+def meet_mapped(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, end: int, limit: float, index: float, s: float,
+    code: float,
+) -> None:  # fmt: skip
+    """Bend a block as a mapping does whose law stands behind the surfaces; `squares` gets (f p)^2."""
+    law = table[end:].reshape(-1, LAW_COLUMNS)
+    for i in range(m):
+        if buffer[6 * BLOCK + i] != 0.0:
+            squares[i] = -1.0
+            continue
+        z, shrink = table[first + 2], 1.0 / buffer[5 * BLOCK + i]
+        sx, sy = buffer[3 * BLOCK + i] * shrink, buffer[4 * BLOCK + i] * shrink
+        x, y = buffer[i] + (z - buffer[2 * BLOCK + i]) * sx, buffer[BLOCK + i] + (z - buffer[2 * BLOCK + i]) * sy
+        x, y, sx, sy, p = bend_mapped(law, table[first + LENGTH], index, s > 0.0, x, y, sx, sy)
+        squares[i] = (table[first + 4] * p) ** 2
+        if squares[i] > limit:
+            buffer[6 * BLOCK + i] = code + CLIPPED
+            continue
+        shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = sx * shrink, sy * shrink, shrink
+
+
+@kernel()
 def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2: float) -> Any:
     """Solve x'' = -pull (1 - g^2 r^2/2) x, and so for y, over a unit of length, by Taylor series.
 
@@ -649,6 +694,8 @@ def pass_surfaces(
             meet_thin(buffer, mine, m, table, first, limit, before, after, s, code)
         elif kind == ROD:
             meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
+        elif kind == MAPPED:
+            meet_mapped(buffer, mine, m, table, first, count * COLUMNS, limit, after if backward else before, s, code)
         elif kind == IRREGULAR:
             meet_irregular(buffer, mine, m, table, first, limit, mu, s, code)
         else:
@@ -681,9 +728,9 @@ def trace_rays(
 
     All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
     """
-    n = each * builds
+    n, wide = each * builds, len(table) // builds
     for build in range(builds):
-        lens = table[build * count * COLUMNS : (build + 1) * count * COLUMNS]
+        lens = table[build * wide : (build + 1) * wide]
         index = media[build * (count + 1) : (build + 1) * (count + 1)]
         for start in range(build * each, (build + 1) * each, BLOCK):
             m = min(BLOCK, (build + 1) * each - start)
@@ -706,9 +753,9 @@ def trace_slopes(
     squares: Any, rays: Any, out: Any, state: Any, room: Any,
 ) -> None:  # fmt: skip
     """The same for rays of x, y, z, dx/dz and dy/dz, to x, y, dx/dz and dy/dz on a plane; flat as there."""
-    n, s = each * builds, -1.0 if backward else 1.0
+    n, wide, s = each * builds, len(table) // builds, -1.0 if backward else 1.0
     for build in range(builds):
-        lens = table[build * count * COLUMNS : (build + 1) * count * COLUMNS]
+        lens = table[build * wide : (build + 1) * wide]
         index = media[build * (count + 1) : (build + 1) * (count + 1)]
         for start in range(build * each, (build + 1) * each, BLOCK):
             m = min(BLOCK, (build + 1) * each - start)

@@ -29,7 +29,7 @@ from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
 from .parts import Catalogue, Entry, Kind, given_by, placed
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
-from .search import QUICK, Budget, Search, search
+from .search import QUICK, Search, SearchBudget, search
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -391,7 +391,7 @@ class Ranking:
 def rank(
     combinations: Combinations,
     keep: int,
-    budget: Budget,
+    budget: SearchBudget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Ranking:

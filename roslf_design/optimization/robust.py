@@ -24,7 +24,7 @@ from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE, Budget, derivative_free
+from .search import FEASIBLE, SearchBudget, derivative_free
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ def maximise_robustness(
     table: RobustTable,
     scatter: Scatter,
     nominal: Array,
-    budget: Budget,
+    budget: SearchBudget,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Robust:
     """Maximise yield, or a quantile of the first goal, as a study's table says, starting from the nominal optimum.

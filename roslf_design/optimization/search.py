@@ -75,7 +75,7 @@ def gradient_error(vector: Vector, unit: Array) -> float:
 
 
 @dataclass
-class Budget:
+class SearchBudget:
     """How much more may be tried; by default without end."""
 
     evaluations: float = math.inf
@@ -85,7 +85,7 @@ class Budget:
     """On the monotonic clock [s], where somebody asked for one."""
 
     @classmethod
-    def of(cls, evaluations: float, seconds: float | None) -> Budget:
+    def of(cls, evaluations: float, seconds: float | None) -> SearchBudget:
         """From now on."""
         return cls(evaluations, math.inf if seconds is None else time.monotonic() + seconds)
 
@@ -96,9 +96,9 @@ class Budget:
             return "evaluations"
         return "seconds" if time.monotonic() > self.deadline else ""
 
-    def at_least(self, evaluations: float, seconds: float) -> Budget:
+    def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
         """The same with so much left."""
-        return Budget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
+        return SearchBudget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
 
 
 @dataclass
@@ -106,7 +106,7 @@ class Guard:
     """Evaluations of what is searched, watched."""
 
     vector: Vector
-    budget: Budget = field(default_factory=Budget)
+    budget: SearchBudget = field(default_factory=SearchBudget)
     evaluations: int = 0
     """Points asked for by the optimiser; those for derivatives are not counted."""
     mapped: int = 0
@@ -231,7 +231,7 @@ def derivative_free(
     ftol: float = 0.0,
     xtol: float,
     evaluations: int,
-    budget: Budget | None = None,
+    budget: SearchBudget | None = None,
 ) -> tuple[Array, int]:
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
@@ -257,11 +257,11 @@ def derivative_free(
         optimiser.add_inequality_constraint(lambda x, _, limit=limit: limit(x), FEASIBLE)
     optimiser.set_initial_step(np.full(len(start), step))
     optimiser.set_ftol_rel(ftol)
-    _run(optimiser, start, xtol, evaluations, budget or Budget())
+    _run(optimiser, start, xtol, evaluations, budget or SearchBudget())
     return best[1], count
 
 
-def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, budget: Budget) -> None:
+def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, budget: SearchBudget) -> None:
     """Run; callers keep the best point, for on round-off and where a search breaks down nlopt gives none back."""
     import nlopt
 
@@ -348,7 +348,7 @@ class Search:
 def search(
     vector: Vector,
     start: ArrayLike,
-    budget: Budget | None = None,
+    budget: SearchBudget | None = None,
     evaluations: int = 300,
     tolerance: float = FTOL,
 ) -> Search:
@@ -360,7 +360,7 @@ def search(
         Merit and rows over the unit box.
     start : array-like, shape (n,)
         Outside the unit box it is clipped to it.
-    budget : Budget, optional
+    budget : SearchBudget, optional
         It is spent.
     evaluations : int
         Of each run, at most.
@@ -369,7 +369,7 @@ def search(
         repeated from its own end until nothing is gained.
     """
     polish = tolerance <= FTOL
-    guard = Guard(vector, budget or Budget())
+    guard = Guard(vector, budget or SearchBudget())
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
     if not (guard.feasible or guard.budget.ended):

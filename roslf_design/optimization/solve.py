@@ -24,10 +24,10 @@ from .search import (
     FEASIBLE,
     FTOL,
     GLOBAL_FTOL,
-    Budget,
     Global,
     Guard,
     Search,
+    SearchBudget,
     globally,
     gradient_error,
     least_violation,
@@ -82,9 +82,9 @@ class Settings(SolverTable):
     accuracy: float | None = None
     """What the merit may be off by (0.01: 1 % of a goal); None polishes every search to rounding."""
 
-    def fresh(self) -> Budget:
+    def fresh(self) -> SearchBudget:
         """All that may be tried, from now on."""
-        return Budget.of(self.budget, self.seconds)
+        return SearchBudget.of(self.budget, self.seconds)
 
     @property
     def agree(self) -> float:
@@ -293,7 +293,9 @@ def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
     return [*given, *sobol_units(problem.n, settings.starts, settings.seed)]
 
 
-def _solve(problem: DesignProblem, settings: Settings, budget: Budget, tell: Tell, starts: Sequence[Array]) -> Answer:
+def _solve(
+    problem: DesignProblem, settings: Settings, budget: SearchBudget, tell: Tell, starts: Sequence[Array]
+) -> Answer:
     searches: list[Search] = []
     tolerance = max(settings.tolerance, problem.finest)
     for number, start in enumerate(starts, 1):
@@ -352,7 +354,7 @@ def _solve(problem: DesignProblem, settings: Settings, budget: Budget, tell: Tel
     )
 
 
-def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Budget, best: Search) -> Check:
+def _check(problem: DesignProblem, name: Global, settings: Settings, budget: SearchBudget, best: Search) -> Check:
     known = conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem.vector, budget)
@@ -364,7 +366,7 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Bud
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
 
-def _notes(searches: Sequence[Search], wanted: int, budget: Budget, settings: Settings) -> list[str]:
+def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settings: Settings) -> list[str]:
     notes, tried = [], f"after {len(searches)} of {wanted} starts"
     if budget.ended == "evaluations":
         notes.append(f"the budget of {settings.budget} evaluations was spent {tried}; give more for a surer answer")
@@ -450,7 +452,7 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
     )
 
 
-def explain(problem: DesignProblem, points: Sequence[Array], budget: Budget, seed: int) -> Conflict:
+def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
     """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
 
     Where the budget is spent, some more is taken.
@@ -491,7 +493,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: Budget, see
 class _Pool:
     """Points met so far, and which constraints each of them holds."""
 
-    def __init__(self, problem: DesignProblem, budget: Budget, starts: Sequence[Array]) -> None:
+    def __init__(self, problem: DesignProblem, budget: SearchBudget, starts: Sequence[Array]) -> None:
         self.problem, self.budget = problem, budget
         self.starts = [np.clip(start, 0, 1) for start in starts]
         self.held: list[frozenset[int]] = []
@@ -595,7 +597,7 @@ def pareto_front(
     goals: Sequence[Goal],
     points: int,
     known: Sequence[Array],
-    budget: Budget,
+    budget: SearchBudget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Front:
@@ -610,7 +612,7 @@ def pareto_front(
         Limits along the second goal; of the third a third as many.
     known : sequence of ndarray
         Feasible points, scaled; searches start there, and from Sobol points by the seed.
-    budget : Budget
+    budget : SearchBudget
         It is spent.
     """
     met: list[Array] = []

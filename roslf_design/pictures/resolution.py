@@ -13,7 +13,7 @@ from ..evaluation.specification import planes, transfer_at
 from ..theory.light import on_array, sensor_field
 from ..theory.stop_images import MicrolensImages
 from .marks import Image, Key, Line, Mark, Point, Text, line_key
-from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
+from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel, round_ticks
 from .theme import SMALL
 
 if TYPE_CHECKING:
@@ -94,8 +94,6 @@ def resolution_map(design: Design, size: Point = (PAGE, 250)) -> Picture:
 def _lines(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
     """Lines of equal resolution, named."""
     from contourpy import contour_generator
-
-    from .picture import round_ticks
 
     marks: list[Mark] = []
     generator = contour_generator(x, y, values)

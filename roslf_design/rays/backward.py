@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .._jit import kernel
 from ..camera import Camera, Frame
 from ..camera.frames import frame
-from ..design.mapping import stretch
+from ..lenses.angles import stretch
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Layout(NamedTuple):
     """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; where the
     scene sees the entrance pupil; (11,)."""
     law: Floats
-    """Of an objective with a mapping (`..design.mapping`); no rows where there is none."""
+    """Of an objective with a mapping (`..lenses.angles`); no rows where there is none."""
 
 
 NO_LAW = np.zeros((0, 5))

@@ -20,7 +20,6 @@ from ..camera import Camera, Number
 from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
 from ..design.environment import TEMPERATURE
-from ..design.mapping import stretch
 from ..design.parts import PATHS
 from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_table
 from ..lenses.tracer import (
@@ -28,12 +27,14 @@ from ..lenses.tracer import (
     CLIPPED,
     COLUMNS,
     LENGTH,
+    MAPPED,
     MISSED,
     REFLECTED,
     ROD,
     ROWS,
     SPHERE,
     THIN,
+    bend_mapped,
     pass_surfaces,
     pays,
 )
@@ -43,9 +44,6 @@ from .pupil import Status
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
-MAPPED = 21
-"""Kind of a row beside those of `lenses.tracer`: what a mapping makes of a ray that an ideal lens has just bent, with
-the way from there to the entrance pupil in the place of a rod's length."""
 FEW_RAYS = 400
 """Below which numpy takes all of them through upright flat faces faster than loops do one."""
 OPEN = 1e300
@@ -116,9 +114,9 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        kinds, bent, turns = self.table[:, KIND], self.table[:, 3], self.table[:, TURNED]
-        if rays.shape[1] < FEW_RAYS and not (np.any(kinds != SPHERE) or np.any(bent) or np.any(turns)):
-            self._upright(rays, out, status)
+        if rays.shape[1] < FEW_RAYS and self._all_upright:
+            for _ in self._upright(rays, out, status, ()):
+                pass
         # Angles from sines come out of numpy and of the compiler a bit apart.
         elif len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
             carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
@@ -129,15 +127,29 @@ class FacesAhead:
         found = out.reshape(4, *shape)
         return Outside(found[:2], found[2:], status.reshape(shape))
 
-    def _upright(self, rays: Floats, out: Floats, status: NDArray[np.uint8]) -> None:
-        """As `carry`, to the same bits, of few rays through flat faces that nothing turns."""
+    @property
+    def _all_upright(self) -> bool:
+        """Whether all faces are flat and nothing turns them."""
+        kinds, bent, turns = self.table[:, KIND], self.table[:, 3], self.table[:, TURNED]
+        return not (np.any(kinds != SPHERE) or np.any(bent) or np.any(turns))
+
+    def _upright(
+        self, rays: Floats, out: Floats, status: NDArray[np.uint8], distances: Sequence[float]
+    ) -> Iterator[None]:
+        """As `carry`, to the same bits, of few rays through upright flat faces; stops at growing distances."""
         finite = np.abs(rays[0]) + np.abs(rays[1]) + np.abs(rays[2]) + np.abs(rays[3]) < OPEN
         x, y, sx, sy = np.where(finite, rays, 0.0)
         status[~finite] = UNTRACEABLE
         shrink = -1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
         dx, dy, dz, z = sx * shrink, sy * shrink, shrink, 0.0
         faces = zip(self.table.tolist(), self.media.tolist(), self.takers.tolist(), strict=True)
+        left = list(distances)
         for row, (scene, sensor), taker in faces:
+            while left and not -row[2] < left[0]:
+                sx, sy = dx / dz, dy / dz
+                out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
+                left.pop(0)
+                yield
             t = (row[2] - z) / dz
             x, y, z = x + t * dx, y + t * dy, row[2]
             px, py = x - row[0], y - row[1]
@@ -153,6 +165,8 @@ class FacesAhead:
                 dz = -np.sqrt(square)
         sx, sy = dx / dz, dy / dz
         out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
+        for _ in (*left, math.inf):
+            yield
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
@@ -162,6 +176,13 @@ class FacesAhead:
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
         lost from where it is lost on.
         """
+        if np.size(height[0]) < FEW_RAYS and self._all_upright:
+            lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
+            out, status = np.zeros((4, lines[0].size)), np.zeros(lines[0].size, np.uint8)
+            for _ in self._upright(lines.reshape(4, -1), out, status, distances):
+                there = out.reshape(lines.shape).copy()
+                yield Outside(there[:2], there[2:], status.reshape(lines.shape[1:]).copy())
+            return
         lost, first, rest = np.zeros((), np.uint8), 0, self._some(0, len(self.table))
         for distance in (*distances, math.inf):
             nearer = -rest.table[:, 2] < distance
@@ -234,8 +255,9 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
             faces = [(row, beyond, 1.0, back, name)]
             if k == chain.mapped:
                 reach = camera.pupil_seen_before(np.nextafter(z, np.inf)) - z
-                bent = _row(vertex, axes, radius, reach)
-                bent[..., KIND], bent[..., LENGTH] = MAPPED, reach
+                image = np.abs(focal_length)
+                bent = _row(vertex, axes, image * float(law_of(camera)[0, 1]), reach)
+                bent[..., KIND], bent[..., LENGTH], bent[..., TURNED], bent[..., 4] = MAPPED, reach, 0.0, image
                 faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"], f"{name}, mapping"))
         elif isinstance(element, Grin):
             shown = [n[f"{part}.{name}"] for name in ("index", "gradient")]
@@ -349,20 +371,6 @@ def cross_flat(
     return x, y, z, mu * dx + bend * nx, mu * dy + bend * ny, mu * dz + bend * nz, 0
 
 
-@kernel()
-def bend_mapped(row: Any, law: Any, scene: float, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> Any:
-    """One ray on an objective's plane, bent by its first order, as its mapping has it; as for `cross_flat`."""
-    sx, sy = dx / dz, dy / dz
-    p = scene * sqrt(sx * sx + sy * sy)
-    if p > law[0, 1]:
-        return x, y, z, dx, dy, dz, CLIPPED
-    grown = stretch(law, p, scene)
-    x, y = x + (grown - 1.0) * sx * row[LENGTH], y + (grown - 1.0) * sy * row[LENGTH]
-    sx, sy = sx * grown, sy * grown
-    shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
-    return x, y, z, sx * shrink, sy * shrink, shrink, 0
-
-
 def _centre(numbers: Any, part: str, z: Number) -> Floats:
     return np.stack(np.broadcast_arrays(*_pair(numbers, f"{part}.decentre"), np.negative(z)), axis=-1)
 
@@ -380,7 +388,9 @@ def outwards(
         if int(row[KIND]) == SPHERE and row[3] == 0.0:
             x, y, z, dx, dy, dz, fate = cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
         elif int(row[KIND]) == MAPPED:
-            x, y, z, dx, dy, dz, fate = bend_mapped(row, law, media[s][0], x, y, z, dx, dy, dz)
+            x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
+            shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
+            dx, dy, dz, fate = sx * shrink, sy * shrink, shrink, CLIPPED if p > law[0, 1] else 0
         else:
             buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
             buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0

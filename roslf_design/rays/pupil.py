@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.chain import COVER, SUBSTRATE
-from ..design.mapping import stretch
 from ..design.parts import PATHS
+from ..lenses.angles import stretch
 from ..theory.stop_images import Projected, lens_point, project
 
 Floats = NDArray[np.float64]

@@ -101,7 +101,12 @@ class Section:
     @property
     def anchor(self) -> str:
         """Where links to this section lead."""
-        return self.name or "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
+        return self.name or slug(self.title)
+
+
+def slug(title: str) -> str:
+    """A title as links and names of files have it: letters, digits and hyphens."""
+    return "-".join("".join(c if c.isalnum() else " " for c in title.lower()).split())
 
 
 class Finding(NamedTuple):

@@ -26,11 +26,14 @@ from ..calibration import (
 )
 from ..calibration import plan as planned
 from ..calibration.fit import VISIBLE
+from ..calibration.lengths import LengthCovariance
 from ..calibration.misfit import DISAGREE
 from ..calibration.model import QUANTITIES, UNITS, relative_sigma
 from ..calibration.planning import reason, too_large
 from ..calibration.result import LAPLACE, Outcome
 from ..calibration.space import SceneSide
+from ..camera import Camera
+from ..design import Design, load
 from ..errors import InputError, Problem
 from ..input_files import read_bytes, read_json
 from ..pictures import calibration as pictures
@@ -45,7 +48,6 @@ from .blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Se
 
 if TYPE_CHECKING:
     from ..calibration.diffraction import DiffractionCheck
-    from ..design import Design
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
@@ -281,6 +283,33 @@ def read_calibration(place: Path) -> Calibrated:
     return Calibrated(data, drawings)
 
 
+def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, LengthCovariance]:
+    """The camera of a calibration's folder, or of its calibration.json, and how sure its lengths are.
+
+    Raises
+    ------
+    InputError
+        As of `read_calibration`; the camera of another design than the one `named`; an older calibration, which does
+        not tell how its lengths err together; one whose files do not go together.
+    """
+    data = read_calibration(place).data
+    file = (place if place.is_dir() else place.parent) / CALIBRATED
+    found = load(file)
+
+    def refused(message: str) -> InputError:
+        return InputError((Problem("--calibration", message),))
+
+    if named is not None and named.name not in (data["design"], found.name):
+        raise refused(f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one')
+    together = data.get("covariance")
+    if together is None:
+        raise refused(f"{place} does not tell how its lengths err together, as an older one; calibrate again")
+    known = Camera.of(found).numbers
+    if strange := [place for place in together["places"] if place not in known]:
+        raise refused(f"{strange[0]} is no length of {file}; calibrate again")
+    return found, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
+
+
 def _drawing(path: Path, name: str) -> str:
     """A picture of the folder, refused where it is not as `calibration_pictures` draws it."""
     text = read_bytes(path, str(path)).decode("utf-8", errors="replace")
@@ -509,6 +538,12 @@ def ways_table(result: Outcome) -> Table:
     rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
     caption = "Step one's error is that of the central view, the others' that of all views."
     return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
+
+
+def planned_lengths(design: Design, asked: CalibrationPart) -> LengthCovariance | None:
+    """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
+    plan = calibration_plan(design, asked)
+    return None if isinstance(plan, str) else plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
 
 
 def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0) -> CapturePlan | str:

@@ -50,7 +50,7 @@ FIGURES = {
 def measurement_pictures(trial: Measurement) -> dict[str, Picture]:
     """Every picture of a measurement."""
     run = trial.first
-    plane = epipolar_plane(run.field, run.pupil, run.disparities, trial.true.shape[0] // 2)
+    plane = epipolar_plane(run.field, run.pupil, run.disparities, trial.true.shape[0] // 2, run.aside)
     return depth_pictures(trial, plane, REASONS)
 
 

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..pictures.picture import PAGE
 from ..pictures.solid import library
+from ..tables import csv_bytes
 from ..words import spans, to_html
-from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table
+from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -90,6 +91,18 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     return _packed(pdf)
 
 
+def render_tables(report: Report) -> dict[str, bytes]:
+    """Each table of a report as CSV, its cells as the page has them, by the name of its file."""
+    files: dict[str, bytes] = {}
+    for section in report.sections:
+        for table in (block for block in section.blocks if isinstance(block, Table)):
+            name = slug(table.title) or section.anchor
+            count = sum(other == name or re.fullmatch(rf"{name}-\d+", other) is not None for other in files)
+            content = csv_bytes([table.headings, *table.rows] if table.headings else table.rows)
+            files[f"{name}-{count + 1}" if count else name] = content
+    return {f"tables/{name}.csv": content for name, content in files.items()}
+
+
 def _packed(pdf: bytes) -> bytes:
     """The same document, its tags for screen readers packed as well: nearly half as large; as it is without pikepdf."""
     try:
@@ -130,6 +143,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
                 "align": list(block.align),
                 "faint": block.faint,
                 "widths": block.widths,
+                "dense": block.dense,
                 "rows": rows,
             }
             words = {"title": spans(block.title), "caption": spans(block.caption)}

@@ -13,10 +13,10 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -25,23 +25,28 @@ from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.specification import specification
-from ..optimization.study import designs, run
+from ..optimization.study import Result, designs, run
 from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.analyses import summarise
 from ..tolerancing.metrics import METRICS
-from ..tolerancing.result import analyse
-from ..tolerancing.run import run_trials
-from ..tolerancing.study import StrictTable, tolerance_plan
+from ..tolerancing.result import StudyResult, analyse
+from ..tolerancing.run import Tally, run_trials
+from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
 from ..toml_files import problems_of, read_toml
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
-from .calibration import Calibrated, CalibrationPart, calibrated_finding, plan_finding, read_calibration
-from .datasheet import Basis, basis, datasheet_section, lines
+from .calibration import (
+    Calibrated,
+    CalibrationPart,
+    calibrated_camera,
+    calibrated_finding,
+    plan_finding,
+    planned_lengths,
+    read_calibration,
+)
+from .datasheet import AsBuilt, Basis, Known, basis, datasheet_section, lines
 from .design import design_report, making
 from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
-
-if TYPE_CHECKING:
-    from ..optimization.study import Result
-    from ..tolerancing.result import StudyResult
 
 Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
@@ -192,9 +197,29 @@ def run_tolerances(
     """
     seeded = data if seed is None else {**data, "seed": seed}
     plan, study, grades = tolerance_plan(seeded, design, folder, origin)
+    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
+
+
+def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> Tally:
     with tempfile.TemporaryDirectory() as scratch:
-        tally = run_trials(plan, Path(scratch), progress=progress)
-    return analyse(plan, study, grades, tally, budgets=budgets)
+        return run_trials(plan, Path(scratch), progress=progress)
+
+
+def builds_of_lines(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
+) -> AsBuilt:
+    """The trials of a tolerance study alone, with every line of the data sheet; arguments as of `run_tolerances`."""
+    design = tolerance_plan(data, design, folder, origin)[0].question.design
+    named = {line.quantity for line in lines(design, specification(design))} - {""}
+    known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
+    asked = {**data, "report": list(dict.fromkeys([*data.get("report", []), *known]))}
+    plan, *_ = tolerance_plan(asked if seed is None else {**asked, "seed": seed}, design, folder, origin)
+    return AsBuilt(plan, summarise(plan, _tally(plan, progress))[-1])
 
 
 def run_optimisation(
@@ -292,7 +317,7 @@ def study_report(
     else:
         tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        sheet = datasheet_section(basis(design, tolerances))
+        sheet = datasheet_section(basis(design, AsBuilt(tolerances.plan, tolerances.final)))
     findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
     return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
@@ -308,34 +333,25 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     InputError
         A fault of a part's study, or a part that has nothing to pass on.
     """
-    design, steps = story.design, []
+    steps: list[str] = []
     findings: dict[str, Finding] = {}
-    for index, part in enumerate(story.table.parts):
-        where = f"part {index + 1} of {len(story.table.parts)}"
-        file, data = story.folder / (part.file or ""), story.studies.get(index, {})
-        if part.kind == "optimize":
-            told = _prefixed(progress, f"{where}, optimisation")
-            result = run_optimisation(data, design, file.parent, str(file), told, seed)
-            taken = _taken(result, part.take)
-            if taken is None:
-                raise InputError((Problem(f"parts.{index + 1}", _nothing(result, part.take)),), story.origin)
-            onwards = _chosen(part.take, taken)
-            steps.append(f"Optimisation ({data['name']}), from {design.name}; what goes on: {onwards}.")
-            design, findings["optimisation"] = taken, optimization_finding(result)
-        elif part.kind == "tolerance":
-            counted = _counted(progress, f"{where}, tolerances")
-            tolerances = run_tolerances(data, design, file.parent, str(file), counted, seed)
-            findings["tolerances"] = tolerance_finding(tolerances)
-            steps.append(f"Tolerances ({data['name']}), of {design.name}.")
-        elif part.calibration is not None:
-            progress(f"{where}, calibration plan")
-            asked = part.calibration if seed is None else part.calibration.model_copy(update={"seed": seed})
-            findings["calibration"] = plan_finding(design, asked)
-            steps.append(f"Calibration plan, for {design.name}.")
-        else:
-            calibrated = story.calibrations[index]
-            findings["calibration"] = calibrated_finding(design, calibrated)
-            steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
+    design = story.design
+    for part in _walked(story, seed, progress):
+        design = part.design
+        match part.outcome:
+            case CalibrationPart() as asked:
+                findings["calibration"] = plan_finding(design, asked)
+                steps.append(f"Calibration plan, for {design.name}.")
+            case Calibrated() as calibrated:
+                findings["calibration"] = calibrated_finding(design, calibrated)
+                steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
+            case StudyResult() as tolerances:
+                findings["tolerances"] = tolerance_finding(tolerances)
+                steps.append(f"Tolerances ({part.name}), of {design.name}.")
+            case Result() as result:
+                findings["optimisation"] = optimization_finding(result)
+                onwards = _chosen(part.take, design)
+                steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
@@ -343,32 +359,105 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     return design_report(design, findings=findings, opening=opening, title=title, progress=progress, **options)
 
 
-def datasheet_of(path: Path, seed: int | None = None, progress: Tell = lambda _: None) -> Basis:
+class Walked(NamedTuple):
+    """A part of a story that has run."""
+
+    outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+    """What it found; of a plan what is asked for."""
+    before: Design
+    design: Design
+    """That goes on."""
+    name: str
+    """Of its study."""
+    take: str
+
+
+def _walked(
+    story: Story, seed: int | None, progress: Tell, tolerances: Callable[..., StudyResult | AsBuilt] = run_tolerances
+) -> Iterator[Walked]:
+    """Run a story's parts, tolerance studies by `tolerances`."""
+    design = story.design
+    for index, part in enumerate(story.table.parts):
+        where, before = f"part {index + 1} of {len(story.table.parts)}", design
+        file, data = story.folder / (part.file or ""), story.studies.get(index, {})
+        outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+        if part.kind == "optimize":
+            told = _prefixed(progress, f"{where}, optimisation")
+            outcome = run_optimisation(data, design, file.parent, str(file), told, seed)
+            taken = _taken(outcome, part.take)
+            if taken is None:
+                raise InputError((Problem(f"parts.{index + 1}", _nothing(outcome, part.take)),), story.origin)
+            design = taken
+        elif part.kind == "tolerance":
+            counted = _counted(progress, f"{where}, tolerances")
+            outcome = tolerances(data, design, file.parent, str(file), counted, seed)
+        elif part.calibration is not None:
+            progress(f"{where}, calibration plan")
+            plan = part.calibration
+            outcome = plan if seed is None else plan.model_copy(update={"seed": seed})
+        else:
+            outcome = story.calibrations[index]
+        yield Walked(outcome, before, design, str(data.get("name", "")), part.take)
+
+
+def datasheet_of(
+    path: Path, seed: int | None = None, progress: Tell = lambda _: None, calibration: Path | None = None
+) -> Basis:
     """A design's data sheet, or that of a study's design with the scatter of its builds.
+
+    Of a story it is the sheet of the design that it ends with, its tolerances and its calibration those of the last
+    parts which are about that design. `calibration`: folder of one, which tells how sure the lines are of the
+    instrument that was calibrated; the sheet of a single design is then of that instrument.
 
     Raises
     ------
     InputError
-        What cannot be read; a study that finds no design; a story, which has several.
+        What cannot be read; a study that finds no design; a calibration of another design.
     """
-    kind, _ = load_story_or_study(path)
+    kind, story = load_story_or_study(path)
+    if story is not None:
+        if calibration is not None:
+            remedy = 'name it in the story, as calibrated = "FOLDER"'
+            raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
+        return _story_sheet(story, seed, progress)
     if kind == "design":
-        return basis(load(str(path)))
+        design = load(str(path))
+        known = None if calibration is None else _known(calibration, design)
+        return basis(design if known is None else known.design, None, known)
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
-        named = {line.quantity for line in lines(design, specification(design))} - {""}
-        known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
-        asked = {**data, "report": [*data.get("report", []), *known]}
-        result = run_tolerances(asked, None, path.parent, origin, _counted(progress, "tolerances"), seed)
-        return basis(design, result)
-    if kind == "optimize":
-        found = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
-        best = _taken(found, "best")
-        if best is None:
-            raise InputError((Problem("", _nothing(found, "best")),), origin)
-        return basis(best)
-    raise InputError((Problem("", "a story carries several designs; its report has their data sheet"),), origin)
+        known = None if calibration is None else _known(calibration, design)
+        told = _counted(progress, "tolerances")
+        return basis(design, builds_of_lines(data, None, path.parent, origin, told, seed), known)
+    found = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+    best = _taken(found, "best")
+    if best is None:
+        raise InputError((Problem("", _nothing(found, "best")),), origin)
+    return basis(best, None, None if calibration is None else _known(calibration, best))
+
+
+def _story_sheet(story: Story, seed: int | None, progress: Tell) -> Basis:
+    parts = list(_walked(story, seed, progress, builds_of_lines))
+    design = parts[-1].design
+    built: AsBuilt | None = None
+    known: Known | None = None
+    for index, part in enumerate(parts):
+        if part.design != design:
+            continue
+        match part.outcome:
+            case AsBuilt() as tolerances:
+                built = tolerances
+            case CalibrationPart() as asked:
+                covariance = planned_lengths(design, asked)
+                known = None if covariance is None else Known("as planned", design, covariance)
+            case Calibrated():
+                known = _known(story.folder / (story.table.parts[index].calibrated or ""), design)
+    return basis(design, built, known)
+
+
+def _known(calibration: Path, named: Design) -> Known:
+    return Known(f"as in {calibration.name}", *calibrated_camera(calibration, named))
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:

@@ -24,7 +24,7 @@ from ..pictures.studies import (
 )
 from ..tables import Column
 from ..tolerancing.analyses import Yield
-from ..tolerancing.budgets import Budget, Change
+from ..tolerancing.budgets import Change, ToleranceBudget
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
 from ..tolerancing.result import StudyResult
@@ -255,7 +255,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
 
 
-def _budget(result: StudyResult, found: Budget) -> Iterator[Table]:
+def _budget(result: StudyResult, found: ToleranceBudget) -> Iterator[Table]:
     """What reaches the wanted yield, cheapest first, and what may be looser."""
     design = result.plan.question.design
     if found.changes:

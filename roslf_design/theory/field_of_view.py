@@ -14,8 +14,8 @@ import numpy as np
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.elements import Prism
-from ..design.mapping import angle_in_air
 from ..design.parts import PATHS
+from ..lenses.angles import angle_in_air
 from .light import SensorField
 
 Place = tuple[Number, Number]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
-from ..design.mapping import angle_in_air, illumination
+from ..lenses.angles import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -128,7 +128,7 @@ def falloff(c: Camera, slope: ArrayLike) -> Array:
 
     Of an objective with a mapping the entrance pupil, the FAP's image before it, counts as an opening of one size, and
     each part of the image gets what comes through it from the angles that the mapping gives it
-    (`..design.mapping.illumination`, which is cos^4 for f tan).
+    (`..lenses.angles.illumination`, which is cos^4 for f tan).
 
     Parameters
     ----------

@@ -79,7 +79,12 @@ class Projected(NamedTuple):
         if isinstance(slant, float) and slant == 0.0:
             return Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
         # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
-        size = square / (1.0 - square * slant)
+        left = np.asarray(1.0 - square * slant)
+        beyond = left.real <= 0
+        if beyond.any():  # it leans through an image of the plane in focus: as if upright
+            upright = np.where(beyond, 0.0, 1.0)
+            ga, gb, left = times(ga, upright), times(gb, upright), np.where(beyond, 1.0, left)
+        size = square / left[()]
         vu, vv = plus(times(ja, ga), times(jb, gb)), plus(times(ka, ga), times(kb, gb))
         return Ellipse(
             bu - size * vu,
@@ -170,6 +175,15 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     rims = (c.fap, *c.rims)
     shape = *np.broadcast_shapes(at_x.shape, at_y.shape, c.shape), len(rims)
     centres, radii = np.empty((*shape, 2)), np.empty(shape)
+    if not c.shape:  # all of one camera at once
+        distance = np.array([rim.distance for rim in rims], float)
+        scale = product(c.d_2, stop_angle(c, distance))
+        bend = (c.f - distance) / c.f
+        aside = np.array([c.decentre(rim.part) for rim in rims], float)
+        centres[..., 0] = product(scale, at_x[..., None] * bend - aside[:, 0])
+        centres[..., 1] = product(scale, at_y[..., None] * bend - aside[:, 1])
+        radii[:] = np.array([rim.radius for rim in rims], float) * magnitude(scale)
+        return centres, radii
     for k, rim in enumerate(rims):
         scale = product(c.d_2, stop_angle(c, rim.distance))
         bend = (c.f - rim.distance) / c.f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf

@@ -170,4 +170,4 @@ def field_limit(c: Camera) -> FieldLimit:
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     seen = bounds[tightest]
     real, on_array = float(on_focal_plane(c, np.asarray(seen))), seen / float(c.inverse_m)
-    return FieldLimit(real, on_array, c.rims[tightest].name, min(rooms))
+    return FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))

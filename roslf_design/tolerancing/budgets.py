@@ -31,7 +31,7 @@ UNNOTICED = 0.002
 """Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
 
 
-class Part(NamedTuple):
+class CostedPart(NamedTuple):
     """What is toleranced by one line: a place with its two axes."""
 
     place: str
@@ -95,7 +95,7 @@ class Looser:
 
 
 @dataclass(frozen=True)
-class Budget:
+class ToleranceBudget:
     """What would reach a wanted yield, and what may be looser."""
 
     target: float
@@ -123,7 +123,7 @@ class Builds(NamedTuple):
     factors: Array
     """On each perturbation's tolerance, (P,)."""
 
-    def with_part(self, part: Part, tolerance: float) -> Builds:
+    def with_part(self, part: CostedPart, tolerance: float) -> Builds:
         """One part to another tolerance."""
         factors = self.factors.copy()
         factors[list(part.rows)] = tolerance / part.tolerance
@@ -143,7 +143,7 @@ class Builds(NamedTuple):
         return float(np.quantile(worst, target, method="higher"))
 
 
-def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
+def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
     """What a study's perturbations are as parts that a shop makes; a tolerance of zero is none."""
     design = plan.question.design
     kinds, rows = perturbable(design), dict[str, list[int]]()
@@ -155,13 +155,13 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[Part, ...]:
     for place, members in rows.items():
         first = plan.draws.perturbations[members[0]]
         line, widths = grades.line_of(design, first.place) or (None, ())
-        parts.append(Part(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
+        parts.append(CostedPart(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
     return tuple(parts)
 
 
 def budget(
     plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
-) -> Budget:
+) -> ToleranceBudget:
     """What would reach a study's wanted yield, and what may be looser.
 
     Parameters
@@ -197,11 +197,11 @@ def budget(
     floor = target if reached else given.value - UNNOTICED
     moved = {place for place, *_ in changes[0].steps} if changes else set()
     looser, builds = _loosened(start, [part for part in parts if part.place not in moved], grades, floor, trials)
-    return Budget(target, changes, looser, builds.result(trials) if looser or changes else given)
+    return ToleranceBudget(target, changes, looser, builds.result(trials) if looser or changes else given)
 
 
 def _single(
-    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
 ) -> Iterator[tuple[Change, Builds]]:
     """Changes of one thing alone that reach the target."""
     for part in parts:
@@ -247,14 +247,14 @@ def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterat
 
 
 def _several(
-    now: Builds, parts: Sequence[Part], grades: Grades, target: float, trials: int
+    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
 ) -> tuple[Change, Builds] | None:
     """Parts taken to better grades one after the other, each time what helps most for its cost, until the target."""
     few = min(trials, STEPS_TRIALS)
     builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
-        best: tuple[float, float, Part, str, float, Builds] | None = None
+        best: tuple[float, float, CostedPart, str, float, Builds] | None = None
         for part in left.values():
             at = steps[part.place][1] if part.place in steps else part.tolerance
             spent = part.extra(at) or 0.0
@@ -280,7 +280,7 @@ def _several(
 
 def _pruned(
     builds: Builds,
-    parts: dict[str, Part],
+    parts: dict[str, CostedPart],
     steps: dict[str, tuple[str, float]],
     grades: Grades,
     target: float,
@@ -311,7 +311,7 @@ def _pruned(
 
 
 def _loosened(
-    start: Builds, parts: Sequence[Part], grades: Grades, floor: float, trials: int
+    start: Builds, parts: Sequence[CostedPart], grades: Grades, floor: float, trials: int
 ) -> tuple[tuple[Looser, ...], Builds]:
     """Parts to looser grades, those that matter least first, as long as the yield stays."""
     options = []

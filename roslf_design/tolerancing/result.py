@@ -35,7 +35,7 @@ from .analyses import (
     yield_at,
     yield_curve,
 )
-from .budgets import Budget, budget
+from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, builds_of
 from .places import Grades
 from .run import Tally
@@ -116,7 +116,7 @@ class StudyResult:
     yield_curve: tuple[tuple[float, Yield], ...]
     scale_for_target: tuple[float, Yield] | None
     """Common factor on all tolerances that meets the wanted yield."""
-    budget: Budget | None
+    budget: ToleranceBudget | None
     """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit, or
     nobody asked."""
     grades: tuple[GradeYield, ...]
@@ -194,7 +194,7 @@ def _yield(result: Yield) -> dict[str, Any]:
     return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
 
 
-def _budget(found: Budget) -> dict[str, Any]:
+def _budget(found: ToleranceBudget) -> dict[str, Any]:
     return {
         "target": found.target,
         "changes": [

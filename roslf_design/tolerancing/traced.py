@@ -24,26 +24,13 @@ from ..design.parts import PATHS
 from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
-from ..lenses.tracer import BLOCK, COLUMNS
+from ..lenses.tracer import BLOCK
 from ..rays.object_space import FacesAhead
 from ..theory.stop_images import lens_point
-from ..traced.builds import (
-    Aimed,
-    Aims,
-    Outlines,
-    Planes,
-    aimed,
-    aims,
-    crossings,
-    cut_shapes,
-    landings,
-    outlines,
-    pupil_points,
-    seen_shapes,
-    spot_radii,
-)
+from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
 from ..traced.images import FOLDED, real_images
+from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points, seen_shapes
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
@@ -441,7 +428,7 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def room(self) -> Number:
         """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
-        own, beyond = (np.sqrt(part.table.reshape(self.trials, -1, COLUMNS)[:, :, 5]) for part in self.mount.train)
+        own, beyond = (part.radii for part in self.mount.train)
         radii = np.concatenate([own, self.mount.planes.rims[:, 1:, 12], beyond], axis=1)
         room: Array = np.min(radii * (1 - np.sqrt(self._grid(self.uncut.peaks))), axis=-1)
         return room + 0 * self.diameter

@@ -2,7 +2,8 @@
 
 - `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
 - `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
-- `builds`: image points, spots and image shapes of many builds
+- `builds`: aimed rays, image points and spots of many builds
+- `outlines`: shapes of their microlens images
 
 >>> from roslf_design.design import load
 >>> from roslf_design.traced.images import real_field

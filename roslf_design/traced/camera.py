@@ -26,8 +26,20 @@ from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
 from ..lenses.manufacture import turned
 from ..lenses.prescription import FirstOrder, LensError, Prescription, first_order, rotation
-from ..lenses.tracer import BLOCK, COLUMNS, KEPT, REASONS, ROWS, STOPPED, Passed, SurfaceStack, describe, pass_surfaces
-from ..rays.object_space import FacesAhead
+from ..lenses.tracer import (
+    BLOCK,
+    COLUMNS,
+    KEPT,
+    MAPPED,
+    REASONS,
+    ROWS,
+    STOPPED,
+    Passed,
+    SurfaceStack,
+    describe,
+    pass_surfaces,
+)
+from ..rays.object_space import KIND, FacesAhead
 from ..rays.pupil import Status
 
 Array = NDArray[np.float64]
@@ -122,10 +134,13 @@ class Train(NamedTuple):
             return SurfaceStack(rows.reshape(builds, -1), np.concatenate([sides[..., 0], medium], axis=1))
 
         near, far = stack(slice(fap), media[:, :1, 1]), stack(slice(fap + 1, None), media[:, fap, :1])
+        law = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size))
+        near_law, far_law = (law, law[:, :0]) if MAPPED in ahead.table[..., :fap, KIND] else (law[:, :0], law)
         own = SurfaceStack(
-            *(np.concatenate(both, axis=1) for both in ((near.table, lens.table), (near.media[:, :-1], lens.media)))
+            np.concatenate([near.table, lens.table, near_law], axis=1),
+            np.concatenate([near.media[:, :-1], lens.media], axis=1),
         )
-        return cls(own, far)
+        return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
 
 
 def fap_of(ahead: FacesAhead) -> int:
@@ -242,6 +257,14 @@ class LensCamera:
         if self.ahead is None:
             return self.d_f, np.zeros(2)
         return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
+
+    def straightened(self, point: Array) -> Array:
+        """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
+        if self.ahead is None or self.ahead.law is None:
+            return point
+        x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
+        (u, v), _ = self.ahead.straight_ray(point[..., 0] + x, point[..., 1] + y, self.ahead["main_lens.focal_plane"])
+        return np.stack([u - x, v - y], axis=-1)
 
     @cached_property
     def sight(self) -> tuple[float, float, Array]:

@@ -277,7 +277,8 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     good = state == KEPT
     point = chief.views.at(fap.z - camera.focal_plane)
     depth, aside = camera.focus
-    ideal, real = np.hypot(*np.moveaxis((point - aside) * camera.d_1 / depth, -1, 0)), np.hypot(*np.moveaxis(c, -1, 0))
+    ideal = np.hypot(*np.moveaxis((camera.straightened(point) - aside) * camera.d_1 / depth, -1, 0))
+    real = np.hypot(*np.moveaxis(c, -1, 0))
     away = good & (ideal > 1e-9 * fap.diameter) & (real > 0)
     distortion = np.divide(real - ideal, ideal, where=away, out=np.zeros_like(ideal))
     along = np.where(real[..., None] > 0, c / np.where(real > 0, real, 1.0)[..., None], np.array([1.0, 0.0]))
@@ -285,24 +286,26 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     tangential, sagittal = (np.where(good, _focus(camera, point, axis), 0.0) for axis in (along, across))
     blur, spread = _spot(camera, point, along, across)
     lateral = np.zeros((*c.shape[:-1], waves.size, 2))
-    own, _, ours = _forward(camera, point, fap.centre, camera.wavelength)
+    own, _, ours = forward_rays(camera, point, fap.centre, camera.wavelength)
     for index, wave in enumerate(waves):
-        other, _, theirs = _forward(camera, point, fap.centre, float(wave))
+        other, _, theirs = forward_rays(camera, point, fap.centre, float(wave))
         lateral[..., index, :] = np.where((ours & theirs)[..., None], np.moveaxis(other - own, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
     return FieldMap(point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, lateral, state)
 
 
-def _forward(
-    camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, clip: bool = False
+def forward_rays(
+    camera: LensCamera, point: Array, pupil: Array, wavelength: float, *, z: float | None = None, clip: bool = False
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Rays from points of the focal plane through points of the FAP, both (..., 2), to the array.
+    """Rays from points of a plane at `z`, by default in focus, through points of the FAP, both (..., 2), to the array.
 
     Heights and slopes (2, ...) in the array's own frame, and which rays come through.
     """
     x, a = np.broadcast_arrays(point, pupil)
     end = camera.fap.lifted(a)
-    slopes, comes = camera.aimed(end, TracedPlane(camera.focal_plane).lifted(x), wavelength, clip=clip)
+    slopes, comes = camera.aimed(
+        end, TracedPlane(camera.focal_plane if z is None else z).lifted(x), wavelength, clip=clip
+    )
     lens = camera.train(wavelength).lens
     there = lens.through(end[:2], slopes, start=end[2], end=camera.array.z, backward=False, clip=clip)
     way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
@@ -314,7 +317,7 @@ def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
     """Where a thin pencil spread along `axis` on the FAP comes together along it, behind the array [mm]."""
     offset = PENCIL * camera.fap.diameter / 2 * np.array([[-1.0], [1.0]])
     pupil, towards = camera.fap.centre + offset * axis[..., None, :], np.moveaxis(axis, -1, 0)[..., None]
-    rays = _forward(camera, point[..., None, :], pupil, camera.wavelength)
+    rays = forward_rays(camera, point[..., None, :], pupil, camera.wavelength)
     height, slope = (np.sum(part * towards, axis=0) for part in rays[:2])
     closing, gap = slope[..., 1] - slope[..., 0], height[..., 1] - height[..., 0]
     return np.asarray(np.divide(-gap, closing, where=closing != 0, out=np.zeros_like(gap)))
@@ -324,7 +327,7 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
     """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
     disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1) * camera.fap.diameter / 2
     pupil = camera.fap.centre + disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :]
-    height, _, kept = _forward(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
+    height, _, kept = forward_rays(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
     place = np.moveaxis(height, 0, -1)
     even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
     count = np.maximum(np.sum(even, axis=-1), 1)

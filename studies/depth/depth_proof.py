@@ -8,7 +8,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,8 +19,9 @@ from scipy.interpolate import make_interp_spline
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
-from roslf_design.depth.measure import Trial, assumed, simulate
+from roslf_design.depth.measure import Trial, Unexposed, assumed, simulate
 from roslf_design.design import Design, load
+from roslf_design.imaging.camera import Region
 from roslf_design.json_data import plain
 from roslf_design.pictures.marks import Area, Dots, Line, Mark, box_key, dot_key
 from roslf_design.pictures.picture import Panel, Picture, Scale, one_panel
@@ -33,7 +35,7 @@ from roslf_design.theory.quantities import QUANTITIES, seen_at
 OUT = Path("reports/depth-proof")
 SIDE = 19
 """Microlenses along each side of what is looked at."""
-EXPOSURES, RAYS, SEED = 4, 128, 3
+EXPOSURES, RAYS, SEED = 16, 512, 3
 DISPARITY = 0.3
 """Of the wall that is looked at [pitches]."""
 LARGEST = 0.1
@@ -76,8 +78,8 @@ def lit(design: Design, share: float) -> Design:
     return design.replace({"light.exposure": share * float(exposure(Camera.of(design.thin_twin)))})
 
 
-def trial_of(case: Case, texture: tuple[float, float], light: float, side: int = SIDE) -> Trial:
-    """Pictures of a wall out of focus, and what they tell."""
+def view_of(case: Case, texture: tuple[float, float], side: int = SIDE) -> tuple[Scene, Region]:
+    """A wall out of focus, and the part of the sensor that looks at it."""
     camera = Camera.of(case.design.thin_twin)
     period, contrast = texture
     z = float(depth_of(camera, np.asarray(DISPARITY)))
@@ -86,8 +88,21 @@ def trial_of(case: Case, texture: tuple[float, float], light: float, side: int =
     size = math.ceil(side * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
     width, height = camera.pixels
     column = width // 2 if case.column is None else case.column
-    region = (column - size // 2, (height - size) // 2, size, size)
-    return simulate(lit(case.design, light), scene, region=region, seed=SEED, exposures=EXPOSURES, rays=RAYS)
+    return scene, Region(column - size // 2, (height - size) // 2, size, size)
+
+
+def trials(
+    case: Case, texture: tuple[float, float], lights: Iterable[str], *, side: int = SIDE, exposures: int = EXPOSURES,
+    rays: int = RAYS,
+) -> Iterator[tuple[str, Trial]]:  # fmt: skip
+    """What pictures of a wall tell, by light; noise differs, the rendered picture is the same."""
+    scene, region = view_of(case, texture, side)
+    picture: Unexposed | None = None
+    for light in lights:
+        if picture is None:
+            picture = Unexposed.of(case.design, scene, region, seed=SEED, rays=rays)
+        design = lit(case.design, LIGHTS[light])
+        yield light, simulate(design, scene, region=region, seed=SEED, exposures=exposures, unexposed=picture)
 
 
 def judged(trial: Trial) -> dict[str, Any]:
@@ -117,7 +132,9 @@ def judged(trial: Trial) -> dict[str, Any]:
         "score_spread": spread,
         "score_bias": float(scores.mean()),
         "score_stays": math.sqrt(max(stays, 0.0)),
+        "bias_sigma": float(scores.mean(1).std(ddof=1)) / math.sqrt(count),
         "inside_68": float((np.abs(scores) < 1).mean()),
+        "inside_sigma": float((np.abs(scores) < 1).mean(1).std(ddof=1)) / math.sqrt(count),
     }
 
 
@@ -252,17 +269,15 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     store = out / "proof.json"
     results: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
-    for texture, look in TEXTURES.items():
-        for light, share in LIGHTS.items():
-            for camera, case in cases().items():
-                name = f"{camera}, {texture}, {light}"
-                if name not in results:
-                    one = judged(trial_of(case, look, share))
-                    # The few windows have more texture than the whole of it, or less: best seen in bright light.
-                    bright = results.get(f"{camera}, {texture}, bright", one)
-                    results[name] = plain(one | {"expected": one["predicted"] / bright["texture"]})
-                    store.write_text(json.dumps(results, allow_nan=False, indent=1) + "\n")
-                    print(name, results[name], flush=True)
+    for (camera, case), (texture, look) in product(cases().items(), TEXTURES.items()):
+        names = {light: f"{camera}, {texture}, {light}" for light in LIGHTS}
+        for light, trial in trials(case, look, [light for light, name in names.items() if name not in results]):
+            one = judged(trial)
+            # The few windows have more texture than the whole of it, or less: best seen in bright light.
+            bright = results.get(names["bright"], one)
+            results[names[light]] = plain(one | {"expected": one["predicted"] / bright["texture"]})
+            store.write_text(json.dumps(results, allow_nan=False, indent=1) + "\n")
+            print(names[light], results[names[light]], flush=True)
     rows = list(results.items())
     (out / "index.html").write_text(render_html(report(rows)))
     (out / "proof.png").write_bytes(drawn(rows).to_png())

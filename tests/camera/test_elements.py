@@ -1,5 +1,6 @@
 """What stands before the main lens, against rays through every face in mpmath; limits, laws, hard cases, bad input."""
 
+import json
 import math
 
 import mpmath as mp
@@ -70,12 +71,8 @@ def traced(design, heights_and_slopes, planes, exact=False):
     return [object_side(x, o, elements, medium, planes, exact) for x, o in heights_and_slopes]
 
 
-@given(looking_through())
-@settings(max_examples=80)
-def test_discs_of_stops_against_rays_through_every_face(design):
+def discs_end_at_rims(design):
     """The ray through a microlens's middle that ends on the sensor at a disc's rim meets the stop's rim."""
-    if design is None:
-        return
     camera = Camera.of(design)
     c = 3.0
     images = MicrolensImages(camera, [(c, 0.0)])
@@ -94,6 +91,78 @@ def test_discs_of_stops_against_rays_through_every_face(design):
             # How far an error of the sensor's last digit throws the ray on the stop's plane.
             thrown = stop.diameter / 2 / radius * (abs(centre[0]) + radius)
             assert_allclose(met, rim, rtol=0, atol=1e-11 * (1 + thrown))
+
+
+@given(looking_through())
+@settings(max_examples=80)
+def test_discs_of_stops_against_rays_through_every_face(design):
+    if design is not None:
+        discs_end_at_rims(design)
+
+
+RELAY = {"kind": "lens", "distance": 400.0, "focal_length": 30.0}
+IMAGE_OF_THE_PLANE, FOCUS, IMAGE_OF_THE_LENS = 310.0, 430.0, 400.0 + 1 / (1 / 30 - 1 / 400)
+"""Behind and before the relay: where it images a plane at 445 mm; where A = 0; where B = 0."""
+
+
+def relayed(fap, stop, radius=4.5, **changes):
+    design = {"elements": [RELAY], "aperture.distance": fap, "main_lens.focal_plane": 445.0}
+    stops = [{"diameter": 2 * radius, "distance": stop}]
+    return PAPER.replace({**design, "microlens_array.distance": None, "stops": stops, **changes})
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-6, -1e-3])
+@pytest.mark.parametrize(("one", "other"), [(FOCUS, IMAGE_OF_THE_LENS), (IMAGE_OF_THE_LENS, FOCUS), (FOCUS, FOCUS)])
+def test_stops_at_a_relays_foci_against_rays(one, other, off):
+    """A -> 0, seen at infinity, and B -> 0, seen on the main lens: discs end where rays say, on and beside."""
+    design = relayed(one + off, other + off)
+    discs_end_at_rims(design)
+    told = json.dumps(roslf.evaluate(design, [(0.0, 0.0), (2.0, 0.0)]).to_dict())
+    assert "NaN" not in told
+    assert "Infinity" not in told
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.01])
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-5])
+def test_a_stop_in_the_image_of_the_focal_plane_passes_all_of_a_microlens_or_nothing(off, tilt):
+    """A field stop where the relay images the plane in focus, against where the rays of microlenses cross it."""
+    stop = {"diameter": 9.0, "distance": IMAGE_OF_THE_PLANE + off, "tilt": (tilt, 0.0)}
+    design = relayed(395.0, 310.0, **{"stops": [stop], "main_lens.diameter": 300.0})
+    camera = Camera.of(design)
+    places = np.array([0.0, 1.0, 2.0, 2.1, 2.2, 4.0])
+    with mp.workdps(40):
+        met = []
+        for c in places:
+            slope = mp.mpf("0.01")
+            height = mp.mpf(c) - slope * mp.mpf(design.d_1)
+            met.append(abs(traced(design, [(height, slope + height / mp.mpf(design.f))], [stop["distance"]])[0][0]))
+    kept = MicrolensImages(camera, np.stack([places, 0 * places], -1)).shapes.kept_fraction[:, 0]
+    assert_allclose(kept, [float(at <= 4.5) for at in met], rtol=0, atol=1e-12)
+    fields = roslf.evaluate(design, [(0.0, 0.0), (4.0, 0.0)]).fields
+    assert [field.status for field in fields] == ["full", "dark"]
+    assert dict(fields[1].ray_budget.taken())["stop 1"] == 1.0
+
+
+def test_an_object_on_the_windows_face_is_the_limit_of_objects_in_front_of_it():
+    """In liquid: depth, scale and reach go on to the face itself, and the plane is seen where rays say."""
+    base = {
+        "elements": [PLATE],
+        "object_space.medium": WATER,
+        "microlens_array.distance": None,
+        "aperture.distance": 100.0,
+    }
+    on, near = (PAPER.replace({**base, "main_lens.focal_plane": 119.0 + off}) for off in (0.0, 1e-9))
+    here, there = Camera.of(on), Camera.of(near)
+    with mp.workdps(40):
+        ((seen,),) = traced(on, [(0, 1)], [119.0])
+    assert float(here.d_f) == pytest.approx(-float(seen), rel=1e-15)
+    for name in ("sigma_z_mm", "object_sample_mm", "field_half_width_mm", "fill_factor", "field_half_angle_deg"):
+        value = float(quantity_named(name)(here))
+        assert math.isfinite(value), name
+        assert value == pytest.approx(float(quantity_named(name)(there)), rel=1e-8), name
+    told = roslf.evaluate(on).to_dict()
+    assert "NaN" not in json.dumps(told)
+    assert math.isfinite(float(QUANTITIES["field_half_width_mm"](here, 0.0)))
 
 
 @given(looking_through())

@@ -13,10 +13,11 @@ from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
-from roslf_design.design.mapping import angle_in_air, illumination, image_height, mapping_law, stretch
+from roslf_design.design.mapping import mapping_law
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields
+from roslf_design.lenses.angles import angle_in_air, illumination, image_height, stretch
 from roslf_design.rays import Status, trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.object_space import FacesAhead
@@ -460,14 +461,6 @@ def test_what_cannot_stand_before_a_mapped_objective_is_refused():
         with pytest.raises(DesignError) as refused:
             simple("f theta", **changes)
         assert [problem.key for problem in refused.value.problems] == [key]
-
-
-def test_a_real_main_lens_behind_a_mapped_objective_is_refused():
-    lens = {"kind": "lens", "distance": 150.0, "focal_length": 800.0}
-    design = roslf.load("paper-singlet").replace({"elements": [lens]})
-    with pytest.raises(DesignError, match="a real main lens is not traced together with a mapping") as refused:
-        design.replace({"elements": [{**lens, "mapping": "f theta"}]})
-    assert [problem.key for problem in refused.value.problems] == ["elements.1.mapping"]
 
 
 def test_an_object_side_telecentric_objective_has_no_angles_to_map():

@@ -10,8 +10,8 @@ from PIL import Image
 
 from roslf_design.calibration import Board, CalibrationError, Captures
 from roslf_design.calibration.frames import read_capture, read_image
+from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.planning import too_large
-from roslf_design.calibration.result import LengthCovariance
 from roslf_design.cli import main
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.commands.terminal import json_text

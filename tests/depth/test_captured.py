@@ -15,8 +15,8 @@ from roslf_design.calibration import Board, observe_pictures
 from roslf_design.calibration.decoding import decode
 from roslf_design.calibration.fit import fit_lines, step_one
 from roslf_design.calibration.lattice import CentreLattice
+from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.model import project_boards, rotation_matrix
-from roslf_design.calibration.result import LengthCovariance
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.captured import on_array

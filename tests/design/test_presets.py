@@ -7,6 +7,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.design import load
+from roslf_design.design.files import load_beside, preset_path
 
 IN_THE_BORE = ("arthroscope", "cystoscope", "grin-needle", "video-otoscope")
 
@@ -83,3 +84,12 @@ def test_gradients_of_the_needle_are_those_of_its_rods_apertures():
     relay, objective = (element for element in load("grin-needle").elements if element.kind == "grin")
     for rod, aperture in ((relay, 0.1), (objective, 0.5)):
         assert rod.index * math.tanh(rod.gradient * 0.7 / 2) == pytest.approx(aperture, rel=1e-3)
+
+
+def test_a_folder_called_as_a_preset_does_not_hide_it(tmp_path, monkeypatch):
+    """`roslf report paper -o paper` makes one; a file of that name is what is asked for."""
+    (tmp_path / "paper").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert roslf.load("paper") == load_beside("paper", tmp_path) == roslf.load(preset_path("paper"))
+    (tmp_path / "rigid-scope").write_text(preset_path("paper").read_text())
+    assert roslf.load("rigid-scope").name == roslf.load(preset_path("paper")).name

@@ -1,5 +1,6 @@
 """The data sheet's lines against rays through every face of 40 random cameras with elements."""
 
+import csv
 import json
 import math
 
@@ -186,6 +187,24 @@ def test_json_has_the_keys_of_the_contract(capsys):
     assert {"from", "width", "height", "diagonal", "at_mm"} == sheet["field_of_view_deg"][0].keys()
     assert {"at_mm", "x0_mm", "mtf50_lp_per_mm", "mtf10_lp_per_mm"} <= sheet["resolution"][0].keys()
     assert {"view", "refocused"} <= sheet["depth_of_field_mm"].keys()
+
+
+def test_every_number_as_a_row_of_csv(tmp_path, capsys):
+    for name in ("e.csv", "e.json"):
+        assert run(capsys, "evaluate", "paper", "-o", tmp_path / name)[0] == 0
+    told = json.loads((tmp_path / "e.json").read_text())
+    rows = list(csv.reader((tmp_path / "e.csv").read_text().splitlines()))
+    assert rows[0] == ["key", "value"]
+    for key, value in rows[1:]:
+        at = told
+        for part in key.split("."):
+            at = at[int(part) if isinstance(at, list) else part]
+        assert value == ("" if at is None else str(at)), key
+    assert dict(rows)["fields.1.kept_fraction"]
+    for arguments, words in ((("-o", "e.txt"), ".json or .csv"), (("--json", "-o", "e.csv"), "give one of them")):
+        code, _, err = run(capsys, "evaluate", "paper", *arguments)
+        assert (code, err.count("\n")) == (2, 1)
+        assert words in err
 
 
 def test_a_field_without_light_and_a_plane_without_end():

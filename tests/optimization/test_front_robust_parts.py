@@ -8,7 +8,7 @@ from roslf_design.errors import InputError
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import Combinations, rank
 from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of, tolerances
-from roslf_design.optimization.search import QUICK, Budget, search
+from roslf_design.optimization.search import QUICK, SearchBudget, search
 from roslf_design.optimization.solve import pareto_front
 from tests.optimization.posing import PAPER, goal, limit, posed
 
@@ -16,7 +16,7 @@ from tests.optimization.posing import PAPER, goal, limit, posed
 def test_front_against_its_closed_form():
     """With d_f alone free, sigma_z at a place and the field there follow from it: the front is that curve."""
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max", 150.0))
-    front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 9, [], Budget())
+    front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 9, [], SearchBudget())
     assert len(front.points) >= 8
     assert front.limits_without_design == 0
     sigma, field = np.array([list(point.goals.values()) for point in front.points]).T
@@ -35,7 +35,7 @@ def test_three_goals_give_points_none_of_which_is_better():
         goal("views_independent", "max"),
     )
     problem = posed({"d_f": (200.0, 800.0), "d": (0.03, 0.2), "D_F": (1.0, 3.0)}, (), *goals)
-    front = pareto_front(problem, goals, 7, [], Budget())
+    front = pareto_front(problem, goals, 7, [], SearchBudget())
     values = np.array([list(point.goals.values()) for point in front.points]) * np.array([1, -1, -1])
     assert len(values) >= 5
     for own in values:
@@ -46,7 +46,7 @@ def test_three_goals_give_points_none_of_which_is_better():
 def test_ends_of_a_front_waste_nothing():
     """The field does not depend on D_F: the design at its end must have the widest pupil all the same."""
     goals = (goal("sigma_z_mm", "min", 150.0), goal("field_half_width_mm", "max"))
-    front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 4, [], Budget())
+    front = pareto_front(posed({"d_f": (200.0, 800.0), "D_F": (1.0, 3.0)}, (), *goals), goals, 4, [], SearchBudget())
     assert [point.variables_mm["D_F"] for point in front.points] == pytest.approx([3.0] * len(front.points), rel=1e-6)
 
 
@@ -66,7 +66,7 @@ def made_robust(**asked):
     table = RobustTable.model_validate({"trials": 256, "perturb": MISSES, **asked})
     scatter = scatter_of(table, PAPER, 3)
     nominal = search(TIGHT.vector, np.array([0.4, 0.4, 0.4]))
-    return scatter, maximise_robustness(TIGHT, table, scatter, nominal.unit, Budget())
+    return scatter, maximise_robustness(TIGHT, table, scatter, nominal.unit, SearchBudget())
 
 
 def test_robust_design_beside_the_nominal_one():
@@ -137,7 +137,7 @@ def test_ranking_against_every_combination_optimised(few):
     goals = (goal("sigma_z_mm", "min", 200.0), goal("lateral_samples", "max", None, 0.5))
     problem = posed({"d_2": (0.2, 20.0), "d_f": (210.0, 2000.0), "D_F": (1.0, 8.0)}, limits, *goals)
     combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
-    found = rank(combinations, 5, Budget(30_000))
+    found = rank(combinations, 5, SearchBudget(30_000))
     assert found.open == 0
     assert found.ruled_out + found.optimised == len(combinations) == 60
     assert found.ruled_out > 20
@@ -153,9 +153,9 @@ def test_ranking_against_every_combination_optimised(few):
 
 def test_parts_that_fit_none_and_a_time_that_is_up(few):
     problem = posed({"d_2": (0.2, 20.0)}, (limit("lateral_samples", 1e5),), goal("sigma_z_mm", "min"))
-    found = rank(Combinations.of(problem, few, ("sensors",)), 5, Budget())
+    found = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget())
     assert (found.best, found.ruled_out, found.optimised, found.open) == ((), 3, 0, 0)
-    late = rank(Combinations.of(problem, few, ("sensors",)), 5, Budget.of(1, -1.0))
+    late = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget.of(1, -1.0))
     assert (late.best, late.optimised, late.open) == ((), 0, 3)
 
 

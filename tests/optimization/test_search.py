@@ -8,7 +8,7 @@ import nlopt
 import numpy as np
 import pytest
 
-from roslf_design.optimization.search import Budget, Guard, globally, search, slsqp
+from roslf_design.optimization.search import Guard, SearchBudget, globally, search, slsqp
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,16 @@ def test_time_is_kept_and_the_best_point_with_it():
         time.sleep(0.02)
         return rows
 
-    guard = Guard(Toy(slow).vector, Budget.of(np.inf, 0.15))
+    guard = Guard(Toy(slow).vector, SearchBudget.of(np.inf, 0.15))
     slsqp(guard, np.array([0.0, 0.0]), 10_000)
     assert guard.evaluations < 50
     assert guard.unit is not None
-    late = search(Toy().vector, np.array([0.2, 0.2]), Budget.of(np.inf, -1))
+    late = search(Toy().vector, np.array([0.2, 0.2]), SearchBudget.of(np.inf, -1))
     assert late.evaluations <= 2
 
 
 def test_a_count_ends_a_search_and_the_best_point_is_kept():
-    budget = Budget(2)
+    budget = SearchBudget(2)
     few = search(Toy().vector, np.array([0.0, 0.0]), budget)
     assert budget.ended == "evaluations"
     assert few.feasible

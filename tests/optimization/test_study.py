@@ -56,9 +56,9 @@ def test_a_study_with_everything(capsys, tmp_path):
     assert pytest.approx(found["variables_mm"]["D_F"]) == best.D_F
     assert found["following_mm"] == {}
     assert 0.98 - 1e-8 <= roslf.evaluate(best, []).f_number.fill_factor <= 1 + 1e-8
-    first = {place.name: place.read_bytes() for place in (tmp_path / "out").iterdir()}
+    first = {place: place.read_bytes() for place in (tmp_path / "out").rglob("*.*")}
     assert run(capsys, "optimize", path, "-o", tmp_path / "out")[0] == 0
-    assert first == {place.name: place.read_bytes() for place in (tmp_path / "out").iterdir()}
+    assert first == {place: place.read_bytes() for place in (tmp_path / "out").rglob("*.*")}
 
 
 def test_a_bore_becomes_a_pupil(capsys, tmp_path):

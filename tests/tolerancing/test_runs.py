@@ -412,6 +412,9 @@ def test_the_command_writes_all_its_files_and_json(tmp_path, capsys):
     for name in ("yield", "spread", "sensitivity", "correlation"):
         assert {f"{name}.svg", f"{name}.png"} <= names
     assert "grades.svg" not in names  # the study names no grade
+    table = (tmp_path / "out" / "tables" / "distributions-as-built.csv").read_text().splitlines()
+    assert table[0].startswith("metric,nominal,mean,")
+    assert {line.count(",") for line in table} == {table[0].count(",")}
     assert {worst["file"] for worst in data["worst"]} <= names
     with np.load(tmp_path / "out" / "trials.npz") as trials:
         assert trials["metrics"].shape == (100, 1, 3)

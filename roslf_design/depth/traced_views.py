@@ -1,0 +1,255 @@
+"""Where the views of a camera with a real main lens look, against those of the same camera with an ideal one.
+
+A view from the pupil coordinate s sees what the pupil's middle sees at u at u + B s behind an ideal lens. Behind a real
+one it does at u + B P(s, u) + E(s, u): E is the lens's transverse aberration for the focal plane (field curvature,
+astigmatism, coma, spherical), P differs from s by distortion and by the pupil's own aberrations. In air this is exact
+for all B, as rays are straight. So disparities stay what they are to first order, and depths follow from them as ever.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from ..calibration.decoding import LightField
+from ..calibration.lattice import CentreLattice
+from ..camera import Camera
+from ..design import Design
+from ..lenses.tracer import KEPT
+from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.light import microlens_defocus
+from ..theory.transfer import MicrolensTransfer, pixel_box
+from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
+from ..traced.images import forward_rays
+
+Array = NDArray[np.float64]
+
+NODES, FIELD_DEGREE = 13, 7
+"""Places along each axis of the array that are traced, and the polynomials that carry them over it."""
+RINGS, PUPIL_DEGREE = (0.15, 0.3, 0.42, 0.5), 5
+"""Rings on the pupil [diameters] that are traced, and the polynomials over it."""
+SPOKES = 12
+FINE, WIDE = 128, 4.0
+"""Points along each side of the patch on which microlens images are blurred, and its side [image pitches]."""
+STEP = 0.25
+"""Disparity to either side of the focal plane that P is taken from [pitches]."""
+ENOUGH = 1.5
+"""Places traced for each coefficient of a polynomial over the array."""
+
+
+LATTICES = {"square": np.eye(2), "hexagonal": np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])}
+"""Steps of the microlenses' two indices in the array's own frame [pitches]."""
+
+
+class Sight(NamedTuple):
+    """How views look, in place of pupil coordinates s; shape (2, t, s, v, u)."""
+
+    pupil: NDArray[np.float32]
+    """P [pupil diameters]; NaN where no light comes through the lens."""
+    aside: NDArray[np.float32]
+    """E [pitches]"""
+
+
+@dataclass(frozen=True, eq=False)
+class TracedViews:
+    """The real lens of a camera, and the first order that disparities are told for."""
+
+    design: Design
+    camera: Camera
+    """To first order."""
+    depth: Callable[[Array], Array]
+    """Z from the main lens of what has a disparity, to first order [mm]."""
+
+    @property
+    def mounted(self) -> LensCamera:
+        """As it is traced."""
+        return camera_of(self.design)
+
+    def sight(self, field: LightField, pupil: NDArray[np.floating]) -> Sight:
+        """How the views of a decoded light field look.
+
+        Parameters
+        ----------
+        field : LightField
+        pupil : ndarray
+            Where on the FAP, by first order, each view looks through [diameters], shape (2, t, s) or (2, t, s, v, u).
+        """
+        x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
+        along, down = (_nodes(axis) for axis in (x, y))
+        points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
+        looks, good = self.looks(np.stack(np.meshgrid(along, down), -1).reshape(-1, 2), points)
+        # Polynomials over the pupil at each place, then over the places what these are made of.
+        table = np.einsum("kp,lnpc->nlck", np.linalg.pinv(_monomials(points.T).T), looks)
+        degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
+        dark = np.ones((len(y), len(x)), np.bool_)
+        coefficients = np.zeros((*table.shape[1:], *dark.shape))
+        if degree >= 0:
+            basis = _products(_over(along, along, degree), _over(down, down, degree)).reshape(-1, len(good)).T
+            fitted = np.linalg.lstsq(basis[good], table[good].reshape(good.sum(), -1), rcond=None)[0]
+            over = _products(_over(x, along, degree), _over(y, down, degree))
+            coefficients = np.tensordot(fitted.T, over, 1).reshape(coefficients.shape)
+            column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
+            dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
+        powers = self._powers(field, np.asarray(pupil))
+        seen, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
+        seen[..., dark], aside[..., dark] = np.nan, 0.0
+        return Sight(seen, aside)
+
+    def looks(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""
+        camera, mounted = self.camera, self.mounted
+        turned = _turned(self.design)
+        c, fap = microlenses(self.design, nodes), mounted.fap
+        side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
+        offsets = side * fap.diameter * points @ turned
+
+        def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
+            """Where on the FAP the samples of microlenses look through, shape (node, point, 2)."""
+            centre = sensor_of_pupil(mounted, places, fap.centre)
+            apart = chief_slope(mounted, places, fap.centre + offsets) - chief_slope(mounted, places, fap.centre)
+            rays = views(mounted, places, centre.sensor + mounted.d_2 * apart, clip=False)
+            return rays.pupil, centre.ok & (rays.state == KEPT)
+
+        middle = sensor_of_pupil(mounted, c, fap.centre)
+        first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))
+        good = middle.ok & comes.all(-1)
+        infinity = abs(float(camera.m * camera.D_F / camera.d))
+        step = min(STEP, 0.25 * infinity)
+        shown = []
+        for z in self.depth(np.array([-step, 0.0, step])):
+            ahead = float(fap.z - mounted.first_order.front_principal + z)
+            point, pupil = middle.views.at(ahead)[:, None], first
+            for last in (False, True):
+                height, _, comes = forward_rays(mounted, point, pupil, mounted.wavelength, z=fap.z - ahead)
+                good &= comes.all(-1)
+                place = np.where(good[:, None, None], np.moveaxis(height, 0, -1), c[:, None])
+                if not last:  # what looks there is another microlens, whose pupil has aberrations of its own
+                    pupil, comes = through(place)
+                    good &= comes.all(-1)
+            shown.append((place - c[:, None]) @ turned.T / float(camera.d))
+        looks = np.stack([(shown[2] - shown[0]) / (2 * step), shown[1]])
+        good &= np.isfinite(looks).all((0, 2, 3))
+        return looks, np.asarray(good)
+
+    def _powers(self, field: LightField, pupil: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Means of `_monomials` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
+
+        A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
+        comes from on average, and the same spread about it as in whole images.
+        """
+        camera = self.camera
+        pitch = float(microlens_image_pitch(camera))
+        radius = abs(float(microlens_image_diameter(camera))) / abs(pitch) / 2
+        at = (np.arange(FINE) - FINE // 2) * (WIDE / FINE)
+        grid = np.stack(np.meshgrid(at, at))
+        # The microlens turns the FAP round.
+        side = -math.copysign(1.0, float(camera.A) * float(camera.D_F))
+        own = side * grid / (2 * radius)
+        inside = np.clip((radius - np.hypot(*grid)) / (WIDE / FINE) + 0.5, 0, 1)
+        frequency = np.fft.fftfreq(FINE, WIDE / FINE)
+        fx, fy = np.meshgrid(frequency, frequency)
+        lens = MicrolensTransfer(
+            float(camera.d), float(camera.d_2), float(-microlens_defocus(camera) / camera.d_2),
+            (self.mounted.wavelength,), camera.lens_shape == "circular",
+        )  # fmt: skip
+        pixel = abs(float(camera.q) / pitch)
+        passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
+        blurred = np.fft.ifft2(np.fft.fft2(np.fft.ifftshift(inside * _monomials(own), axes=(1, 2))) * passed).real
+        blurred = np.fft.fftshift(blurred, axes=(1, 2))
+        s, t = (axis / field.pitch for axis in (field.s, field.t))
+        means = np.stack([RectBivariateSpline(at, at, part)(t, s) for part in blurred])
+        light = means[_TERMS.index((0, 0))]
+        means = np.divide(means, light, out=np.zeros_like(means), where=light > 1e-3)
+        middle = means[[_TERMS.index((1, 0)), _TERMS.index((0, 1))]]
+        spread = means - _monomials(middle)
+        if pupil.ndim > 3:
+            spread = spread[..., None, None]
+        return np.asarray(_monomials(np.asarray(pupil, np.float32)) + spread, np.float32)
+
+    def chief_rays(self, places: Array) -> Array:
+        """Rays through the FAP's middle, before all elements, from places in the array's frame (n, 2) [mm].
+
+        Height on the object-side principal plane and slope along z, shape (n, 4); NaN where none comes through.
+        """
+        mounted = self.mounted
+        middle = sensor_of_pupil(mounted, microlenses(self.design, places), mounted.fap.centre)
+        at = middle.views.at(mounted.fap.z - mounted.first_order.front_principal)
+        rays = np.concatenate([at + self.design.main_lens.decentre, middle.views.slope], -1)
+        return np.where(middle.ok[:, None], rays, np.nan)
+
+    def lattice(self, lattice: CentreLattice, indices: NDArray[np.int64], pixel: float) -> CentreLattice:
+        """The regular lattice that fits the images of some microlenses, where it is known by first order.
+
+        Parameters
+        ----------
+        lattice : CentreLattice
+            By first order; its node (i, j) is i pitches along the array's rows.
+        indices : ndarray
+            Of the microlenses, shape (n, 2).
+        pixel : float
+            [mm]
+        """
+        mounted, camera = self.mounted, self.camera
+        some = indices[:: max(1, len(indices) // 200)]
+        places = some @ LATTICES[lattice.layout] * float(camera.d)
+        c = microlenses(self.design, places)
+        middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
+        first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)
+        moved = (middle.sensor - first) / pixel
+        if middle.ok.sum() < 6:
+            return lattice
+        columns = np.concatenate([np.ones((len(some), 1)), some], -1)[middle.ok]
+        add = np.linalg.lstsq(columns, moved[middle.ok], rcond=None)[0]
+        parts = np.array([lattice.origin, lattice.first, lattice.second]) + add
+        origin, one, other = ((float(x), float(y)) for x, y in parts)
+        return replace(lattice, origin=origin, first=one, second=other)
+
+
+def _turned(design: Design) -> Array:
+    """What takes directions of the array's frame to the lens's, from the right."""
+    cosine, sine = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
+    return np.array([[cosine, sine], [-sine, cosine]])
+
+
+def _nodes(axis: Array) -> Array:
+    """Chebyshev's places over what an axis spans."""
+    middle, half = (axis.max() + axis.min()) / 2, max(np.ptp(axis) / 2, 1e-9)
+    return np.asarray(middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
+
+
+def _ring(radius: float) -> Array:
+    turn = 2 * np.pi * (np.arange(SPOKES) + radius) / SPOKES
+    return radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+
+
+def _monomials(at: NDArray[Any]) -> NDArray[Any]:
+    """Of points on the pupil (2, ...), up to `PUPIL_DEGREE` together, shape (terms, ...)."""
+    return np.stack([at[0] ** i * at[1] ** j for i, j in _TERMS])
+
+
+_TERMS = [(i, j) for i in range(PUPIL_DEGREE + 1) for j in range(PUPIL_DEGREE + 1 - i)]
+
+
+def _over(axis: Array, nodes: Array, degree: int) -> Array:
+    """Chebyshev polynomials over what nodes span, shape (degree + 1, n)."""
+    middle, half = (nodes.max() + nodes.min()) / 2, np.ptp(nodes) / 2
+    return np.asarray(np.polynomial.chebyshev.chebvander((axis - middle) / half, degree).T)
+
+
+def _products(across: Array, down: Array) -> Array:
+    """Of polynomials along both axes, up to their degree together, shape (terms, v, u)."""
+    count = len(across)
+    return np.stack([np.multiply.outer(down[j], across[i]) for i in range(count) for j in range(count - i)])
+
+
+def _spread(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Polynomials over the pupil, shape (2, terms, v, u), of the samples' powers: shape (2, t, s, v, u)."""
+    if powers.ndim == 3:
+        return np.stack([np.tensordot(powers, part, (0, 0)) for part in coefficients])
+    return np.stack([sum(p * c for p, c in zip(powers, part, strict=True)) for part in coefficients])
