@@ -102,18 +102,19 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     raw = np.where(kept, lenses.values, 0.0).astype(np.float32).reshape(-1, *size)
     ways = [_Mixing.of(parts, shares, own, faint) for faint in (False, True)]
     values, foreign = raw.copy(), [np.zeros_like(raw), np.zeros_like(raw)]
-    whole = np.broadcast_to(mine.reshape(-1, *mine.shape[2:]), raw.shape)
+    whole = np.ascontiguousarray(mine.reshape(-1, *mine.shape[2:]))
     told = known & np.broadcast_to(kept, lenses.values.shape).reshape(known.shape)
-    views = told.sum(0)
+    lit, shown = told.any(0), np.empty_like(raw)
     for count in range(ROUNDS):
         # What stands for samples that are missing, as on the dark side of a cut.
-        picture = np.where(told, values, 0).sum(0) / np.maximum(views, 1)
+        with THREADS:
+            _shown.compiled(values, told, shown)
         for n, way in enumerate(ways):
             if n == 0 or count in SLOW:  # faint light changes little
                 with THREADS:
-                    _gathered.compiled(values, told, picture, views > 0, *way, *maps, start, foreign[n])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.where(whole > LEAST, (raw - foreign[0] - foreign[1]) / whole, 0.0).astype(np.float32)
+                    _gathered.compiled(values, shown, lit, bool(lit.all()), *way, *maps, start, foreign[n])
+        with THREADS:
+            _freed.compiled(raw, foreign[0], foreign[1], whole, values)
     values, share = values.reshape(lenses.values.shape), mine
     weight = np.asarray(np.where(kept, lenses.weight * share**2, 0.0), np.float32)
     seen = _Map.of(rows, columns, (height, width), (height, width))
@@ -245,11 +246,42 @@ class _Map(NamedTuple):
 
 
 @kernel(parallel=True)
+def _shown(values: Any, known: Any, out: Any) -> None:
+    """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
+    count, rows, columns = values.shape
+    for v in prange(rows):
+        sums, views = np.zeros(columns), np.zeros(columns)
+        for n in range(count):
+            for u in range(columns):
+                if known[n, v, u]:
+                    sums[u] += values[n, v, u]
+                    views[u] += 1.0
+        for n in range(count):
+            for u in range(columns):
+                out[n, v, u] = values[n, v, u] if known[n, v, u] else sums[u] / max(views[u], 1.0)
+
+
+@kernel(parallel=True)
+def _freed(raw: Any, near: Any, faint: Any, share: Any, out: Any) -> None:
+    """Samples without what neighbours put into them, over their own share; 0 where that is small."""
+    count, rows, columns = raw.shape
+    one = share.shape[1] == 1 and share.shape[2] == 1
+    for n in prange(count):
+        for v in range(rows):
+            for u in range(columns):
+                own = share[n, 0, 0] if one else share[n, v, u]
+                out[n, v, u] = (raw[n, v, u] - near[n, v, u] - faint[n, v, u]) / own if own > LEAST else 0.0
+
+
+@kernel(parallel=True)
 def _gathered(
-    values: Any, known: Any, picture: Any, lit: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
+    values: Any, shown: Any, lit: Any, all_lit: bool, first: Any, source: Any, steps: Any, shares: Any, row: Any,
     down: Any, column: Any, along: Any, start: Any, out: Any,
 ) -> None:  # fmt: skip
-    """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `known` and `out`."""
+    """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `shown` and `out`.
+
+    A neighbour that nothing is known of is like the microlens itself.
+    """
     count, rows, columns = values.shape
     nodes = shares.shape[1]
     across = column[columns - 1] + 2 if nodes > 1 else 1
@@ -262,14 +294,25 @@ def _gathered(
                 w = v + b
                 inside = w >= 0 and w < rows
                 off = a + (start[v] - start[w] if inside else 0)
+                if nodes == 1 and all_lit:
+                    low, high = min(max(-off, 0), columns), max(min(columns - off, columns), 0)
+                    if not inside or low >= high:
+                        low, high = columns, columns
+                    for u in range(low):
+                        out[n, v, u] += share * values[n, v, u]
+                    for u in range(low, high):
+                        out[n, v, u] += share * shown[k, w, u + off]
+                    for u in range(high, columns):
+                        out[n, v, u] += share * values[n, v, u]
+                    continue
                 for u in range(columns):
                     if nodes > 1:
                         i = row[v] * across + column[u]
-                        low = shares[m, i] * (1 - along[u]) + shares[m, i + 1] * along[u]
-                        high = shares[m, i + across] * (1 - along[u]) + shares[m, i + across + 1] * along[u]
-                        share = low * (1 - down[v]) + high * down[v]
+                        upper = shares[m, i] * (1 - along[u]) + shares[m, i + 1] * along[u]
+                        lower = shares[m, i + across] * (1 - along[u]) + shares[m, i + across + 1] * along[u]
+                        share = upper * (1 - down[v]) + lower * down[v]
                     c = u + off
                     if inside and c >= 0 and c < columns and lit[w, c]:
-                        out[n, v, u] += share * (values[k, w, c] if known[k, w, c] else picture[w, c])
+                        out[n, v, u] += share * shown[k, w, c]
                     else:
                         out[n, v, u] += share * values[n, v, u]

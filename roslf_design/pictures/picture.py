@@ -177,6 +177,8 @@ class Picture:
     """Left, top and width of the legend [px]; no width for the rest of the picture's."""
     remarks: tuple[Mark, ...] = ()
     """Marks in pixels of the picture, downwards positive."""
+    breaks: float = 0.0
+    """Share of its height after which it may go on another page; 0 for nowhere."""
 
     @property
     def mapping(self) -> Panel:
@@ -265,13 +267,16 @@ def beside(
     x, y, wide, high = 0.0, 0.0, 0.0, 0.0
     panels: list[Panel] = []
     remarks: list[Mark] = []
+    first = 0.0
     for picture in pictures:
         panels += [replace(p, box=(p.box[0] + x, p.box[1] + y, *p.box[2:])) for p in picture.panels]
         remarks += [shifted(mark, x, y) for mark in picture.over]
         wide, high = max(wide, x + picture.size[0]), max(high, y + picture.size[1])
         x, y = (0.0, high) if down else (wide, 0.0)
+        first = first or y
     size = wide, high + legend_height(keys, wide - 28)
-    return Picture(name, title, size, tuple(panels), tuple(keys), (14.0, high - 3, wide - 28), tuple(remarks))
+    breaks = first / size[1] if first < high else 0.0
+    return Picture(name, title, size, tuple(panels), tuple(keys), (14.0, high - 3, wide - 28), tuple(remarks), breaks)
 
 
 def one_panel(

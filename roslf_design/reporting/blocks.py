@@ -64,11 +64,14 @@ class Figure:
     """For those who cannot see it."""
     scene: str = ""
     """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
+    breaks: float = 0.0
+    """Share of its height after which it may go on another page; 0 for nowhere."""
 
     @classmethod
     def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:
         """A picture as a figure, described by its title and caption."""
-        return cls(name, title, caption, picture.svg(name=name), f"{title}. {caption}")
+        svg = picture.svg(name=name)
+        return cls(name, title, caption, svg, f"{title}. {caption}", breaks=picture.breaks)
 
 
 @dataclass(frozen=True)

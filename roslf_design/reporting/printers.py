@@ -152,6 +152,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
             file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
             look = {"file": file.name, "width": _share_of_page(block.content), "alt": block.description or block.title}
+            look["breaks"] = block.breaks
             return {"kind": "figure", **look, "title": spans(block.title), "caption": spans(block.caption)}
         case Bullets():
             return {"kind": "bullets", "items": [spans(item) for item in block.items]}

@@ -13,7 +13,8 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -335,8 +336,9 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     """
     steps: list[str] = []
     findings: dict[str, Finding] = {}
-    design = story.design
+    parts = []
     for part in _walked(story, seed, progress):
+        parts.append(part)
         design = part.design
         match part.outcome:
             case CalibrationPart() as asked:
@@ -355,8 +357,10 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    title = story.table.story.title
-    return design_report(design, findings=findings, opening=opening, title=title, progress=progress, **options)
+    title, sheet = story.table.story.title, datasheet_section(_basis_of(story, parts))
+    return design_report(
+        design, findings=findings, sheet=sheet, opening=opening, title=title, progress=progress, **options
+    )
 
 
 class Walked(NamedTuple):
@@ -419,7 +423,7 @@ def datasheet_of(
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
             raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
-        return _story_sheet(story, seed, progress)
+        return _basis_of(story, list(_walked(story, seed, progress, builds_of_lines)))
     if kind == "design":
         design = load(str(path))
         known = None if calibration is None else _known(calibration, design)
@@ -437,8 +441,8 @@ def datasheet_of(
     return basis(best, None, None if calibration is None else _known(calibration, best))
 
 
-def _story_sheet(story: Story, seed: int | None, progress: Tell) -> Basis:
-    parts = list(_walked(story, seed, progress, builds_of_lines))
+def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
+    """What the parts of a story tell of the design that it ends with."""
     design = parts[-1].design
     built: AsBuilt | None = None
     known: Known | None = None
@@ -448,11 +452,15 @@ def _story_sheet(story: Story, seed: int | None, progress: Tell) -> Basis:
         match part.outcome:
             case AsBuilt() as tolerances:
                 built = tolerances
+            case StudyResult() as result:
+                built = AsBuilt(result.plan, result.final)
             case CalibrationPart() as asked:
                 covariance = planned_lengths(design, asked)
                 known = None if covariance is None else Known("as planned", design, covariance)
             case Calibrated():
-                known = _known(story.folder / (story.table.parts[index].calibrated or ""), design)
+                # Of another design, or an older one: the report's section on it says so, and lines go without.
+                with suppress(InputError):
+                    known = _known(story.folder / (story.table.parts[index].calibrated or ""), design)
     return basis(design, built, known)
 
 

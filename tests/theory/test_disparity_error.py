@@ -7,15 +7,11 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.imaging.camera import ImageLattice
-from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling
-from roslf_design.scenes import Plane, Scene, Sinusoid, White
 from roslf_design.theory.disparity_error import Seen, Spectrum, disparity_information, disparity_sigma, view_gradient
-from roslf_design.theory.light_field import rim_disparity
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.stop_images import MicrolensImages
+from studies.depth.prediction_proof import rendered_information
 
 PAPER = roslf.load("paper")
 SHORT = {"light.wavelength": 1e-9, "depth.window": 1}
@@ -92,48 +88,6 @@ def test_cut_images_cost_what_their_second_moment_says(kept, cost):
 
 
 # --- against differences of rendered pictures ---------------------------------------------------------------------
-
-
-def rendered_information(design, field, periods, direction, disparity, rays=64, step=0.02, contrast=0.5):
-    """Fisher information of B per microlens, amplitude and phase of a grating unknown, by differences of pictures.
-
-    The grating has so many periods per microlens pitch; on planes at other distances it grows with the distance from
-    the FAP, so that views from its middle stay as they are.
-    """
-    camera = Camera.of(design)
-    lattice, q, gap = ImageLattice.of(camera), float(camera.q), float(camera.gap)
-    period = float(camera.inverse_m * camera.d) / periods
-    lenses = round(1 / periods) if periods < 0.5 else 4
-    centre = lattice.image(np.round(np.linalg.solve(lattice.axes, np.array(field))))
-    half = lenses / 2 * abs(lattice.grow) * float(camera.d)
-    size = round(2 * half / q)
-    region = *(round((c - half) / q + n / 2) for c, n in zip(centre, camera.pixels, strict=True)), size, size
-    names = ["microlens_diffraction", "vignetting", "finite_microlens_aperture", "object_defocus"]
-    off = ["noise", "cos4", "fap_diffraction", "microlens_defocus"]
-    switches = [f"+{name}" for name in names] + [f"-{name}" for name in off]
-    sampling = RaySampling(least=rays, most=rays, tolerance=1e-9)
-
-    def at(b):
-        d_3 = float(camera.d_3)
-        return brentq(lambda z: float(rim_disparity(camera, z - d_3)) - b, d_3 * 1.0001, 50 * float(camera.d_f))
-
-    def picture(z, phase=0.0):
-        wide = period * (z - float(camera.d_3)) / gap
-        look = Sinusoid(period=wide, angle=direction, contrast=contrast)
-        aside = (phase * wide * np.cos(direction), phase * wide * np.sin(direction))
-        scene = Scene(objects=(Plane(distance=z, centre=aside, texture=look),))
-        shown = render(design, scene, overrides=switches, region=region, sampling=sampling, threads=2)
-        return 2 * float(electrons(camera)) * shown.pixels.astype(float).ravel()
-
-    white = Scene(objects=(White(level=0.5),))
-    mean = render(design, white, overrides=switches, region=region, sampling=sampling, threads=2).pixels
-    mean = 2 * float(electrons(camera)) * mean.astype(float).ravel()
-    weight = 1 / (mean + float(dark_variance(camera)))
-    moved = (picture(at(disparity + step)) - picture(at(disparity - step))) / (2 * step)
-    nuisance = np.stack([picture(at(disparity), phase) - mean for phase in (0.0, 0.25)], 1)
-    mixed = nuisance.T @ (weight * moved)
-    left = moved @ (weight * moved) - mixed @ np.linalg.solve(nuisance.T @ (weight[:, None] * nuisance), mixed)
-    return left / (size * size * q * q / abs(np.linalg.det(lattice.image_axes)))
 
 
 CUT = PAPER.replace({"main_lens.diameter": 20.0})
