@@ -212,7 +212,10 @@ def _value(line: SheetLine) -> str:
 
 
 def _spread(line: SheetLine, sigma: Mapping[str, float], missing: str) -> str:
-    return missing if line.quantity not in sigma else f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.quantity], 2)}"
+    if line.quantity not in sigma:
+        return missing
+    # A millionth of the value is what derivatives' steps leave.
+    return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.quantity], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
 def datasheet_section(found: Basis) -> Section:

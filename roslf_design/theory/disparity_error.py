@@ -334,7 +334,7 @@ def _expansion(degrees: tuple[int, ...]) -> tuple[Array, NDArray[np.intp], Array
     terms = np.array([t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole], np.intp)
     terms = terms.reshape(-1, len(degrees))
     offsets = NESTED[terms]
-    return offsets, terms, np.linalg.inv(_powers(offsets, terms))
+    return offsets, terms, np.asarray(np.linalg.inv(_powers(offsets, terms)), np.float64)
 
 
 def _powers(away: Array, terms: NDArray[np.intp]) -> Array:
