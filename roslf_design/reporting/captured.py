@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..depth.captured import MeasuredCapture
+from ..depth.geometry import ArrayGeometry
 from ..pictures.picture import Picture
 from ..words import number, sentence
 from .blocks import Block, Bullets, Code, Figure, Report, Section, Statement, Statements, Table
-from .depth import FIGURES, RIGHT, known
+from .depth import FIGURES, RIGHT, known, optics_notes
 
 CAPTIONS = {
     "map": (
@@ -152,8 +153,8 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
         "What shines, shadows that move, and glass in front show other disparities than the surface itself.",
         "At depth steps a window sees two depths: there depth is unknown, or that of the better side.",
     ]
-    if run.geometry.place_unit == "mm":
-        notes.append("Behind a real lens depths are those of its ideal twin.")
+    if isinstance(run.geometry, ArrayGeometry):
+        notes += optics_notes(run.geometry.design)
     return Table(tuple(rows), "ll", ("", ""), "Camera, noise, matching"), Bullets(tuple(notes))
 
 
