@@ -5,6 +5,7 @@ shows it to pixels behind. A view takes one pixel of every microlens. As a funct
 pixel's light has the transfer, at the frequency nu on the array,
 
     ``integral over P's overlap with itself, lambda d_2 nu apart, of exp(2 pi i nu rho p') K(p', lambda d_2 nu) dp'``,
+
 with P as the sensor sees it, p the pixel, rho the way that a point out of focus moves on the array per way on the
 sensor, and K what the pixel adds up of ``g(p' + s/2) g*(p' - s/2)``, s the shift: g is the field that light from p' of
 the microlens image makes in the pixel, through its microlens, in focus or not (beta), and through its neighbours. The

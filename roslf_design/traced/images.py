@@ -241,7 +241,7 @@ class FieldMap(NamedTuple):
     object_point: Array
     """X on the focal plane that the chief ray comes from [mm], (..., 2)."""
     distortion: Array
-    """(|c| - |c_1|)/|c_1|, c_1 where first order would image X; (...), 0 on the axis."""
+    """``(|c| - |c_1|)/|c_1|``, c_1 where first order would image X; (...), 0 on the axis."""
     tangential_focus: Array
     sagittal_focus: Array
     """Where pencils in and across the meridional plane focus, behind the array [mm], (...); negative before it."""

@@ -112,7 +112,7 @@ def seen_shapes(
     Notes
     -----
     No ray is aimed: `BLOCK` of them leave the microlens, along spokes, to where they are lost or stopped. Corners make
-    areas right to 20/`BLOCK`^2 of themselves.
+    areas right to 20 over the square of `BLOCK`, in themselves.
     """
     rim_points, inner_points = pupil_points()
     on_fap = np.sum(np.concatenate([inner_points, rim_points]) ** 2, axis=1)
