@@ -326,7 +326,9 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        lines = plan(design, scene, Budget(), ["-noise"])
+        # Rays through elements go as depth has them, however near that is to first order.
+        exact = ["+plate_aberration"] if design.elements else []
+        lines = plan(design, scene, Budget(), ["-noise", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
@@ -438,7 +440,7 @@ def simulate(
         field = decoder(taken)
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search))
-    prediction = predict(design, scene, even, true, runs[0].disparities.window)
+    prediction = predict(design, scene, even, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
 
 
@@ -486,7 +488,9 @@ def assumed(design: Design, scene: Scene, window: int) -> Design:
     return design.replace(settings)
 
 
-def predict(design: Design, scene: Scene, field: LightField, true: Array, window: int) -> Prediction:
+def predict(
+    design: Design, scene: Scene, field: LightField, true: Array, window: int, traced: TracedViews | None = None
+) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
     camera = Camera.of(assumed(design, scene, window).thin_twin)
     rows, columns = (
@@ -495,12 +499,13 @@ def predict(design: Design, scene: Scene, field: LightField, true: Array, window
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     places = places_on_array(camera, field)[row, column]
     disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
+    wider = np.ones(row.size) if traced is None else traced.widening(places)
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
             seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0])
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

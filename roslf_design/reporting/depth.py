@@ -211,17 +211,14 @@ def basis(trial: Trial) -> tuple[Block, ...]:
 
 
 def optics_notes(design: Design) -> list[str]:
-    """What is taken of the optics to first order, and what was measured of that."""
-    if design.lens is not None:
-        rest = "its colours and the blur of its aberrations are left out"
-        return [f"Views look where rays traced through the real lens go; {rest}."]
+    """How what bends light before the microlenses is taken."""
+    through = [] if design.lens is None else ["the real lens"]
     if design.elements:
-        return [
-            "What lies in the bore is taken to first order here, pictures are refracted exactly: behind a cystoscope's "
-            "window, in bright light, depths came out off by 1.5 of the errors told. Do not trust those yet "
-            "(docs/guides/depth.md)."
-        ]
-    return []
+        through.append("what lies in the bore")
+    if not through:
+        return []
+    rest = "; colours and the blur of aberrations are left out"
+    return [f"Views look where rays traced through {listed(through)} go{rest}."]
 
 
 def _noise_words(trial: Trial) -> str:
