@@ -266,6 +266,8 @@ def calibrated(
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = calibration.read_capture(folder)
+        if loaded.sensor.colours != "mono":
+            capture = capture.balanced()
         status.tell("finding microlens centres")
         radius = calibration.undistorted_radius(loaded) or None
         pitch = calibration.image_pitch(loaded)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -80,6 +80,10 @@ class PixelNoise:
             raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+
+    def dimmed(self, share: float) -> PixelNoise:
+        """The same of pixels that give so much of the signal of what is told as 1."""
+        return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import product, ratio
 from ..calibration.decoding import Decoder, LightField
+from ..calibration.frames import ColourBalance
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
@@ -422,10 +423,12 @@ def simulate(
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    decoder = Decoder.of(lattice, picture.pixels.shape, white=white.pixels)
-    even = decoder(white.pixels)
+    balance = None if design.sensor.colours == "mono" else ColourBalance.of(white.pixels)
+    flat = white.pixels if balance is None else balance(white.pixels)
+    decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
+    even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98)
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98).dimmed(1.0 if balance is None else balance.evenness)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
@@ -435,7 +438,7 @@ def simulate(
     for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
         progress("depth", number / exposures)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
-        field = decoder(taken)
+        field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search))
     prediction = predict(design, scene, even, true, runs[0].disparities.window)

@@ -14,6 +14,7 @@ from ..design.environment import not_known, not_named
 from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
+from ..theory.colours import GREEN
 from ..theory.f_number import fill_factor, matched
 from ..theory.photometry import accepted
 from ..theory.quantities import QUANTITIES
@@ -46,7 +47,7 @@ def verdicts_of(
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     """
-    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(sampling)]
+    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(camera, sampling)]
     answers += [] if lens is None else [_thin(f_number, lens)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
@@ -141,10 +142,14 @@ def _rounded_up(length: float) -> str:
     return f"{math.ceil(length / step) * step:.4g}"
 
 
-def _resolved(sampling: Sampling) -> Verdict:
+def _resolved(camera: Camera, sampling: Sampling) -> Verdict:
+    """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
     views, independent = sampling.views_geometric, sampling.views_independent
+    kind = "pixels"
+    if camera.colours != "mono":
+        views, kind = views / GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
     if independent >= views:
-        text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
+        text = f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views"
         return _answer("views_resolved", text)
     # The band that diffraction lets pass ends where 8 N_F samples across an image hold all of it.
     enough = 2 * independent
@@ -157,7 +162,7 @@ def _resolved(sampling: Sampling) -> Verdict:
         "views_resolved",
         False,
         "limit",
-        f"diffraction limits the views: {views:.3g} pixels across a microlens image hold {independent:.3g} independent "
+        f"diffraction limits the views: {views:.3g} {kind} across a microlens image hold {independent:.3g} independent "
         "views per axis (4 N_F)",
         f"larger microlenses or a shorter d_2 gain views; {pixels}",
     )

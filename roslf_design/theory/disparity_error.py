@@ -29,9 +29,10 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera
+from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import microlens_defocus
-from .photometry import dark_variance, electrons
+from .photometry import behind, dark_variance, electrons, response
 from .stop_images import MicrolensImages
 from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
@@ -214,9 +215,14 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     Returns
     -------
     ndarray, shape (fields, builds)
-        With the texture unknown. 0 without light, beyond the full well, and where images overlap many times.
+        With the texture unknown. 0 without light, beyond the full well, and where images overlap many times. Behind
+        colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
+    if c.colours != "mono":
+        waves = texture(c, seen) if waves is None else waves
+        parts = [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]
+        return np.asarray(sum(share * disparity_information(part, seen, waves) for share, part in parts))
     rows = _rows_of(images, seen, texture(c, seen) if waves is None else waves)
     builds = _builds(images, seen)
     shape = (len(images.fields), *builds)
@@ -227,11 +233,13 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     usable &= np.isfinite(rows.power).all(-1)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
+    even = "sensor.acceptance" not in c.numbers
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for detail, uncut in sorted({(int(a), bool(b)) for a, b in zip(level, whole, strict=True) if a}):
         mine = np.flatnonzero((level == detail) & (whole == uncut))
-        # Whole images of one build are all alike.
-        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if uncut else (..., ...)
+        # Whole images of one build are all alike where pixels take light from everywhere.
+        same = uncut and even
+        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if same else (..., ...)
         found[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
     return found.reshape(shape)
 
@@ -249,7 +257,8 @@ def _rows_of(images: MicrolensImages, seen: Seen, waves: Spectrum) -> _Images:
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(seen.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.d_2
-    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, electrons(c), dark_variance(c), pitch, bend)
+    light = electrons(c) * response(c, np.hypot(*images.microlens[:2]))
+    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])[..., None]
     apart = centres - centres[..., :1, :]

@@ -8,6 +8,8 @@ import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
+from ..design.parts import PATHS
+from .colours import BANDS, BRIGHTEST, ColourFilter
 from .exit_pupil import microlens_image_diameter
 
 PLANCK = 6.62607015e-34
@@ -40,6 +42,27 @@ def accepted(angle: Number, half: Number) -> Array:
     return np.asarray(2.0 ** -np.square(np.divide(angle, half)))
 
 
+def response(c: Camera, radius: Number) -> Array:
+    """Share of its light that the image of a microlens leaves in slanting pixels; 1 where nothing is known of them.
+
+    Its mean over the whole image's disc, to the second order in the rays' angle to the chief ray: right to 1 % where
+    half of the light is left.
+
+    Parameters
+    ----------
+    c : Camera
+    radius : float or ndarray
+        Of the microlens from the main lens's axis [mm].
+    """
+    half = c.numbers.get("sensor.acceptance")
+    if half is None:
+        return np.ones(())
+    chief = np.square(product(radius, c.vergence) / c["sensor.relay_magnification"])
+    across = np.square(ratio(magnitude(microlens_image_diameter(c)), c.d_2) / c["sensor.relay_magnification"]) / 8
+    bent = np.square(math.log(2) / np.square(half)) * chief * across
+    return np.asarray(np.minimum(accepted(np.arctan(np.sqrt(chief + across)), half) * np.exp(bent), 1.0))
+
+
 def radiance(c: Camera) -> Array:
     """Of the scene, on average [W/m^2/sr]: as given, or of a matt surface, ``E rho/(683 pi)``."""
     given = c.numbers.get("light.radiance")
@@ -52,11 +75,13 @@ def electron_rate(c: Camera) -> Array:
     """Electrons per second in a pixel that its microlens lights fully, where the scene is as bright as on average.
 
     ``L q^2 Omega tau QE lambda/(h c)``: the pixel, as it stands behind a relay, sees its microlens under the solid
-    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array.
+    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array. Behind
+    colour filters it is a pixel of the brightest colour, in white light.
     """
     solid = ratio(c.d, c.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
     watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]
-    return np.asarray(watts * c["sensor.quantum_efficiency"] * c.wavelength / (PLANCK * LIGHT_SPEED))
+    wavelength = c.wavelength if c.colours == "mono" else BRIGHTEST
+    return np.asarray(watts * c["sensor.quantum_efficiency"] * wavelength / (PLANCK * LIGHT_SPEED))
 
 
 def exposure(c: Camera) -> Array:
@@ -80,3 +105,13 @@ def dark_variance(c: Camera) -> Array:
     """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
     step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
     return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)
+
+
+def behind(c: Camera, one: ColourFilter) -> Camera:
+    """A camera with colour filters as the pixels of one colour see it, for the same exposure.
+
+    Lengths and glasses are as before: what colour does to the main lens is not in it.
+    """
+    efficiency = c["sensor.quantum_efficiency"] * (one.taken / BANDS)
+    own = {PATHS["wavelength"]: one.wavelength, "sensor.quantum_efficiency": efficiency, "light.exposure": exposure(c)}
+    return c.behind_filter(own)
