@@ -12,6 +12,7 @@ from ..errors import printable
 from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
+from ..units import format_quantity
 from .terminal import Flag, json_text
 
 Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
@@ -19,7 +20,7 @@ Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 SHOWN: dict[Kinds, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
-    "sensors": ("pixel", "pixels", "size"),
+    "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind."""
@@ -89,6 +90,8 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
         return ""
     if isinstance(value, str):
         return value
+    if key == "acceptance":
+        return format_quantity(value, "angle")
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

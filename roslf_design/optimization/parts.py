@@ -13,10 +13,11 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from ..design.material import Material
+from ..design.parts import Colours
 from ..errors import InputError, Problem
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, parse_quantity
+from ..units import Angle, Length, parse_quantity
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -122,6 +123,16 @@ class SensorPart(Entry):
 
     pixel: Length
     pixels: tuple[int, int]
+    acceptance: Angle | None = None
+    """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
+    colours: Colours | None = None
+    """Filters on its pixels; None where it is sold with and without."""
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """Places of a design to what is known beside numbers that all sensors have."""
+        told = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
+        return {place: value for place, value in told.items() if value is not None}
 
     @property
     def size(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.study import StrictTable
-from .parts import Catalogue, Entry, Kind, given_by, placed
+from .parts import Catalogue, Entry, Kind, SensorPart, given_by, placed
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
 from .search import QUICK, Search, SearchBudget, search
 
@@ -154,9 +154,16 @@ class Combinations:
         }
 
     def problem_at(self, number: int) -> DesignProblem:
-        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens."""
-        numbers = {place: value for part in self.chosen(number) for place, value in self._numbers(part).items()}
-        return replace(self.problem, given={**self.problem.given, **numbers})
+        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
+
+        Here alone it counts what only some sensors' entries say (colour filters, acceptance).
+        """
+        parts = self.chosen(number)
+        numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
+        design = self.problem.design
+        if said := {place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()}:
+            design = design.replace(said)
+        return replace(self.problem, design=design, given={**self.problem.given, **numbers})
 
 
 class Boxes:
