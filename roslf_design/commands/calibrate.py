@@ -220,7 +220,7 @@ def calibrate(
     console.print(plain_text(report.title, "bold"))
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
-    print(f"\nWritten to {output}: {listed((*files, 'index.html'))}\n{seconds:.1f} s")
+    print(f"\nWritten to {output}: {', '.join(listed((*files, 'index.html')))}\n{seconds:.1f} s")
 
 
 def calibrated(

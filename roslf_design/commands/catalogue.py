@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,7 +13,6 @@ from ..errors import printable
 from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
-from ..units import format_quantity
 from .terminal import Flag, json_text
 
 Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
@@ -91,7 +91,7 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
     if isinstance(value, str):
         return value
     if key == "acceptance":
-        return format_quantity(value, "angle")
+        return f"{math.degrees(value):.4g} deg"
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

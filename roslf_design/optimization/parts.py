@@ -275,8 +275,8 @@ def _condition(text: str) -> tuple[str, str, float | str]:
     key, sign, value = match.groups()
     if key not in known:
         raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
-    if key in LENGTHS:
-        return key, sign, parse_quantity(value, "length")
+    if key in LENGTHS or key == "acceptance":
+        return key, sign, parse_quantity(value, "length" if key in LENGTHS else "angle")
     if key == "pixels":
         try:
             return key, sign, float(value)

@@ -161,7 +161,9 @@ class Combinations:
         parts = self.chosen(number)
         numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
         design = self.problem.design
-        if said := {place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()}:
+        if said := {
+            place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()
+        }:
             design = design.replace(said)
         return replace(self.problem, design=design, given={**self.problem.given, **numbers})
 

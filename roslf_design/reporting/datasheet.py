@@ -279,6 +279,8 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
             f"each line's derivatives over {names}."
         )
+        if design is calibration.design:
+            sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one are nominal." if sentences else NOMINAL)
     return Basis(
         tuple(sentences),

@@ -180,6 +180,23 @@ def test_a_sweep_is_its_single_cameras(tmp_path, capsys):
     assert "fill factor" in picture
 
 
+def test_a_sweep_as_parquet(tmp_path, capsys):
+    """The same columns and numbers as CSV; what has no value is null or not a number there."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    for kind in ("csv", "parquet"):
+        file = tmp_path / f"a.{kind}"
+        wish = ("--set", "d_3=0..400 mm", "--quantity", "fill_factor,hyperfocal_mm", "--points", 9, "-o", file)
+        assert run(capsys, "sweep", "paper", *wish)[0] == 0
+    table = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(table) == list(rows[0])
+    read = {name: [float(row[name] or "nan") for row in rows] for name in table}
+    for name, values in table.items():
+        np.testing.assert_array_equal(np.array(values, float), read[name])
+    assert np.isnan(read["fill_factor"][-1])
+
+
 def test_a_sweep_in_other_units(tmp_path, capsys):
     arguments = ("sweep", "paper", "--set", "light.illuminance=1e4..1e5 lx", "--quantity", "pixel_electrons")
     code, _, _ = run(capsys, *arguments, "--points", "2", "-o", tmp_path / "s.csv")
