@@ -16,7 +16,8 @@ from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.colours import GREEN
 from ..theory.f_number import fill_factor, matched
-from ..theory.photometry import accepted
+from ..theory.light import sensor_field
+from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_discs
@@ -219,12 +220,16 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
     if design.sensor.acceptance is not None:
-        steepest = float(QUANTITIES["sensor_angle_deg"](Camera.of(design)))
+        camera = Camera.of(design)
+        steepest = float(QUANTITIES["sensor_angle_deg"](camera))
         lost = 1 - float(accepted(math.radians(steepest), design.sensor.acceptance))
+        kept = float(response(camera, sensor_field(camera).radius))
         if lost > TAKEN_LOSS:
             yield (
                 f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
-                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); "
+                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); of "
+                f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth errors about "
+                f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
     half_x, half_y = (size / 2 for size in array.size)

@@ -18,6 +18,8 @@ LIGHT_SPEED = 299_792_458e3
 """[mm/s]; exact by the SI."""
 EFFICACY = 683.0
 """Luminous efficacy at 555 nm [lm/W]; exact by the SI to 3e-5 (540 THz)."""
+RINGS, SPOKES = 4, 8
+"""Places over a microlens image at which slanting light is weighed: to 1e-3 where a tenth of it is left."""
 LONGEST_EXPOSURE = 1 / 60
 """Where none is given [s]: a frame of video."""
 LARGEST_FILL = 0.5
@@ -45,8 +47,7 @@ def accepted(angle: Number, half: Number) -> Array:
 def response(c: Camera, radius: Number) -> Array:
     """Share of its light that the image of a microlens leaves in slanting pixels; 1 where nothing is known of them.
 
-    Its mean over the whole image's disc, to the second order in the rays' angle to the chief ray: right to 1 % where
-    half of the light is left.
+    Its mean over the disc of the whole image.
 
     Parameters
     ----------
@@ -57,10 +58,14 @@ def response(c: Camera, radius: Number) -> Array:
     half = c.numbers.get("sensor.acceptance")
     if half is None:
         return np.ones(())
-    chief = np.square(product(radius, c.vergence) / c["sensor.relay_magnification"])
-    across = np.square(ratio(magnitude(microlens_image_diameter(c)), c.d_2) / c["sensor.relay_magnification"]) / 8
-    bent = np.square(math.log(2) / np.square(half)) * chief * across
-    return np.asarray(np.minimum(accepted(np.arctan(np.sqrt(chief + across)), half) * np.exp(bent), 1.0))
+    chief, across = product(radius, c.vergence), ratio(magnitude(microlens_image_diameter(c)), 2 * c.d_2)
+    total = np.zeros(np.broadcast_shapes(np.shape(chief), np.shape(across), np.shape(half)))
+    for out, weight in zip(*np.polynomial.legendre.leggauss(RINGS), strict=True):
+        for turn in (np.arange(SPOKES) + 0.5) * (math.pi / SPOKES):
+            r = across * math.sqrt((out + 1) / 2)  # rings of equal area
+            slope = np.hypot(chief + r * math.cos(turn), r * math.sin(turn)) / c["sensor.relay_magnification"]
+            total = total + accepted(np.arctan(slope), half) * (weight / (2 * SPOKES))
+    return np.asarray(total)
 
 
 def radiance(c: Camera) -> Array:

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -285,6 +286,12 @@ def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
     (told,) = [text for text in roslf.evaluate(design).warnings if "rays meet the sensor" in text]
     assert f"{steepest:.3g} degrees" in told
     assert f"{100 * (1 - 0.5 ** (steepest / 10) ** 2):.3g} %" in told
+    # The whole image's loss, point by point over its disc.
+    u, v = np.meshgrid(*2 * [np.linspace(-1, 1, 201)])
+    points = np.hypot(math.hypot(*centre) + radius * u, radius * v)[np.hypot(u, v) < 1]
+    kept = (0.5 ** (np.degrees(np.arctan(points / design.d_2)) / 10) ** 2).mean()
+    lost = float(re.search(r"image ([\d.]+) % is lost", told)[1]) / 100
+    assert 1 - lost == pytest.approx(kept, abs=1e-3)  # three digits told
     wide = roslf.load("paper").replace({"sensor.acceptance": math.radians(80.0)})
     assert not any("rays meet the sensor" in text for text in roslf.evaluate(wide).warnings)
     with pytest.raises(roslf.DesignError, match="between 0 and 90 degrees"):
