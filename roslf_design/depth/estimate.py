@@ -81,6 +81,14 @@ class PixelNoise:
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
 
+    @property
+    def brightest(self) -> float:
+        """Electrons that by chance reach saturation once in 700: three standard errors below it."""
+        if self.saturation == math.inf:
+            return math.inf
+        noise = max(math.sqrt(2.25 + self.saturation + self.read_noise**2) - 1.5, 1.0)
+        return self.saturation - 3.0 * noise
+
 
 @dataclass(frozen=True, eq=False)
 class DisparityMap:
@@ -242,7 +250,7 @@ def estimate_disparity(
         with THREADS:
             common.compiled(
                 *(some if count < passes - 2 else every), disparity, picture, peak, views.steps,
-                noise.electrons, noise.read_noise, noise.saturation, robust, sums,
+                noise.electrons, noise.read_noise, noise.brightest, robust, sums,
             )  # fmt: skip
         picture = np.where(sums[11] > 0, sums[0], picture)
         fit = _Fit.of(sums, picture, disparity, views, window)
