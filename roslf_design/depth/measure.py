@@ -30,7 +30,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
-from .traced_views import TracedViews
+from .traced_views import LATTICES, TracedViews
 from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
@@ -53,6 +53,8 @@ BESIDE = 3
 neighbours and windows of all others."""
 STRIP = 32
 """Microlenses across the strip that is looked at where no part of the sensor is named."""
+RENDERING = 0.6
+"""Share of a measurement's time that goes into the picture, about."""
 POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
@@ -378,6 +380,36 @@ def default_region(design: Design) -> Region:
     width, height = camera.pixels
     rows = min(height, math.ceil(STRIP * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
     return Region(0, (height - rows) // 2, width, rows)
+
+
+def region_about(design: Design, place: tuple[float, float], across: int) -> Region:
+    """A square of microlens images about one of them, as far as the sensor reaches.
+
+    Parameters
+    ----------
+    design : Design
+    place : tuple of float
+        Of the microlens on the array [mm].
+    across : int
+        Microlenses along each side.
+    """
+    camera = Camera.of(design.thin_twin)
+    width, height = camera.pixels
+    lattice = lattice_of(camera, Region(0, 0, width, height))
+    i, j = np.linalg.solve(LATTICES[lattice.layout].T, np.array(place) / float(camera.d))
+    column, row = lattice.nodes(i, j)
+    side = math.ceil(across * lattice.pitch)
+    columns, rows = min(side, width), min(side, height)
+    left, top = (
+        int(np.clip(round(middle - size / 2 + 0.5), 0, most - size))
+        for middle, size, most in ((float(column), columns, width), (float(row), rows, height))
+    )
+    return Region(left, top, columns, rows)
+
+
+def share_done(what: str, share: float) -> float:
+    """How far a simulation is, as `simulate` tells it."""
+    return RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share
 
 
 def _with_margin(camera: Camera, region: Region) -> Region:
