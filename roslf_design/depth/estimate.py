@@ -318,6 +318,8 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
+        # Read-only both, wherever they came from: kernels are compiled once more for arrays that are not.
+        where, beside = (np.broadcast_to(part, part.shape) for part in (where, beside))
         return cls(
             np.ascontiguousarray(values), light, full, where, beside, places, lit, full.sum(axis=0), steps, density
         )
