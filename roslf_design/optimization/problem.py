@@ -90,9 +90,14 @@ class Variable(StrictTable):
 
     @model_validator(mode="after")
     def _ordered(self) -> Variable:
-        if self.min > self.max:
+        if self.measured_in == "":
+            shown = f"{self.min:g}", f"{self.max:g}"
+        else:
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
+        if self.min > self.max:
             raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
+        if self.measured_in == "":
+            return self
         if self.min < 0 <= self.max:
             raise ValueError(f"bounds {self.min:g} and {self.max:g} mm hold 0 between them; keep to one sign")
         if self.max == 0:
@@ -139,12 +144,6 @@ class NumberVariable(Variable):
     start: float | None = None
 
     measured_in: ClassVar[str] = ""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> NumberVariable:
-        if self.min > self.max:
-            raise ValueError(f"contradictory bounds: min {self.min:g} is above max {self.max:g}; swap them")
-        return self
 
     @property
     def logarithmic(self) -> bool:
