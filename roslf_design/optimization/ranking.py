@@ -550,8 +550,13 @@ def rank(
     budget: SearchBudget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
+    starts: int = 2,
 ) -> Ranking:
-    """Find the `keep` best combinations; where the budget is spent those that are best so far."""
+    """Find the `keep` best combinations; where the budget is spent those that are best so far.
+
+    Closed forms lead from the first of two starts that does to a combination's best; behind real lenses, where kinks may
+    stop a search, the best of all `starts` counts.
+    """
     began = time.monotonic()
     n, count = combinations.problem.n, len(combinations)
     middle = sobol_units(n, 1, seed)[0]
@@ -575,11 +580,16 @@ def rank(
             problem = combinations.problem_at(number)
         except InputError:
             return  # no camera
-        for start in promising_starts(problem, [(low + high) / 2, low + middle * (high - low)], 2, seed):
+        begin = [(low + high) / 2, low + middle * (high - low)]
+        results: list[Search] = []
+        for start in promising_starts(problem, begin, starts if problem.traced else 2, seed):
             result = search(problem.vector, start, budget, 80, max(QUICK, problem.finest))
-            if result.feasible:
-                best[:] = sorted([*best, Ranked(number, result)], key=_order)[: 3 * keep]
-                return
+            results += [result] if result.feasible else []
+            if results and not problem.traced:
+                break
+        if results:
+            ranked = Ranked(number, min(results, key=lambda result: result.merit))
+            best[:] = sorted([*best, ranked], key=_order)[: 3 * keep]
 
     splitting, turn = True, 0
     while not budget.ended:

@@ -310,7 +310,7 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         element = table.catalogue.plate(problem.design)
         glasses = table.catalogue.only.get("glasses", ())
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element, glasses)
-        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell)
+        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts)
     retrace, part_retraces = None, list[Retrace]()
     if problem.design.lens is not None and answer.feasible:
         asked: tuple[Goal | Constraint, ...] = (*answer.asked.goals, *answer.asked.constraints)
