@@ -15,6 +15,7 @@ from ..evaluation.specification import CRITERION, Colour, Place, Resolved, Speci
 from ..pictures.resolution import mtf_curves, resolution_map
 from ..tables import csv_bytes
 from ..theory.colours import GREEN
+from ..theory.field_of_view import focus_ahead
 from ..theory.photometry import behind
 from ..theory.quantities import QUANTITIES, Quantity
 from ..theory.stop_images import MicrolensImages
@@ -158,7 +159,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
             ("object sample", field.object_sample_mm, "mm", "one microlens", "object_sample_mm", 1.0),
         ):
             own = quantity if focal and twice == 1 else ""
-            there = None if own else partial(_at_distance, QUANTITIES[quantity], field.at_mm, twice)
+            there = None if own else partial(_at_distance, QUANTITIES[quantity], None if focal else field.at_mm, twice)
             yield SheetLine("Object field", f"{name} {at}", value, unit, remark, own, of=there)
     for row in sheet.resolution:
         focal = row.at_mm == sheet.working_distance_mm
@@ -170,7 +171,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
         dark = "" if row.mtf50_lp_per_mm is not None else "dark"
         axial = focal and centre and row.image == "refocused"
-        of = None if axial or dark else partial(_resolution, row)
+        of = None if axial or dark else partial(_resolution, row, focal)
         folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
         yield SheetLine(
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
@@ -206,12 +207,14 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
-def _at_distance(quantity: Quantity, at: float, factor: float, camera: Camera) -> float:
+def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> float:
     return factor * float(quantity(camera, at))
 
 
-def _resolution(row: Resolved, camera: Camera) -> float:
-    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, row.at_mm, row.image).mtf50_lp_per_mm
+def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
+    """At the row's distance, or on the build's own focal plane."""
+    at = float(focus_ahead(camera)) if focal else row.at_mm
+    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).mtf50_lp_per_mm
     return math.nan if value is None else value
 
 
