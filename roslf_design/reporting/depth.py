@@ -211,14 +211,20 @@ def basis(trial: Trial) -> tuple[Block, ...]:
 
 
 def optics_notes(design: Design) -> list[str]:
-    """How what bends light before the microlenses is taken."""
+    """How what bends light before the microlenses is taken; what colour filters take."""
+    notes = []
+    if design.sensor.colours != "mono":
+        notes.append(
+            f"Behind its {design.sensor.colours} filters the white image makes all colours equal, and pixels are "
+            "matched as grey ones: a scene with colours of its own scatters more than told."
+        )
     through = [] if design.lens is None else ["the real lens"]
     if design.elements:
         through.append("what lies in the bore")
-    if not through:
-        return []
-    rest = "; colours and the blur of aberrations are left out"
-    return [f"Views look where rays traced through {listed(through)} go{rest}."]
+    if through:
+        rest = "; colours and the blur of aberrations are left out"
+        notes.append(f"Views look where rays traced through {listed(through)} go{rest}.")
+    return notes
 
 
 def _noise_words(trial: Trial) -> str:
