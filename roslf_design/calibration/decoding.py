@@ -108,7 +108,8 @@ class LightField:
         t, s = (np.arange(len(axis) // 2 % every, len(axis), every) for axis in (self.t, self.s))
         shift_u, shift_v = slope * self.s[s] / du, slope * self.t[t] / dv
         with THREADS:
-            _shift_and_sum.compiled(self.values, self.weight, t, s, shift_v, shift_u, values, weight)
+            lit = np.ascontiguousarray(self.weight)  # compiled once, however it was laid out
+            _shift_and_sum.compiled(np.ascontiguousarray(self.values), lit, t, s, shift_v, shift_u, values, weight)
         return values, weight
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..calibration.frames import SUFFIXES
 from ..depth.captured import MeasuredCapture
-from ..depth.measure import REASONS, Measurement, Trial, simulate
+from ..depth.measure import REASONS, Measurement, Trial, share_done, simulate
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..errors import Problem
@@ -37,9 +37,6 @@ from .terminal import (
     typed,
     write_files,
 )  # fmt: skip
-
-RENDERING = 0.6
-"""Share of the time that goes into the picture, about."""
 
 
 def depth(
@@ -208,8 +205,4 @@ def _tiff(values: NDArray[Any]) -> bytes:
 def _told() -> Iterator[Any]:
     """One bar for the picture and the exposures in it."""
     with bar("depth") as tell:
-
-        def progress(what: str, share: float) -> None:
-            tell(RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share)
-
-        yield progress
+        yield lambda what, share: tell(share_done(what, share))

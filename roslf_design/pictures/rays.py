@@ -470,7 +470,7 @@ def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
     rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
     if section.whole:
         rows.append(("d_f", -design.d_f, 0.0, 1))
-    below = 0
+    below = 0.0
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         if (stop - start) / mm < 1:

@@ -33,6 +33,8 @@ SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0
 FEW = 48
 """Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
+MANY = 1024
+"""The same of quantities that the study does not report, to some two in a hundred."""
 REAL = (
     "The main lens is real; the data sheet is of its thin twin: aberrations and the distortion of the lens stand in "
     "the report's section on it, and resolution is without them."
@@ -78,12 +80,16 @@ class AsBuilt(NamedTuple):
     """After adjustment, where anything is adjusted."""
 
     def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
-        """Standard deviations by a line's key: of quantities over all builds, of other lines over the first `FEW`."""
+        """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
         told = {c.label: c.deviation for c in self.final.distributions}
-        builds, good = first_builds(self.plan, FEW)
+        few, many = first_builds(self.plan, FEW), first_builds(self.plan, MANY)
         for line in rows:
-            if line.of is not None and np.count_nonzero(good) > 1:
-                told[line.key] = float(np.std(line.values(builds)[good], ddof=1))
+            if line.key in told or not (line.quantity or line.of):
+                continue
+            builds, good = many if line.quantity else few
+            if np.count_nonzero(good) > 1:
+                values = np.asarray(QUANTITIES[line.quantity](builds)) if line.quantity else line.values(builds)
+                told[line.key] = float(np.std(np.broadcast_to(values, good.shape)[good], ddof=1))
         return {key: deviation for key, deviation in told.items() if math.isfinite(deviation)}
 
 
@@ -273,8 +279,8 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
-            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). Lines at a distance or a "
-            f"field go by the first {FEW} builds."
+            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). Lines that the study does not "
+            f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
         )
     if calibration is not None:
         names = ", ".join(calibration.covariance.places)
