@@ -164,9 +164,8 @@ def test_what_is_known_of_some_sensors_counts_in_their_designs():
     parts = load_catalogue()
     problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"))
     combinations = Combinations.of(problem, parts, ("sensors",))
-    sensors = {
-        part.part: combinations.problem_at(number).design_at(np.array([0.5])).sensor for number, part in enumerate(parts.sensors)
-    }
+    designs = [combinations.problem_at(number).design_at(np.array([0.5])) for number in range(len(combinations))]
+    sensors = {part.part: design.sensor for part, design in zip(parts.sensors, designs, strict=True)}
     told = sensors["OV5647"]
     assert (told.colours, told.pixel) == ("BGGR", pytest.approx(1.4e-3))
     assert 2.0 ** -((np.radians(24.0) / told.acceptance) ** 2) == pytest.approx(0.8, abs=0.005)
