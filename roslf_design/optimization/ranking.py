@@ -554,8 +554,8 @@ def rank(
 ) -> Ranking:
     """Find the `keep` best combinations; where the budget is spent those that are best so far.
 
-    Closed forms lead from the first of two starts that does to a combination's best; behind real lenses, where kinks may
-    stop a search, the best of all `starts` counts.
+    Of closed forms the first of two starts that ends at a design counts; behind real lenses, where kinks may stop a
+    search, the best of all `starts`.
     """
     began = time.monotonic()
     n, count = combinations.problem.n, len(combinations)
