@@ -8,6 +8,8 @@ from hypothesis import HealthCheck, settings
 
 # Workers share the processors already: threads of linear algebra would wait for each other, spinning. Before numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Threads of kernels too: between two calls they would spin for some milliseconds each time, half of all processor time.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 settings.register_profile(
     "repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True

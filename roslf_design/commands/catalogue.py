@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +20,7 @@ Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 SHOWN: dict[Kinds, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
-    "sensors": ("pixel", "pixels", "size"),
+    "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind."""
@@ -87,6 +88,8 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
         return ""
     if isinstance(value, str):
         return value
+    if key == "acceptance":
+        return f"{math.degrees(value):.4g} deg"
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, InstanceOf, ValidationError, model_validator
 
 from ..design.material import Material
+from ..design.parts import Colours
 from ..design.real_lens import Lens, focal_length_at
 from ..errors import InputError, Problem
 from ..lenses.glass import catalogue as glass_catalogue
@@ -23,7 +24,7 @@ from ..lenses.manufacture import D_LINE
 from ..lenses.prescription import LensError, Prescription
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, parse_quantity
+from ..units import Angle, Length, parse_quantity
 from .lens_variables import with_glasses
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
@@ -154,6 +155,16 @@ class SensorPart(Entry):
 
     pixel: Length
     pixels: tuple[int, int]
+    acceptance: Angle | None = None
+    """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
+    colours: Colours | None = None
+    """Filters on its pixels; None where it is sold with and without."""
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """Places of a design to what is known beside numbers that all sensors have."""
+        told = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
+        return {place: value for place, value in told.items() if value is not None}
 
     @property
     def size(self) -> tuple[float, float]:
@@ -347,8 +358,8 @@ def parse_condition(text: str) -> tuple[str, str, float | str]:
     key, sign, value = match.groups()
     if key not in known:
         raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
-    if key in LENGTHS:
-        return key, sign, parse_quantity(value, "length")
+    if key in LENGTHS or key == "acceptance":
+        return key, sign, parse_quantity(value, "length" if key in LENGTHS else "angle")
     if key == "pixels":
         try:
             return key, sign, float(value)

@@ -45,6 +45,7 @@ from .parts import (
     Kind,
     LensPart,
     Option,
+    SensorPart,
     given_by,
     glass_choices,
     parse_condition,
@@ -278,23 +279,30 @@ class Combinations:
     def problem_at(self, number: int) -> DesignProblem:
         """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
 
+        Here alone it counts what only some sensors' entries say (colour filters, acceptance).
+
         Raises
         ------
         InputError
             Behind a real lens: within the variables' bounds there is no camera.
         """
-        numbers = {place: value for part in self.chosen(number) for place, value in self._numbers(part).items()}
-        problem, given = self.problem, {**self.problem.given, **numbers}
+        parts = self.chosen(number)
+        numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
+        design, given = self.problem.design, {**self.problem.given, **numbers}
+        if said := {
+            place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()
+        }:
+            design = design.replace(said)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
             given.pop(FOCAL, None)
-            problem = replace(problem, design=self._behind(own))
-        return replace(problem, given=given)
+            design = self._behind(own, design)
+        return replace(self.problem, design=design, given=given)
 
-    def _behind(self, own: Mapping[str, Any]) -> Design:
+    def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
         """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
-        base, problem = self.problem.design, self.problem
+        problem = self.problem
         units = sobol_units(problem.n, TRIED, 0)
         numbers = problem.values(units) if problem.n else {}
         numbers = {place: value for place, value in numbers.items() if place != FOCAL}

@@ -211,17 +211,24 @@ def basis(trial: Trial) -> tuple[Block, ...]:
 
 
 def optics_notes(design: Design) -> list[str]:
-    """What is taken of the optics to first order, and what was measured of that."""
+    """What is taken of the optics to first order, and what was measured of that; what colour filters take."""
+    notes = []
+    if design.sensor.colours != "mono":
+        notes.append(
+            f"Behind its {design.sensor.colours} filters the white image makes all colours equal, and pixels are "
+            "matched as grey ones: a scene with colours of its own scatters more than told."
+        )
     if design.lens is not None:
         rest = "its colours and the blur of its aberrations are left out"
-        return [f"Views look where rays traced through the real lens go; {rest}."]
+        return [*notes, f"Views look where rays traced through the real lens go; {rest}."]
     if design.elements:
         return [
+            *notes,
             "What lies in the bore is taken to first order here, pictures are refracted exactly: behind a cystoscope's "
             "window, in bright light, depths came out off by 1.5 of the errors told. Do not trust those yet "
-            "(docs/guides/depth.md)."
+            "(docs/guides/depth.md).",
         ]
-    return []
+    return notes
 
 
 def _noise_words(trial: Trial) -> str:

@@ -208,10 +208,11 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("q", "pixel pitch", design.q, f"{width} x {height} px"),
         ("λ", "wavelength", design.wavelength, ""),
     ]
-    behind = "" if relay == 1 else f"behind a relay of magnification {relay:g}"
+    notes = [] if relay == 1 else [f"behind a relay of magnification {relay:g}"]
+    notes += [] if design.sensor.colours == "mono" else [f"colour filters {design.sensor.colours}"]
     sizes = [
         ("", "microlens array", " x ".join(_length(side) for side in mla.size), ""),
-        ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), behind),
+        ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), ", ".join(notes)),
     ]
     return [*((symbol, name, _length(value), remark) for symbol, name, value, remark in rows), *sizes]
 

@@ -17,7 +17,8 @@ from roslf_design.imaging.white import harmonic_series
 from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, loads_scene
 
 PAPER = roslf.load("paper")
-REGION = (2000, 1300, 60, 50)
+REGION = (2000, 1300, 32, 26)
+"""Of 2.5 x 2 microlenses: its eight worst pixels are beyond the quantile that is promised."""
 BOARD = loads_scene(
     'name = "board"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'
     '[objects.texture]\nkind = "checkerboard"\nperiod = "4 mm"\n'
@@ -85,7 +86,7 @@ def test_the_command_tells_it_and_writes_the_same_bytes(tmp_path, capsys):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         place = tmp_path / name / "image.tif"
-        line = ["render", "paper", "--scene", str(scene), "--region", "2000,1300,60,40", "-o", str(place)]
+        line = ["render", "paper", "--scene", str(scene), "--region", "2000,1300,26,26", "-o", str(place)]
         assert main([*line, "--accuracy", "0.05", "--json"]) == 0
         told = json.loads(capsys.readouterr().out)["accuracy"]
         assert told["seconds"] > 0
