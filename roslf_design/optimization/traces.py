@@ -91,7 +91,8 @@ class FieldTraces:
     @property
     def numbers(self) -> dict[str, Array]:
         """Place to what builds have there, where that is not the design's own number, (T,) each."""
-        own, builds = Camera.of(self.design).numbers, self.camera.shape or (1,)
+        shaped = () if self.lens is None else np.shape(self.lens.focal_length)
+        own, builds = Camera.of(self.design).numbers, np.broadcast_shapes(self.camera.shape or (1,), shaped)
         kept = {*SEEING, *CONJUGATES, TIP}
         moved = {place: v for place, v in self.camera.numbers.items() if place not in kept}
         moved = {place: v for place, v in moved.items() if not np.array_equal(v, own[place])}

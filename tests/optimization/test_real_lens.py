@@ -116,7 +116,6 @@ def test_a_study_behind_a_real_lens(tmp_path, capsys):
         ('field = "11 mm"\n', 'field = "11 mm"\nat = "9 mm"\n', "is not asked for at a distance"),
         ('field = "11 mm"\n', 'field = "12 mm"\n', "lies beyond the array"),
         ("[solver]", "[[robust.perturb]]\nplace = 'd_2'\ntolerance = '1 um'\n[solver]", "is for ideal main lenses"),
-        ("[solver]", "[catalogue]\nkinds = ['windows']\n[solver]", "windows are not chosen; leave the kind out"),
     ],
 )
 def test_what_does_not_go_behind_a_real_lens_is_one_line(capsys, tmp_path, old, new, said):
