@@ -51,7 +51,7 @@ MOST_TRIALS = 10**10
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 5
+FORMAT = 6
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
