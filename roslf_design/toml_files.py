@@ -22,7 +22,7 @@ FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": 
 """What is said of a value below its least, where that is 0."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
-TAG = "|"
+TAG = "%"
 """What names begin with that pydantic puts before what a value is, where it may be a name or a table."""
 
 

@@ -31,7 +31,7 @@ class LengthCovariance(NamedTuple):
         lengths = dict(draws.quantities)
         if (space := sheet.space_at(lengths)) is not None:
             lengths |= space.ruler(lengths)
-        own = {PATHS[name]: lengths[name] for name in ("d_3", "d_1", "d_2")} | {PATHS["f"]: draws.draws("f")}
+        own = {PATHS[name]: lengths[name] for name in ("d_3", "d_1", "d_2", "d", "q")} | {PATHS["f"]: draws.draws("f")}
         drawn = own | {known.place: lengths[known.place] for known in sheet.elements}
         return cls(tuple(drawn), np.atleast_2d(np.cov(np.stack([*drawn.values()]))))
 

@@ -492,8 +492,8 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     Returns
     -------
     dict
-        `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; the sheet's
-        `elements` by their places.
+        `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; ``q``, ``d`` and
+        the sheet's `elements` by their places, as drawn.
 
     Notes
     -----
@@ -510,4 +510,4 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         A, m, d_2 = space.seen(f, A, m, d_2)
     d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
     lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
-    return {name: np.asarray(value) for name, value in lengths} | elements
+    return {name: np.asarray(value) for name, value in lengths} | {"q": q, "d": d} | elements

@@ -39,7 +39,7 @@ class CameraDraws:
     parameters: Array
     """Draws of them, shape (n, p)."""
     quantities: Mapping[str, Array]
-    """Draws of `QUANTITIES`, data-sheet values drawn along, and of the sheet's `elements`; each of shape (n,)."""
+    """Draws of `QUANTITIES`, data-sheet values drawn along, of q, d and the sheet's `elements`; each of shape (n,)."""
 
     def draws(self, name: str) -> Array:
         """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
@@ -347,11 +347,12 @@ def depth_errors(
     depth = distances - best.pupil
     if not (depth > 0).all():
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best.pupil):.2f} mm from the lens")
-    # (m - A/Z_F) A/d_2 is what the views measure; d and q scale with it.
-    measured = (best.m - best.A / depth) * best.A / best.d_2
+    # Views measure a slope in pitches per pixel: the pitches' own errors are in it.
+    slope = (best.m - best.A / depth) * best.A * sheet.q / (best.d_2 * sheet.d)
     A, m, d_2, pupil = (part[:, None] for part in sheet.shown(draws.quantities))
+    q, d = (draws.quantities[name][:, None] for name in ("q", "d"))
     with np.errstate(divide="ignore"):
-        z_f = A / (m - measured * d_2 / A)
+        z_f = A / (m - slope * d_2 * d / (q * A))
     z = z_f + pupil
     low, high = np.quantile(z - distances, [0.025, 0.975], axis=0)
     return {

@@ -6,6 +6,7 @@ positives lose nothing, so thin shapes are as good as thick ones. Positions are 
 
 from __future__ import annotations
 
+import functools
 import math
 from enum import IntEnum
 from typing import NamedTuple
@@ -181,7 +182,7 @@ class Chords(NamedTuple):
     """Rows across a common part, whose sums are integrals over it; no rows where it is empty."""
 
     height: Array
-    """Where each lies along y [mm], shape (N,)."""
+    """Where each lies along y [mm], shape (..., N)."""
     weight: Array
     """Of each in an integral along y [mm]."""
     left: Array
@@ -209,16 +210,29 @@ def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float
     low, high = (min(ends), max(ends)) if ends else (0.0, 0.0)
     if between is not None:
         low, high = max(low, between[0]), min(high, between[1])
-    if not high > low:
-        return Chords(*(np.zeros(0) for _ in range(4)))
-    nodes, weights = np.polynomial.legendre.leggauss(rows)
-    angle, half = nodes * (math.pi / 2), (high - low) / 2
-    y = (high + low) / 2 + half * np.sin(angle)
-    off = y - centre[:, 1:]
-    reach = np.sqrt(np.maximum((radius[:, None] - off) * (radius[:, None] + off), 0.0))
-    left = (centre[:, :1] - reach).max(0)
-    right = np.maximum((centre[:, :1] + reach).min(0), left)
-    return Chords(y, weights * (math.pi / 2) * half * np.cos(angle), left, right)
+    return rows_between(centre, radius, low, high, rows) if high > low else Chords(*(np.zeros(0) for _ in range(4)))
+
+
+def rows_between(centres: Array, radii: Array, low: ArrayLike, high: ArrayLike, rows: int) -> Chords:
+    """Gauss-Legendre rows between two heights [mm], as `chords`: of width 0 beyond a part, all where none is between.
+
+    Leading axes: centres (..., K, 2), radii (..., K), heights (...), and the chords (..., N).
+    """
+    nodes, weights = _nodes(rows)
+    angle = nodes * (math.pi / 2)
+    low, high = (np.asarray(v)[..., None] for v in (low, high))
+    half = np.maximum(high - low, 0.0) / 2
+    y = (low + high) / 2 + half * np.sin(angle)
+    off = y[..., None, :] - centres[..., 1, None]
+    reach = np.sqrt(np.maximum((radii[..., None] - off) * (radii[..., None] + off), 0.0))
+    left = (centres[..., :1] - reach).max(-2)
+    right = np.maximum((centres[..., :1] + reach).min(-2), left)
+    return Chords(y, half * np.cos(angle) * weights * (math.pi / 2), left, right)
+
+
+@functools.cache
+def _nodes(count: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 def checked(centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array]:

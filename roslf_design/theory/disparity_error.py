@@ -30,9 +30,11 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera
+from ..shapes.discs import rows_between
+from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import microlens_defocus
-from .photometry import dark_variance, electrons
+from .photometry import behind, dark_variance, electrons, response
 from .stop_images import MicrolensImages
 from .transfer import MicrolensTransfer, line_transfer, pixel_box
 
@@ -46,6 +48,7 @@ WIDEST = 8
 NODES = 3
 """Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
 B lies within 1."""
+_GAUSS = np.polynomial.legendre.leggauss(NODES)
 FINEST_PLACES = 12
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
 REACH, FAINT = 3, 5e-4
@@ -160,11 +163,6 @@ class _Images(NamedTuple):
         return self.pitch * self.width / (self.wavelength * self.distance)
 
 
-@functools.cache
-def _nodes(count: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(count)
-
-
 def texture(c: Camera, seen: Seen) -> Texture:
     """The texture which a design assumes.
 
@@ -185,7 +183,7 @@ def texture(c: Camera, seen: Seen) -> Texture:
         plane.
     """
     limit = 1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5
-    nodes, weights = _nodes(NODES)
+    nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(seen.disparity), np.shape(seen.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
     finest = np.broadcast_to(ratio(c.d * seen.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
@@ -236,9 +234,13 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     Returns
     -------
     ndarray, shape (fields, builds)
-        With the texture unknown. 0 without light, beyond the full well, and where images overlap many times.
+        With the texture unknown. 0 without light, beyond the full well, and where images overlap many times. Behind
+        colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
+    if c.colours != "mono":
+        parts = [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]
+        return np.asarray(sum(share * disparity_information(part, seen, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, seen, texture(c, seen) if waves is None else Texture(one, one, waves))
     builds = _builds(images, seen)
@@ -250,12 +252,13 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
+    even = "sensor.acceptance" not in c.numbers
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for kind in np.flatnonzero(np.bincount(2 * level + whole, minlength=2)[2:]) + 2:
         detail, uncut = int(kind) // 2, bool(kind % 2)
         mine = np.flatnonzero((level == detail) & (whole == uncut))
-        # Whole images of one build are all alike.
-        several = uncut and len(images.fields) > 1
+        # Whole images of one build are all alike where pixels take light from everywhere.
+        several = uncut and even and len(images.fields) > 1
         alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if several else (..., ...)
         found[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
     return found.reshape(shape)
@@ -274,7 +277,8 @@ def _rows_of(images: MicrolensImages, seen: Seen, texture: Texture) -> _Images:
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(seen.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.d_2
-    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, electrons(c), dark_variance(c), pitch, bend)
+    light = electrons(c) * response(c, np.hypot(*images.microlens[:2]))
+    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])[..., None]
     apart = centres - centres[..., :1, :]
@@ -470,10 +474,12 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     """The same of a disc that others cut, row by row."""
     finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * images.radii.min(1)).max(initial=0.0))
-    y, weight, middle, half = _rows(images, max(ROWS, math.ceil(finest) + ROWS // 2))
+    bottoms, tops = (images.apart[..., 1] + sign * images.radii for sign in (-1, 1))
+    rows = max(ROWS, math.ceil(finest) + ROWS // 2)
+    y, weight, left, right = rows_between(images.apart, images.radii, bottoms.max(1), tops.min(1), rows)
     # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
     x = 2 * math.pi * fx[..., :1]
-    middle, half, at = (value[:, None, None, :] for value in (middle, half, y))
+    middle, half, at = (value[:, None, None, :] for value in ((left + right) / 2, (right - left) / 2, y))
     phase = x * half
     turn = np.exp(-1j * (x * middle + 2 * math.pi * fy[..., :1] * at)) * weight[:, None, None, :]
     size = np.abs(phase)
@@ -483,21 +489,6 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     moment = middle * flat - 2j * half**2 * bent
     steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])[:, None]
     return (turn * flat) @ steps, (turn * moment) @ steps, (turn * flat * at) @ steps
-
-
-def _rows(images: _Images, count: int) -> tuple[Array, Array, Array, Array]:
-    """Rows across each image [pitches]: y, weight of a row, middle and half-width of what is lit of it."""
-    nodes, weights = _nodes(count)
-    centre, radius = images.apart, images.radii
-    low, high = (centre[..., 1] - radius).max(1), (centre[..., 1] + radius).min(1)
-    half = np.maximum(high - low, 0.0)[:, None] / 2
-    angle = nodes * (math.pi / 2)
-    y = (low + high)[:, None] / 2 + half * np.sin(angle)
-    weight = half * np.cos(angle) * weights * (math.pi / 2)
-    off = y[:, None] - centre[..., 1, None]
-    chord = np.sqrt(np.maximum((radius[..., None] - off) * (radius[..., None] + off), 0.0))
-    left, right = (centre[..., :1] - chord).max(1), (centre[..., :1] + chord).min(1)
-    return y, weight, (left + right) / 2, np.maximum(right - left, 0.0) / 2
 
 
 def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:

@@ -238,6 +238,11 @@ class MicrolensImages:
         x, y = self.fields.T
         return np.stack([x * cos - y * sin + e_x, x * sin + y * cos + e_y], -1)
 
+    @property
+    def spot_pitches(self) -> Number:
+        """Rms radius of a point in focus on the array [microlens pitches]: 0, of an ideal lens's rays."""
+        return np.zeros((len(self.fields), *(self.camera.shape or (1,))))
+
     @cached_property
     def discs(self) -> tuple[Array, Array]:
         """Images of the FAP and the rims where nothing is tilted, as `stop_discs` gives them."""

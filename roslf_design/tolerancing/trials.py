@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..design import Design
-from .metrics import Question, evaluate_builds
+from .metrics import Question, builds_of, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
@@ -106,6 +107,21 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     design = plan.question.design
     changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
+
+
+def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bool_]]:
+    """A plan's first builds, adjusted where anything is, and which of them are cameras; shape (builds,).
+
+    Others have nominal numbers. Behind a real main lens they are thin twins.
+    """
+    count = min(count, plan.chunk_trials(0))
+    deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
+    values = plan.draws.values(deviations)
+    if plan.adjusters:
+        compensator = compensator_of(plan)
+        values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
+    builds, good = builds_of(plan.question, values, count)
+    return builds.camera, good
 
 
 class Compensator:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+import roslf_design as roslf
 from roslf_design.calibration import (
     CalibrationError,
     Captures,
@@ -16,7 +17,8 @@ from roslf_design.calibration import (
     sample_posterior,
     variance_shares,
 )
-from roslf_design.calibration.model import project_boards
+from roslf_design.calibration.lengths import LengthCovariance
+from roslf_design.calibration.model import Observations, derived, project_boards
 from roslf_design.calibration.posterior import (
     ProfileLikelihood,
     most_steps_for,
@@ -24,8 +26,9 @@ from roslf_design.calibration.posterior import (
     sample_size_for,
 )
 from roslf_design.cli import main
+from roslf_design.depth.geometry import calibration_sigma
 from roslf_design.theory.light_field import back_substitution_jacobian
-from tests.calibration.made import CAMERA, SHEET, captured, study
+from tests.calibration.made import CAMERA, SHEET, captured, poses_of, study
 
 
 @pytest.fixture(scope="module")
@@ -224,3 +227,34 @@ def test_no_accuracy_is_one_line_and_nothing_written(value, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
     assert main(["calibrate", "--plan", "paper", "--accuracy", "0.1"]) == 2
     assert "--plan" in capsys.readouterr().err
+
+
+def test_pitches_that_are_off_are_in_the_slopes_measured_too():
+    """Instruments whose pitches are not the data sheet's, each calibrated, then measuring points: no error from those.
+
+    Only the pupil's place depends on them: d_3 = f + (f - A)/m, with f known.
+    """
+    sheet = replace(SHEET, f_sigma=0.0, cell_sigma=0.0, d_sigma=2e-3 * SHEET.d, q_sigma=1e-3 * SHEET.q)
+    distances, captures = np.array([200.0, 320.0, 900.0]), Captures(boards=5, views=3)
+    poses, views, points = poses_of(captures.boards), captures.view_grid(), captures.board.points
+
+    def fitted(camera):
+        uv = project_boards(camera.vector(), poses.vector, points, views).values
+        return calibrate(Observations(points, views, uv), sheet).fit
+
+    for q, d in ((sheet.q, 1.02 * sheet.d), (1.01 * sheet.q, 0.98 * sheet.d)):
+        true = replace(CAMERA, q=q, d=d)
+        found = sheet.shown(derived(fitted(true).camera.vector(), sheet))
+        depth = distances - (100.0 + (100.0 - true.A) / true.m)
+        slope = q * true.A * true.inverse_d_2 / d * (true.m - true.A / depth)
+        told = found.A / (found.m - slope * sheet.d * found.d_2 / (sheet.q * found.A))
+        np.testing.assert_allclose(told, depth, rtol=1e-6)
+
+    fit = fitted(CAMERA)
+    fit = fit._replace(covariance=fit.covariance._replace(matrix=1e-20 * np.eye(5)))
+    draws = laplace_draws(fit, sheet, 4000, np.random.default_rng(0))
+    errors = depth_errors(draws, fit, sheet, distances)
+    np.testing.assert_allclose(errors["from_pupil"], 0.0, atol=1e-6)  # images known to 1e-10
+    np.testing.assert_allclose(errors["from_lens"], draws.draws("d_3").std(ddof=1), rtol=1e-6)
+    carried = calibration_sigma(roslf.load("paper"), LengthCovariance.of(draws, sheet), distances)
+    np.testing.assert_allclose(carried, errors["from_lens"], rtol=0.01)  # to first order

@@ -53,7 +53,7 @@ tolerance = "0.5 %"
 def plan():
     goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "depth_error_mm", "max": 5.0}]
     whole = plan_from({"name": "s", "design": "paper", "grade": "precision", "goals": goals, "keep_trials": 500})
-    return replace(whole, chunk=8192, trials=8192 * 9 + 77)
+    return replace(whole, chunk=4096, trials=4096 * 9 + 77)
 
 
 @pytest.fixture(scope="module")

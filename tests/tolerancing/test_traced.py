@@ -84,7 +84,7 @@ def one_of(values, trial):
 @pytest.mark.parametrize("name", DESIGNS)
 def test_builds_equal_one_at_a_time_tracing(name):
     design = DESIGNS[name]
-    count = 3
+    count = 2
     values = builds(design, count, 1)
     names = (
         "image_diameter_mm",
