@@ -15,7 +15,7 @@ README_ROWS = (
     ("`roslf render paper`, white, 4600 x 3080 px: square; hexagonal array", ("render", "render-hexagonal")),
     ("`roslf render`, checkerboard, 600 x 480 px; rays traced inside", ("render-board", "rays")),
     (
-        "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, one core",
+        "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, a core's processor time",
         ("tolerance", "tolerance-adjusted", "trials", "trials-adjusted"),
     ),
     ("`roslf optimize`: rigid scope; ear speculum with bought parts", ("optimize", "optimize-parts")),
