@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
-from .frames import Array, Frame, grey_frame, refuse_saturated, same_size
+from .frames import MOST_SATURATED, Array, Frame, grey_frame, refuse_saturated, same_size
 from .lattice import CentreLattice
 
 Samples = NDArray[np.float32]
@@ -203,7 +203,7 @@ class Decoder:
         """
         frame = grey_frame(raw, self.dark, "raw image")
         same_size("raw image", frame.shape, "image prepared for", self.shape)
-        refuse_saturated(raw, "raw image", 0.05)
+        refuse_saturated(raw, "raw image", MOST_SATURATED)
         values, _ = self._sampled(frame, told=False)
         values *= self.gain
         weight, lattice, offsets = self.light, self.lattice, self._offsets

@@ -19,7 +19,7 @@ from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
 from ..errors import InputError, Problem
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
@@ -73,7 +73,7 @@ def diagrams(
     jobs
         Also try the choice on so many random jobs, and tell how many promises were kept.
     output
-        Folder for index.html and accuracy.json, made if needed. Default: only print.
+        Folder for index.html, accuracy.json and tables/ (CSV), made if needed. Default: only print.
     json
         Print JSON instead of tables.
     seed
@@ -185,7 +185,7 @@ def hard_cases(
     design
         A design file, or the name of a preset (see `roslf presets`).
     output
-        Folder for index.html and hard-cases.json, made if needed. Default: only print.
+        Folder for index.html, hard-cases.json and tables/ (CSV), made if needed. Default: only print.
     json
         Print JSON instead of the table.
     seed
@@ -237,7 +237,8 @@ def finish(
     """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
     text = json_module.dumps(short(data), allow_nan=False, ensure_ascii=False)
     if output is not None:
-        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(report()).encode()})
+        made = report()
+        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(made).encode(), **render_tables(made)})
     if json:
         print(text)
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -80,6 +80,18 @@ class PixelNoise:
             raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+
+    def dimmed(self, share: float) -> PixelNoise:
+        """The same of pixels that give so much of the signal of what is told as 1."""
+        return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
+
+    @property
+    def brightest(self) -> float:
+        """Electrons that by chance reach saturation once in 700: three standard errors below it."""
+        if self.saturation == math.inf:
+            return math.inf
+        noise = max(math.sqrt(2.25 + self.saturation + self.read_noise**2) - 1.5, 1.0)
+        return self.saturation - 3.0 * noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +254,7 @@ def estimate_disparity(
         with THREADS:
             common.compiled(
                 *(some if count < passes - 2 else every), disparity, picture, peak, views.steps,
-                noise.electrons, noise.read_noise, noise.saturation, robust, sums,
+                noise.electrons, noise.read_noise, noise.brightest, robust, sums,
             )  # fmt: skip
         picture = np.where(sums[11] > 0, sums[0], picture)
         fit = _Fit.of(sums, picture, disparity, views, window)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import product, ratio
 from ..calibration.decoding import Decoder, LightField
+from ..calibration.frames import ColourBalance
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
@@ -30,7 +31,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
-from .traced_views import TracedViews
+from .traced_views import LATTICES, TracedViews
 from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
@@ -48,8 +49,13 @@ SLANT = 0.5
 """Half the range of disparities over the width of that scene [pitches]."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
+BESIDE = 3
+"""Microlenses beyond each side of the region that are measured as well and left out: those at its border then have the
+neighbours and windows of all others."""
 STRIP = 32
 """Microlenses across the strip that is looked at where no part of the sensor is named."""
+RENDERING = 0.6
+"""Share of a measurement's time that goes into the picture, about."""
 POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
@@ -112,6 +118,25 @@ class Depths:
             return self.noise_sigma
         known = np.isfinite(self.noise_sigma)
         return np.where(known, np.hypot(self.noise_sigma, np.where(known, self.calibration_sigma, 0)), np.inf)
+
+    def within(self, rows: slice, columns: slice) -> Depths:
+        """A part of them."""
+        part = (..., rows, columns)
+        field, old = self.field, self.disparities
+        field = replace(
+            field, values=field.values[part], weight=field.weight[part], u=field.u[columns], v=field.v[rows],
+            hexagonal=None,
+        )  # fmt: skip
+        disparities = replace(
+            old, **{name: value[part] for name, value in vars(old).items() if isinstance(value, np.ndarray)}
+        )
+        pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
+        aside = None if self.aside is None else self.aside[part]
+        calibrated = None if self.calibration_sigma is None else self.calibration_sigma[part]
+        return Depths(
+            self.geometry, field, pupil, aside, disparities, self.x_ml[rows, columns], self.depth[part],
+            self.noise_sigma[part], calibrated,
+        )  # fmt: skip
 
     def flatness(self) -> Flatness | None:
         """How nearly a plane it is; None of a few microlenses. A plane's disparity is linear over the array."""
@@ -231,7 +256,7 @@ class Trial(Measurement):
     electrons: float
     """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
     raw: RawImage
-    """The picture without noise."""
+    """The picture without noise, of the region with its margin."""
 
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
@@ -309,7 +334,7 @@ def rays_for(charge: float) -> int:
 
 
 class Unexposed(NamedTuple):
-    """Pictures without noise, of which exposures are made with any light."""
+    """Pictures without noise, of which exposures are made with any light; of a region with its margin."""
 
     scene: RawImage
     white: RawImage
@@ -326,9 +351,12 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        lines = plan(design, scene, Budget(), ["-noise"])
+        # Rays through elements go as depth has them, however near that is to first order.
+        exact = ["+plate_aberration"] if design.elements else []
+        lines = plan(design, scene, Budget(), ["-noise", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
+        region = _with_margin(Camera.of(design.thin_twin), Region(*region))
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
         picture = render(design, quiet, effects=lines, seed=seed, region=region, sampling=sampling, progress=progress)
         return cls(picture, render(design, None, effects=lines, seed=seed, region=region, sampling=sampling))
@@ -355,6 +383,45 @@ def default_region(design: Design) -> Region:
     width, height = camera.pixels
     rows = min(height, math.ceil(STRIP * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
     return Region(0, (height - rows) // 2, width, rows)
+
+
+def region_about(design: Design, place: tuple[float, float], across: int) -> Region:
+    """A square of microlens images about one of them, as far as the sensor reaches.
+
+    Parameters
+    ----------
+    design : Design
+    place : tuple of float
+        Of the microlens on the array [mm].
+    across : int
+        Microlenses along each side.
+    """
+    camera = Camera.of(design.thin_twin)
+    width, height = camera.pixels
+    lattice = lattice_of(camera, Region(0, 0, width, height))
+    i, j = np.linalg.solve(LATTICES[lattice.layout].T, np.array(place) / float(camera.d))
+    column, row = lattice.nodes(i, j)
+    side = math.ceil(across * lattice.pitch)
+    columns, rows = min(side, width), min(side, height)
+    left, top = (
+        int(np.clip(round(middle - size / 2 + 0.5), 0, most - size))
+        for middle, size, most in ((float(column), columns, width), (float(row), rows, height))
+    )
+    return Region(left, top, columns, rows)
+
+
+def share_done(what: str, share: float) -> float:
+    """How far a simulation is, as `simulate` tells it."""
+    return RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share
+
+
+def _with_margin(camera: Camera, region: Region) -> Region:
+    """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
+    add = math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
+    width, height = camera.pixels
+    left, top = max(region.column - add, 0), max(region.row - add, 0)
+    right, bottom = min(region.column + region.columns + add, width), min(region.row + region.rows + add, height)
+    return Region(left, top, right - left, bottom - top)
 
 
 def simulate(
@@ -403,11 +470,12 @@ def simulate(
     camera = actual.camera
     scene = default_scene(design) if scene is None else scene
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
-    lattice = lattice_of(camera, part)
-    inside = lattice.inside((part.rows, part.columns))
+    wide = _with_margin(camera, part)
+    lattice = lattice_of(camera, wide)
     if actual.traced is not None:
-        lattice = actual.traced.lattice(lattice, inside, float(camera.q))
-        inside = lattice.inside((part.rows, part.columns))
+        lattice = actual.traced.lattice(lattice, lattice.inside((wide.rows, wide.columns)), float(camera.q))
+    origin = lattice.origin[0] + wide.column - part.column, lattice.origin[1] + wide.row - part.row
+    inside = replace(lattice, origin=origin).inside((part.rows, part.columns))
     if not inside.size or (np.ptp(inside, axis=0) < LEAST - 1).any():
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
@@ -422,10 +490,13 @@ def simulate(
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    decoder = Decoder.of(lattice, picture.pixels.shape, white=white.pixels)
-    even = decoder(white.pixels)
+    balance = None if design.sensor.colours == "mono" else ColourBalance.of(white.pixels)
+    flat = white.pixels if balance is None else balance(white.pixels)
+    decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
+    even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98)
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98).dimmed(1.0 if balance is None else balance.evenness)
+    rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
@@ -435,11 +506,25 @@ def simulate(
     for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
         progress("depth", number / exposures)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
-        field = decoder(taken)
+        field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
-        runs.append(measure(geometry, field, noise, search=search))
-    prediction = predict(design, scene, even, true, runs[0].disparities.window)
+        runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
+    true = true[rows, columns]
+    prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
+
+
+def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice]:
+    """Rows and columns of a light field that microlenses, by their indices, reach over."""
+    hexagonal = field.hexagonal is not None
+    ends = []
+    for axis, places in (
+        (field.v, inside[:, 1] * (math.sqrt(0.75) if hexagonal else 1.0)),
+        (field.u, inside[:, 0] + (0.5 if hexagonal else 0.0) * inside[:, 1]),
+    ):
+        some = np.flatnonzero((axis > places.min() - 1e-6) & (axis < places.max() + 1e-6))
+        ends.append(slice(int(some[0]), int(some[-1]) + 1))
+    return ends[0], ends[1]
 
 
 def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: LightField) -> Array:
@@ -486,7 +571,9 @@ def assumed(design: Design, scene: Scene, window: int) -> Design:
     return design.replace(settings)
 
 
-def predict(design: Design, scene: Scene, field: LightField, true: Array, window: int) -> Prediction:
+def predict(
+    design: Design, scene: Scene, field: LightField, true: Array, window: int, traced: TracedViews | None = None
+) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
     camera = Camera.of(assumed(design, scene, window).thin_twin)
     rows, columns = (
@@ -495,12 +582,13 @@ def predict(design: Design, scene: Scene, field: LightField, true: Array, window
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     places = places_on_array(camera, field)[row, column]
     disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
+    wider = np.ones(row.size) if traced is None else traced.widening(places)
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
             seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0])
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
+from ..theory.colours import mixed
 from ..theory.disparity_error import ImageParts, image_parts
 from ..theory.stop_images import MicrolensImages
 
@@ -45,7 +46,7 @@ def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
     rows, columns = _nodes(camera, places)
-    return rows, columns, _parts_at(camera, places[np.ix_(rows, columns)].reshape(-1, 2), field)
+    return rows, columns, _parts_at(mixed(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
 
 
 def evened(camera: Camera, field: LightField) -> LightField:
@@ -92,31 +93,18 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
-    values = np.array(lenses.values)
-    size = (values.shape[2], values.shape[3])
+    size = (lenses.values.shape[2], lenses.values.shape[3])
     start = np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - _halves(field)).astype(int)
     maps = _Map.of(rows, columns, (height, width), size)
     mine = maps(np.moveaxis(shares[own], 0, -1))
-    kept = mine > LEAST
-    known = np.ascontiguousarray(lenses.weight).reshape(-1, *size) > 0
-    raw = np.where(kept, lenses.values, 0.0).astype(np.float32).reshape(-1, *size)
-    ways = [_Mixing.of(parts, shares, own, faint) for faint in (False, True)]
-    values, foreign = raw.copy(), [np.zeros_like(raw), np.zeros_like(raw)]
-    whole = np.ascontiguousarray(mine.reshape(-1, *mine.shape[2:]))
-    told = known & np.broadcast_to(kept, lenses.values.shape).reshape(known.shape)
-    lit, shown = told.any(0), np.empty_like(raw)
-    for count in range(ROUNDS):
-        # What stands for samples that are missing, as on the dark side of a cut.
-        with THREADS:
-            _shown.compiled(values, told, shown)
-        for n, way in enumerate(ways):
-            if n == 0 or count in SLOW:  # faint light changes little
-                with THREADS:
-                    _gathered.compiled(values, shown, lit, bool(lit.all()), *way, *maps, start, foreign[n])
-        with THREADS:
-            _freed.compiled(raw, foreign[0], foreign[1], whole, values)
-    values, share = values.reshape(lenses.values.shape), mine
-    weight = np.asarray(np.where(kept, lenses.weight * share**2, 0.0), np.float32)
+    values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
+    usable = np.asarray((mine > LEAST).any((2, 3)))
+    if usable.any():
+        share, light = mine[usable], lenses.weight[usable]
+        gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
+        ways = [_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True)]
+        values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
+        weight[usable] = np.where(gain > 0, light * share**2, 0)
     seen = _Map.of(rows, columns, (height, width), (height, width))
     pupil = np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
     if rows.size == 1:
@@ -124,6 +112,25 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
     pupil *= np.float32(side)
     return _with(field, values, weight), pupil
+
+
+def _freed(
+    raw: NDArray[np.float32], gain: NDArray[np.float32], ways: list[_Mixing], maps: _Map, start: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Samples without what neighbours put into them, shape (view, v, u), by Jacobi's iteration; 0 where `gain` is."""
+    near, faint = ways
+    dark = (gain <= 0).all(0).astype(np.float32)
+    values, other, rest = np.empty_like(raw), np.empty_like(raw), np.zeros_like(raw)
+    with THREADS:
+        _fill.compiled(raw, gain, values)
+        for count in range(ROUNDS):
+            if count in SLOW:  # faint light changes little
+                rest[:] = 0
+                _gather.compiled(values, dark, *faint, *maps, start, rest)
+            _free.compiled(raw, gain, rest, values, dark, *near, *maps, start, other)
+            values, other = other, values
+    values[gain <= 0] = 0
+    return values
 
 
 def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.float32]) -> LightField:
@@ -189,28 +196,21 @@ class _Mixing(NamedTuple):
     """Of the sample's light, at the nodes, shape (M, nodes)."""
 
     @classmethod
-    def of(cls, parts: ImageParts, shares: NDArray[np.float64], own: int, faint: bool) -> _Mixing:
-        light = parts.light.mean(1)
-        x, y = ((axis * parts.light).mean(1) / np.maximum(light, 1e-12) for axis in (parts.x, parts.y))
-        usable = shares[own].max(0) > LEAST
-        if not usable.any():
-            usable = np.ones_like(usable)
-        t, s = np.nonzero(usable)
-        most, count = np.abs(shares).max(1), shares.shape[3]
-        first, source, step, share = [0], [], [], []
-        for here in np.ndindex(most.shape[1:]):
-            for k in np.flatnonzero(most[(slice(None), *here)] > FAINT):
-                if k == own or (most[(k, *here)] <= STRONG) != faint:
-                    continue
-                apart = (x[(k, *here)] - x[own][t, s]) ** 2 + (y[(k, *here)] - y[own][t, s]) ** 2
-                best = int(apart.argmin())
-                source.append(int(t[best]) * count + int(s[best]))
-                step.append(parts.steps[k])
-                share.append(shares[(k, slice(None), *here)])
-            first.append(len(source))
-        steps = np.array(step, np.int64).reshape(-1, 2)
-        table = np.array(share, np.float32).reshape(len(source), shares.shape[1])
-        return cls(np.array(first), np.array(source, np.int64), steps, table)
+    def of(
+        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool
+    ) -> _Mixing:
+        """For samples that are `usable`, shape (t, s), and of them."""
+        light, *pupil = (axis[..., usable] for axis in (parts.light, parts.x, parts.y))
+        x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
+        shares = shares[..., usable]
+        most = np.abs(shares).max(1)
+        taken = (most > FAINT) & ((most <= STRONG) == faint)
+        taken[own] = False
+        sample, step = np.nonzero(taken.T)
+        apart = (x[step, sample, None] - x[own]) ** 2 + (y[step, sample, None] - y[own]) ** 2
+        first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
+        steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
+        return cls(first, apart.argmin(1), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
 
 
 class _Map(NamedTuple):
@@ -246,73 +246,115 @@ class _Map(NamedTuple):
 
 
 @kernel(parallel=True)
-def _shown(values: Any, known: Any, out: Any) -> None:
+def _fill(values: Any, known: Any, out: Any) -> None:
     """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    count, rows, columns = values.shape
-    for v in prange(rows):
-        sums, views = np.zeros(columns), np.zeros(columns)
-        for n in range(count):
-            for u in range(columns):
-                if known[n, v, u]:
-                    sums[u] += values[n, v, u]
-                    views[u] += 1.0
-        for n in range(count):
-            for u in range(columns):
-                out[n, v, u] = values[n, v, u] if known[n, v, u] else sums[u] / max(views[u], 1.0)
+    for v in prange(values.shape[1]):
+        out[:, v] = values[:, v]
+        _fill_row(known[:, v], out[:, v])
 
 
-@kernel(parallel=True)
-def _freed(raw: Any, near: Any, faint: Any, share: Any, out: Any) -> None:
-    """Samples without what neighbours put into them, over their own share; 0 where that is small."""
-    count, rows, columns = raw.shape
-    one = share.shape[1] == 1 and share.shape[2] == 1
-    for n in prange(count):
-        for v in range(rows):
-            for u in range(columns):
-                own = share[n, 0, 0] if one else share[n, v, u]
-                out[n, v, u] = (raw[n, v, u] - near[n, v, u] - faint[n, v, u]) / own if own > LEAST else 0.0
+@kernel()
+def _fill_row(known: Any, values: Any) -> None:
+    count, columns = values.shape
+    sums, views = np.zeros(columns), np.zeros(columns)
+    for n in range(count):
+        for u in range(columns):
+            if known[n, u] > 0:
+                sums[u] += values[n, u]
+                views[u] += 1.0
+    for n in range(count):
+        for u in range(columns):
+            if known[n, u] <= 0:
+                values[n, u] = sums[u] / max(views[u], 1.0)
 
 
-@kernel(parallel=True)
-def _gathered(
-    values: Any, shown: Any, lit: Any, all_lit: bool, first: Any, source: Any, steps: Any, shares: Any, row: Any,
-    down: Any, column: Any, along: Any, start: Any, out: Any,
+@kernel()
+def _gather_row(
+    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any,
+    column: Any, along: Any, start: Any, out: Any, like: Any, share: Any,
 ) -> None:  # fmt: skip
-    """Neighbours' light in every sample; shapes (samples, rows, columns) of `values`, `shown` and `out`.
-
-    A neighbour that nothing is known of is like the microlens itself.
-    """
-    count, rows, columns = values.shape
+    """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
+    rows, columns = dark.shape
     nodes = shares.shape[1]
     across = column[columns - 1] + 2 if nodes > 1 else 1
-    for n in prange(count):
-        out[n] = 0.0
-        for m in range(first[n], first[n + 1]):
-            k, a, b = source[m], steps[m, 0], steps[m, 1]
-            share = shares[m, 0]
-            for v in range(rows):
-                w = v + b
-                inside = w >= 0 and w < rows
-                off = a + (start[v] - start[w] if inside else 0)
-                if nodes == 1 and all_lit:
-                    low, high = min(max(-off, 0), columns), max(min(columns - off, columns), 0)
-                    if not inside or low >= high:
-                        low, high = columns, columns
-                    for u in range(low):
-                        out[n, v, u] += share * values[n, v, u]
-                    for u in range(low, high):
-                        out[n, v, u] += share * shown[k, w, u + off]
-                    for u in range(high, columns):
-                        out[n, v, u] += share * values[n, v, u]
-                    continue
-                for u in range(columns):
-                    if nodes > 1:
-                        i = row[v] * across + column[u]
-                        upper = shares[m, i] * (1 - along[u]) + shares[m, i + 1] * along[u]
-                        lower = shares[m, i + across] * (1 - along[u]) + shares[m, i + across + 1] * along[u]
-                        share = upper * (1 - down[v]) + lower * down[v]
-                    c = u + off
-                    if inside and c >= 0 and c < columns and lit[w, c]:
-                        out[n, v, u] += share * shown[k, w, c]
-                    else:
-                        out[n, v, u] += share * values[n, v, u]
+    like[:] = 0.0
+    for m in range(first[n], first[n + 1]):
+        w = v + steps[m, 1]
+        if nodes == 1:
+            share[:] = shares[m, 0]
+        else:
+            i = row[v] * across
+            for u in range(columns):
+                c = i + column[u]
+                left = shares[m, c] + down[v] * (shares[m, c + across] - shares[m, c])
+                right = shares[m, c + 1] + down[v] * (shares[m, c + across + 1] - shares[m, c + 1])
+                share[u] = left + along[u] * (right - left)
+        if w < 0 or w >= rows:
+            like += share
+            continue
+        off = steps[m, 0] + start[v] - start[w]
+        low = min(max(-off, 0), columns)
+        high = max(min(columns - off, columns), low)
+        like[:low] += share[:low]
+        like[high:] += share[high:]
+        part, sent, unlit = (
+            share[low:high],
+            values[source[m], w, low + off : high + off],
+            dark[w, low + off : high + off],
+        )
+        total, same = out[low:high], like[low:high]
+        for u in range(part.size):
+            total[u] += part[u] * sent[u]
+            same[u] += part[u] * unlit[u]
+    own = values[n, v]
+    for u in range(columns):
+        out[u] += like[u] * own[u]
+
+
+@kernel(parallel=True)
+def _gather(
+    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
+    along: Any, start: Any, out: Any,
+) -> None:  # fmt: skip
+    """Add neighbours' light in all samples, shape (view, v, u); `dark` is 1 where nothing is known of a microlens."""
+    count, rows, columns = values.shape
+    for v in prange(rows):
+        like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        for n in range(count):
+            _gather_row(
+                n,
+                v,
+                values,
+                dark,
+                first,
+                source,
+                steps,
+                shares,
+                row,
+                down,
+                column,
+                along,
+                start,
+                out[n, v],
+                like,
+                share,
+            )
+
+
+@kernel(parallel=True)
+def _free(
+    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
+    down: Any, column: Any, along: Any, start: Any, out: Any,
+) -> None:  # fmt: skip
+    """Samples without `rest` and what neighbours that show `values` put into them, times `gain`."""
+    count, rows, columns = values.shape
+    for v in prange(rows):
+        like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        for n in range(count):
+            foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
+            _gather_row(
+                n, v, values, dark, first, source, steps, shares, row, down, column, along, start, foreign, like, share
+            )
+            for u in range(columns):
+                freed[u] = (before[u] - foreign[u]) * much[u]
+        _fill_row(gain[:, v], out[:, v])

@@ -11,6 +11,9 @@ from .._jit import kernel, prange
 
 Floats = NDArray[np.floating]
 Samples = NDArray[np.float32]
+Lines = NDArray[np.float64]
+Whole = NDArray[np.int64]
+Taps = tuple[float, float, float, float, float, float]
 
 SUMS = 12
 """Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
@@ -110,7 +113,7 @@ def spline_coefficients(views: Samples, out: Samples) -> None:
 
 
 @kernel()
-def _taps(f: float) -> tuple[float, float, float, float, float, float]:
+def _taps(f: float) -> Taps:
     """Quintic B-spline at the six samples about a place `f` of a step after the third."""
     e = 1.0 - f
     f2, e2 = f * f, e * e
@@ -228,6 +231,38 @@ def spread_of_zones(
                 freedom[v, u] = sums[3, u] * (1.0 - 1.0 / freedom[v, u])
 
 
+@kernel()
+def _row(line: Samples, i: int, taps: Taps) -> float:
+    total = taps[0] * line[i]
+    for j in range(1, 6):
+        total += taps[j] * line[i + j]
+    return total
+
+
+@kernel()
+def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Lines, g: Lines, out: Lines) -> None:
+    """A view at places f and g of a step beyond samples (left, above), wherever there is light."""
+    end = 0
+    while end < light.size:
+        u, end = end, end + 1
+        if light[u] <= 0:
+            continue
+        # Neighbours that read neighbours are done in one go, which the compiler makes vectors of.
+        a, b = left[u], above[u]
+        while end < light.size and light[end] > 0 and left[end] - end == a - u and above[end] == b:
+            end += 1
+        wide = slice(a, a + end - u + 5)
+        first, second, third = spline[b, wide], spline[b + 1, wide], spline[b + 2, wide]
+        fourth, fifth, last = spline[b + 3, wide], spline[b + 4, wide], spline[b + 5, wide]
+        values, along, down = out[u:end], f[u:end], g[u:end]
+        for i in range(values.size):
+            across, over = _taps(along[i]), _taps(down[i])
+            values[i] = (
+                over[0] * _row(first, i, across) + over[1] * _row(second, i, across) + over[2] * _row(third, i, across)
+                + over[3] * _row(fourth, i, across) + over[4] * _row(fifth, i, across) + over[5] * _row(last, i, across)
+            )  # fmt: skip
+
+
 @kernel(parallel=True)
 def common(
     splines: Samples,
@@ -240,34 +275,31 @@ def common(
     steps: tuple[float, float],
     electrons: float,
     read: float,
-    saturation: float,
+    brightest: float,
     robust: float,
     out: Floats,
 ) -> None:
     """Moments of all views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
-    from it they fall as Huber's. Where `peak`, the brightest about a microlens, may saturate, nothing is used: what by
-    chance did not would be dark by selection.
+    from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
+    nothing is used: what by chance did not saturate would be dark by selection.
     """
     count, rows, columns = cells.shape[0], disparity.shape[0], disparity.shape[1]
     for v in prange(rows):
-        sums = np.zeros((columns, 12))
+        sums, ends = np.zeros((SUMS, columns)), np.zeros((2, columns), np.int64)
+        light, f, g, weight = np.empty(columns), np.zeros(columns), np.zeros(columns), np.empty(columns)
+        terms = np.ones((4, columns))  # 1, pupil coordinates, value
         for k in range(count):
             for u in range(columns):
-                level = picture[v, u]
+                light[u] = 0.0
                 along, over = pupil[0, k, v, u], pupil[1, k, v, u]
                 x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
                 y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                 if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                     continue
-                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                light = cells[k, b, a]
-                if light <= 0:
-                    continue
-                f, g = x - a, y - b
                 # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
-                there, below = a + (1 if f > 0.5 else 0), b + (1 if g > 0.5 else 0)
+                there, below = int(x + 0.5), int(y + 0.5)
                 near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
                 if near != along or lower != over:
                     along, over = near, lower
@@ -275,75 +307,47 @@ def common(
                     y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                     if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                         continue
-                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                    light = cells[k, b, a]
-                    if light <= 0:
-                        continue
-                    f, g = x - a, y - b
-                lit = electrons * light
-                variance = max(lit * level + read * read, 1.0)
-                full = lit * peak[v, u]
-                if full + 3.0 * math.sqrt(max(full + read * read, 1.0)) >= saturation:
-                    continue
-                a0, a1, a2, a3, a4, a5 = _taps(f)
-                b0, b1, b2, b3, b4, b5 = _taps(g)
-                value = -level
-                c = splines[k, b + 0]
-                value += b0 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                c = splines[k, b + 1]
-                value += b1 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                c = splines[k, b + 2]
-                value += b2 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                c = splines[k, b + 3]
-                value += b3 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                c = splines[k, b + 4]
-                value += b4 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                c = splines[k, b + 5]
-                value += b5 * (
-                    a0 * c[a] + a1 * c[a + 1] + a2 * c[a + 2] + a3 * c[a + 3] + a4 * c[a + 4] + a5 * c[a + 5]
-                )
-                weight = lit * lit / variance
-                far = abs(value) * math.sqrt(weight)
-                if far > robust:
-                    weight *= robust / far
-                sums[u, 0] += weight * value
-                sums[u, 1] += weight
-                sums[u, 2] += weight * along
-                sums[u, 3] += weight * over
-                sums[u, 4] += weight * along * along
-                sums[u, 5] += weight * along * over
-                sums[u, 6] += weight * over * over
-                sums[u, 7] += weight * value * along
-                sums[u, 8] += weight * value * over
-                sums[u, 9] += weight * value * value
-                loss, lost = 4 * f * (1 - f), 4 * g * (1 - g)
-                sums[u, 10] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
-                sums[u, 11] += 1.0
+                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                charge = electrons * cells[k, b, a]
+                if charge > 0 and charge * peak[v, u] < brightest:
+                    light[u], ends[0, u], ends[1, u], f[u], g[u] = charge, a, b, x - a, y - b
+                    terms[1, u], terms[2, u] = along, over
+            _interpolate(splines[k], light, ends[0], ends[1], f, g, terms[3])
+            value = terms[3]
+            for u in range(columns):
+                value[u] -= picture[v, u]
+            for u in range(columns):
+                weight[u] = light[u] * light[u] / max(light[u] * picture[v, u] + read * read, 1.0)
+            if robust < math.inf:
+                for u in range(columns):
+                    weight[u] *= robust / max(abs(value[u]) * math.sqrt(weight[u]), robust)
+            n = 0
+            for one in range(4):
+                for other in range(one, 4):
+                    total, here, there = sums[n], terms[one], terms[other]
+                    for u in range(columns):
+                        total[u] += weight[u] * here[u] * there[u]
+                    n += 1
+            for u in range(columns):
+                if light[u] > 0:
+                    loss, lost = 4 * f[u] * (1 - f[u]), 4 * g[u] * (1 - g[u])
+                    sums[10, u] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
+                    sums[11, u] += 1.0
         for u in range(columns):
-            total = sums[u, 1]
-            for a in range(12):
+            for a in range(SUMS):
                 out[a, v, u] = 0.0
+            total = sums[0, u]
             if total > 0:
-                mean, x, y = sums[u, 0] / total, sums[u, 2] / total, sums[u, 3] / total
+                x, y, mean = sums[1, u] / total, sums[2, u] / total, sums[3, u] / total
                 out[0, v, u] = mean + picture[v, u]
                 out[1, v, u] = total
                 out[2, v, u] = x
                 out[3, v, u] = y
-                out[4, v, u] = sums[u, 4] - total * x * x
-                out[5, v, u] = sums[u, 5] - total * x * y
-                out[6, v, u] = sums[u, 6] - total * y * y
-                out[7, v, u] = sums[u, 7] - sums[u, 0] * x
-                out[8, v, u] = sums[u, 8] - sums[u, 0] * y
-                out[9, v, u] = max(sums[u, 9] - sums[u, 0] * mean, 0.0)
-                out[10, v, u] = sums[u, 10] * (1.0 - 1.0 / sums[u, 11])
-                out[11, v, u] = sums[u, 11]
+                out[4, v, u] = sums[4, u] - total * x * x
+                out[5, v, u] = sums[5, u] - total * x * y
+                out[6, v, u] = sums[7, u] - total * y * y
+                out[7, v, u] = sums[6, u] - sums[3, u] * x
+                out[8, v, u] = sums[8, u] - sums[3, u] * y
+                out[9, v, u] = max(sums[9, u] - sums[3, u] * mean, 0.0)
+                out[10, v, u] = sums[10, u] * (1.0 - 1.0 / sums[11, u])
+                out[11, v, u] = sums[11, u]

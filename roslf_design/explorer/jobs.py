@@ -131,6 +131,8 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
         message = ("failed", str(error))
     except (ArithmeticError, ValueError, RuntimeError, MemoryError, OSError) as error:
         message = ("failed", f"{type(error).__name__}: {error}")
+    # Who has the answer ends this process, at once and without a word.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     sender.send(message)
     sender.close()
 

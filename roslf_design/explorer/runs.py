@@ -1,4 +1,4 @@
-"""Tolerance and optimisation runs in the background: what the page's forms ask for, the runs, and what they found.
+"""Runs in the background (tolerance, optimisation, measuring): what forms ask for, the runs, what they found.
 
 The only place that knows how studies are run.
 """
@@ -13,12 +13,14 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..camera import Camera
+from ..depth.measure import Trial, region_about, share_done, simulate
 from ..design import Design
 from ..errors import InputError, Problem
 from ..optimization.study import Result
 from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Yields, YieldShare, ends_of
 from ..pictures.theme import short
 from ..reporting.blocks import Statement
+from ..reporting.depth import statements as depth_statements
 from ..reporting.optimization import statements
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
 from ..theory.quantities import quantity_named
@@ -95,6 +97,8 @@ FILLED = (0.98, 1.0)
 """Fill factor that counts as matched."""
 STARTS = 8
 FRONT_POINTS = 9
+ACROSS = 15
+"""Microlenses along each side of what is measured."""
 
 
 # What the forms ask for. Each control has its name, what it is before anyone chooses, and what may be chosen.
@@ -172,7 +176,18 @@ class OptimiseResult:
     """Goal and what it is against, of designs of which none is better in both."""
 
 
-Request = TypeVar("Request", ToleranceRequest, OptimiseRequest)
+@dataclass(frozen=True)
+class MeasureRequest:
+    """What is asked of a simulated measurement."""
+
+    design: Design
+    place: tuple[float, float] = (0.0, 0.0)
+    """Of the microlens that is in the middle, on the array [mm]."""
+    exposures: int = field(default=8, metadata={RANGE: (1, 64)})
+    seed: int = field(default=0, metadata=SEED)
+
+
+Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 
 
 def forms(state: State) -> dict[str, Any]:
@@ -214,6 +229,9 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
     for control in fields(kind)[1:]:
         if control.name == "bounds":
             values["bounds"] = {symbol: _bounds(design, symbol, options) for symbol in values["variables"]}
+            continue
+        if control.name == "place":
+            values["place"] = tuple(float(length) for length in options.get("place", (0, 0)))
             continue
         name, chosen = control.name, options.get(control.name, ())
         text = str(chosen[0] if chosen else control.default).strip()
@@ -541,10 +559,52 @@ def _front(result: Result) -> tuple[tuple[float, float], ...]:
     return tuple((first, second) for first, second, *_ in (point.goals.values() for point in points))
 
 
+# The simulated measurement.
+
+
+def run_measure(request: MeasureRequest, tell: Tell = lambda share, text: None) -> Trial:
+    """Depth measured in pictures of a slanted wall, as `roslf depth` does, of microlenses about one of them.
+
+    Raises
+    ------
+    InputError
+        What depth is not computed for, or no light there.
+    """
+    region = region_about(request.design, request.place, ACROSS)
+    doing = {"picture": "tracing rays to the wall", "depth": "exposing, decoding and measuring"}
+    return simulate(
+        request.design, region=region, seed=request.seed, exposures=request.exposures,
+        progress=lambda what, share: tell(share_done(what, share), doing[what]),
+    )  # fmt: skip
+
+
+def _measured(trial: Trial) -> dict[str, Any]:
+    found, (rows, columns) = trial.summary(), trial.true.shape
+    headline = "No microlens has a depth"
+    if found.spread_mm is not None and found.bias_mm is not None:
+        predicted = "" if found.predicted_mm is None else f", {short(found.predicted_mm, 2)} mm predicted"
+        headline = f"Scatter {short(found.spread_mm, 2)} mm{predicted}; off by {short(found.bias_mm, 2)} mm on average"
+    x, y = trial.first.x_ml[rows // 2, columns // 2]
+    return {
+        "headline": headline,
+        "question": f"{columns} x {rows} microlenses about ({short(x, 3)}, {short(y, 3)}) mm on the array, in "
+        f"{len(trial.runs)} exposures of a {trial.scene.name}, as roslf depth measures them.",
+        "sentences": [
+            {
+                "tone": s.tone,
+                "text": s.text,
+                "remedy": "Take more exposures." if "--exposures" in s.remedy else s.remedy,
+            }
+            for s in depth_statements(trial)
+        ],
+    }
+
+
 Work = Callable[[Any, Tell], Any]
 KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
     "tolerance": (ToleranceRequest, run_tolerance, _tolerances),
     "optimise": (OptimiseRequest, run_optimise, _optimum),
+    "measure": (MeasureRequest, run_measure, _measured),
 }
 """Of each kind of run: what it asks for, what does it, and what the page shows of its result."""
 

@@ -332,10 +332,11 @@ class Session:
         self._space.forget()
 
     def start_run(self, kind: Kind, options: Options) -> None:
-        """Start a tolerance or optimisation run in the background; one that runs already is ended."""
+        """Start a run in the background; one of the kind that runs already is ended."""
         self.cancel_run(kind)
-        asked = {**options, "follows": [self.state.follows]}
         try:
+            place = [repr(length) for length in self._source().place]
+            asked = {**options, "follows": [self.state.follows], "place": place}
             self._runs[kind], self._wrong[kind] = Run.begin(kind, self.design, asked), ""
         except InputError as error:
             self._wrong[kind] = str(error)

@@ -14,6 +14,7 @@ from ..evaluation import Evaluation
 from ..evaluation.show import depth_facts
 from ..lenses.glass import Glass
 from ..pictures.curves import depth_over_field, depth_precision, field_curve, matching_plane
+from ..pictures.depth import normalised, profile
 from ..pictures.effects import effects_budget
 from ..pictures.field import mla_map
 from ..pictures.microlens import microlens_image, nearest_microlens
@@ -127,6 +128,8 @@ DRAWINGS = {
     "effects": Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
+    "measured-profile": Drawing("depth", "Depth measured along a row", (520, 440), _of("measure"), profile),
+    "measured-errors": Drawing("depth", "Errors of the depths measured", (520, 440), _of("measure"), normalised),
     "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of("tolerance"), yield_bars),
     "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of("tolerance"), yield_curve),
     "offenders": Drawing(
@@ -214,7 +217,7 @@ def _control(number: NumberField, state: State) -> dict[str, Any]:
     follows, changeable = state.follows == symbol, state.changeable(symbol)
     return {
         "symbol": symbol,
-        "markup": f"<i>{letter}</i><sub>{index}</sub>" if index else f"<i>{letter}</i>",
+        "markup": f"<i>{letter}</i><sub>{index}</sub>" if index else f"<i>{letter}</i>" if letter else "",
         "name": number.name,
         "spoken": number.name
         if symbol not in BY_SYMBOL

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .marks import Area, Dots, Floats, Image, Key, Line, Mark, box_key, dot_key, line_key, stairs
+from .marks import Area, Dots, Floats, Image, Key, Line, Mark, Point, box_key, dot_key, line_key, stairs
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
 from .theme import short
 
@@ -102,28 +102,28 @@ class _Words(NamedTuple):
         return cls("depth", "mm", "Z [mm]", place)
 
 
-def profile(trial: Measurement) -> Picture:
+def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
     """Draw depth along the middle row, with the truth as far as it is known; below, what it is off by, or its error."""
     run, row = trial.first, trial.true.shape[0] // 2
     x, true, known, words = run.x_ml[row, :, 0], trial.true[row], run.measured[row], _Words.of(run)
     depth = np.where(known, run.depth[row], np.nan)
-    across = Scale(float(x[0]), float(x[-1]))
-    size, compared = 1.5 if x.size > 100 else 3.0, bool(np.isfinite(true).any())
+    across = _along(x)
+    dot, compared = 1.5 if x.size > 100 else 3.0, bool(np.isfinite(true).any())
     sigma = np.where(known, run.sigma[row], np.nan)
     behind: Mark = Line(x, true, "ink", 1.6) if compared else Area(*_band(x, depth - sigma, depth + sigma), "sky", 0.45)
-    estimate: list[Mark] = [behind, Dots(x, depth, "blue", size=size, opacity=0.8, clip=True)]
+    estimate: list[Mark] = [behind, Dots(x, depth, "blue", size=dot, opacity=0.8, clip=True)]
     ends = [*true, *depth] if compared else [*(depth - sigma), *(depth + sigma)]
     symbol = "depth Z [mm]" if words.unit == "mm" else "disparity [px]"
     above = Panel(
         (0, 0, 1, 1), across, Scale.around(ends), tuple(estimate), "", symbol,
         f"middle row, y = {short(float(run.x_ml[row, 0, 1]), 3)} {run.geometry.place_unit}",
     )  # fmt: skip
-    under, keys = (_off if compared else _told)(trial, row, size)
+    under, keys = (_off if compared else _told)(trial, row, dot)
     first = line_key("truth", "ink") if compared else box_key("± its standard error", "sky", 0.45)
     keys = [first, dot_key("measured", "blue", size=2.2), *keys]
     parts = (
-        one_panel("above", "", (PAGE, 230.0), above, left=68, top=TOP, foot=24),
-        one_panel("under", "", (PAGE, 210.0), under, left=68),
+        one_panel("above", "", (size[0], 0.52 * size[1]), above, left=68, top=TOP, foot=24),
+        one_panel("under", "", (size[0], 0.48 * size[1]), under, left=68),
     )
     title = f"{words.quantity.capitalize()} along the middle row, and its errors"
     return beside("depth-profile", title, parts, keys, down=True)
@@ -136,7 +136,7 @@ def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
     sigma = np.where(known, run.sigma[row], np.nan)
     error = np.where(known, run.depth[row], np.nan) - trial.true[row]
     at, predicted = _predicted_along(trial, row)
-    across = Scale(float(x[0]), float(x[-1]))
+    across = _along(x)
     shown = [*error, *predicted, *-predicted, *(2 * sigma[known])]
     reach = float(np.nanquantile(np.abs(shown), 0.99)) * 1.15 if np.isfinite(shown).any() else 1.0
     marks: list[Mark] = [
@@ -165,8 +165,13 @@ def _told(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
         keys += [line_key("σ of calibration, common to all", "vermillion", 1.8, "7 4"), line_key("both", "sky", 3.0)]
         top = both
     high = float(np.nanquantile(top, 0.99)) * 1.25 if np.isfinite(top).any() else 1.0
-    across = Scale(float(x[0]), float(x[-1]))
-    return Panel((0, 0, 1, 1), across, Scale(0.0, high), tuple(marks), words.place, f"σ [{words.unit}]"), keys
+    return Panel((0, 0, 1, 1), _along(x), Scale(0.0, high), tuple(marks), words.place, f"σ [{words.unit}]"), keys
+
+
+def _along(x: Floats) -> Scale:
+    """Microlenses in a row, all of each."""
+    half = abs(float(x[1] - x[0])) / 2
+    return Scale(float(x[0]) - half, float(x[-1]) + half)
 
 
 def _predicted_along(trial: Measurement, row: int) -> tuple[Floats, Floats]:
@@ -189,8 +194,8 @@ def _band(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([*xs, gap]), np.concatenate([*ys, gap])
 
 
-def errors(trial: Measurement) -> Picture:
-    """Draw errors in units of the standard error told, and their rms over the field against prediction."""
+def normalised(trial: Measurement, size: Point = (PAGE / 2, 340.0)) -> Picture:
+    """Draw errors in units of the standard error told."""
     some = trial.compared
     sigma = np.stack([run.sigma[some] for run in trial.runs])
     ratio = (trial.errors[:, some] / sigma).ravel()
@@ -204,11 +209,15 @@ def errors(trial: Measurement) -> Picture:
     top = 1.12 * max(float(heights.max(initial=0.0)), float(normal.max()))
     left = Panel(
         (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error told",
-        "share per unit", f"{inside}; 68 % where errors are right",
+        "share per unit", f"{inside}; 68 % is right",
     )  # fmt: skip
     keys = [box_key("all errors", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
-    each = PAGE / 2, 340.0
-    histogram = one_panel("normalised", "", each, left, keys, left=60, top=TOP)
+    return one_panel("normalised", "Errors against the errors told", size, left, keys, left=60, top=TOP)
+
+
+def errors(trial: Measurement) -> Picture:
+    """Draw errors in units of the standard error told, and their rms over the field against prediction."""
+    histogram = normalised(trial)
     if trial.prediction is None:
         return beside("depth-errors", "Errors against the errors told", (histogram,))
     predicted, off = _by_place(trial, trial.prediction)
@@ -226,7 +235,7 @@ def errors(trial: Measurement) -> Picture:
     more = [line_key("as predicted", "ink", 1.2), line_key("1.3 times that", "grey", 1.2, "6 4")]
     parts = (
         histogram,
-        one_panel("against", "", each, right, more, left=66, top=TOP),
+        one_panel("against", "", histogram.size, right, more, left=66, top=TOP),
     )
     return beside("depth-errors", "Errors of depth against the errors told and predicted", parts)
 

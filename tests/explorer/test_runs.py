@@ -1,25 +1,32 @@
 """Long runs from the page: what the forms ask for, progress, results, cancel, and nothing left behind."""
 
+import numpy as np
 import pytest
 
+from roslf_design.depth.measure import region_about
 from roslf_design.design import load
 from roslf_design.errors import InputError
+from roslf_design.explorer import runs
 from roslf_design.explorer.runs import (
     GOALS,
     GRADES,
     HELD,
     VARIABLES,
+    MeasureRequest,
     OptimiseRequest,
     Run,
     ToleranceRequest,
     forms,
     read_form,
+    run_measure,
     run_optimise,
     summary,
 )
 from roslf_design.explorer.state import BY_SYMBOL, State, read
 
 PAPER = load("paper")
+IMAGE_PITCH = 0.0627261
+"""Of the paper's microlens images, by Eq. 7 [mm]."""
 
 
 @pytest.mark.parametrize("grade", GRADES)
@@ -82,6 +89,40 @@ def test_what_the_optimise_form_cannot_ask_is_told(options, message):
     with pytest.raises(InputError) as caught:
         read_form(OptimiseRequest, PAPER, options)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"exposures": ["0"]}, "exposures: '0' is not"), ({"seed": ["x"]}, "seed: 'x' is not a whole number")],
+)
+def test_what_the_measuring_form_cannot_ask_is_told(options, message):
+    with pytest.raises(InputError) as caught:
+        read_form(MeasureRequest, PAPER, options)
+    assert message in str(caught.value)
+
+
+def test_depth_is_measured_about_the_microlens_that_is_looked_at(monkeypatch):
+    """At the corner the square is moved until it lies on the sensor."""
+    monkeypatch.setattr(runs, "ACROSS", 5)
+    corner = (11.0, 7.3)  # of a sensor of 11.15 x 7.47 mm
+    request = read_form(MeasureRequest, PAPER, {"place": list(map(str, corner)), "exposures": ["1"]})
+    shares = []
+    trial = run_measure(request, lambda share, text: shares.append(share))
+    rows, columns = trial.true.shape
+    assert {rows, columns} <= {5, 6}
+    assert abs(trial.first.x_ml[rows // 2, columns // 2] - corner).max() <= 3 * PAPER.d
+    assert shares == sorted(shares)
+    page = runs.KINDS["measure"][2](trial)
+    assert "predicted" in page["headline"]
+    assert not any("--" in said["remedy"] for said in page["sentences"])
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_a_region_about_a_microlens_has_it_in_the_middle(layout):
+    design = PAPER.replace({"microlens_array.layout": layout})
+    column, row, columns, rows = region_about(design, (4.0, -2.0), 15)
+    place = np.array([column + columns / 2, row + rows / 2]) - np.array(design.pixels) / 2
+    assert place * design.q == pytest.approx(np.array([4.0, -2.0]) * IMAGE_PITCH / design.d, abs=design.q)
 
 
 SCOPE = load("rigid-scope")

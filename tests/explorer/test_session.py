@@ -65,7 +65,7 @@ def test_no_order_of_requests_breaks_the_page(asked):
     page = played(session, *asked)
     for name, drawing in DRAWINGS.items():
         svg = page[f"picture_{name.replace('-', '_')}"]
-        if drawing.tab == page["tab"] and drawing.tab in ("camera", "depth"):
+        if drawing.tab == page["tab"] and drawing.tab in ("camera", "depth") and not name.startswith("measured"):
             assert svg.startswith("<svg"), name
         bare = re.sub(r"<title.*?</title>|data:image/png;base64,[\w+/=]+", "", svg)
         assert not NUMBERS_GONE_WRONG.search(bare), name
