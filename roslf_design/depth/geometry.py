@@ -161,9 +161,8 @@ class ArrayGeometry:
         if self.traced is None:
             return PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)
-        return PreparedViews(
-            own.field, pupil, aside + (own.aside if own.aside.ndim > 3 else own.aside[..., None, None])
-        )
+        beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
+        return PreparedViews(own.field, pupil, aside + beside)
 
     def places(self, field: LightField) -> Array:
         """On the array [mm]."""
