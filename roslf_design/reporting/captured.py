@@ -10,8 +10,8 @@ from ..depth.captured import MeasuredCapture
 from ..depth.geometry import ArrayGeometry
 from ..pictures.picture import Picture
 from ..words import length, listed, number, sentence
-from .blocks import Block, Bullets, Code, Figure, Report, Section, Statement, Statements, Table
-from .depth import FIGURES, RIGHT, known, optics_notes
+from .blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
+from .depth import FIGURES, RIGHT, known, measurement_report, optics_notes
 
 CAPTIONS = {
     "map": (
@@ -41,17 +41,14 @@ NOISY = 2.0
 
 def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], command: str) -> Report:
     """The page: what was measured, how sure it is, what that rests on, how to run it again."""
-    figures = [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()]
     rows, columns = measured.true.shape
-    return Report(
+    return measurement_report(
         f"Depth in {measured.source}",
         f"{columns} x {rows} {_places(measured)}",
-        (
-            Section("Answers", (*capture_answers(measured), *figures[:1]), "answers"),
-            Section("What it rests on", capture_basis(measured), "basis"),
-            Section("Evidence", tuple(figures[1:]), "evidence"),
-            Section("How it was done", (Code(command, "Run again"),), "how"),
-        ),
+        capture_answers(measured),
+        capture_basis(measured),
+        [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()],
+        (Code(command, "Run again"),),
     )
 
 
