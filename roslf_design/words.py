@@ -45,6 +45,7 @@ WORDS = {
     "pixel_electrons": "electrons a pixel",
     "sensor_angle_deg": "steepest ray at the sensor",
     "blur_pitches": "defocus blur",
+    "spot_pitches": "blur of the lens",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",
     "views_independent": "independent views",

@@ -499,13 +499,15 @@ def _fit(
     rows, columns = picture.shape
     first, last = starts.max(), starts.min() + (columns - 1) * spacing
     H, new_H, g, new_g, p = np.empty((9, 9)), np.empty((9, 9)), np.empty(9), np.empty(9), np.empty(9)
+    # Whole arrays in one expression would be compiled ten times as long.
+    normal, right, trial = np.empty((9, 9)), np.empty(9), np.empty(9)
     for n in range(corners.shape[0]):
         cx, cy = math.floor(corners[n, 0] + 0.5), math.floor(corners[n, 1] + 0.5)
         out[n, 0], out[n, 1], out[n, 2], out[n, 3], out[n, 4] = corners[n, 0], corners[n, 1], 0.0, 1.0, 0.0
         if cx < first + half or cy < half or cx > last - half or cy >= rows - half:
             continue
-        p[:] = 0.0
         p[0], p[1], p[2], p[3], p[4] = corners[n, 0] - cx, corners[n, 1] - cy, edges[n, 0], edges[n, 1], 0.8
+        p[6], p[7] = 0.0, 0.0
         low, high, whole, covered = 1e300, -1e300, 0.0, 0.0
         for y in range(-half, half + 1):
             start = starts[cy + y] - cx
@@ -527,26 +529,35 @@ def _fit(
             cost = _misfit(picture, known, starts, spacing, foot, cx, cy, half, p, H, g)
         damping, moved, rest = 1e-2, 1e300, False
         for _ in range(_ROUNDS):
-            scale = np.diag(H)
+            largest = H[0, 0]
+            for r in range(9):
+                largest = max(largest, H[r, r])
             # A floor on the damping keeps the system solvable where a parameter has no effect.
-            normal = H + H.T + np.diag((damping - 1.0) * scale + 1e-12 * damping * scale.max())
+            for r in range(9):
+                for c in range(9):
+                    normal[r, c] = H[r, c] + H[c, r]
+                normal[r, r] += (damping - 1.0) * H[r, r] + 1e-12 * damping * largest
             step = np.linalg.solve(normal, g)
             sharper = min(max(p[4] + step[4], _BLUR[0]), _BLUR[1]) - p[4]
             if sharper != step[4]:
                 # The blur goes to its limit, the others where they fit best with it.
-                right = g - normal[:, 4] * sharper
-                normal[4], normal[:, 4], normal[4, 4], right[4] = 0.0, 0.0, 1.0, sharper
+                for r in range(9):
+                    right[r] = g[r] - normal[r, 4] * sharper
+                    normal[r, 4], normal[4, r] = 0.0, 0.0
+                normal[4, 4], right[4] = 1.0, sharper
                 step = np.linalg.solve(normal, right)
-            trial = p + step
-            for k in range(5):
-                trial[k] = p[k] + min(max(step[k], -0.7), 0.7)
+            for k in range(9):
+                trial[k] = p[k] + (min(max(step[k], -0.7), 0.7) if k < 5 else step[k])
             trial[4] = min(max(trial[4], _BLUR[0]), _BLUR[1])
             moved = max(abs(step[0]), abs(step[1]))
             cost_now = _misfit(picture, known, starts, spacing, foot, cx, cy, half, trial, new_H, new_g)
             if cost_now < cost:
                 rest = moved < 1e-3 and cost - cost_now < 1e-4 * cost_now
                 damping, cost = max(damping / 6.0, 1e-9), cost_now
-                p[:], H[:], g[:] = trial, new_H, new_g
+                for r in range(9):
+                    p[r], g[r] = trial[r], new_g[r]
+                    for c in range(9):
+                        H[r, c] = new_H[r, c]
             else:
                 rest = moved < 1e-3
                 damping *= 8.0
@@ -576,9 +587,15 @@ def _misfit(
     sin_a, cos_a, sin_b, cos_b = math.sin(p[2]), math.cos(p[2]), math.sin(p[3]), math.cos(p[3])
     w = p[4]
     scale, norm = 1.0 / (math.sqrt(2.0) * w), math.sqrt(2.0 / math.pi) / w
-    H[:], g[:] = 0.0, 0.0
+    for r in range(9):
+        g[r] = 0.0
+        for c in range(9):
+            H[r, c] = 0.0
+    far = 0.0
+    for n in range(foot.shape[0]):
+        far = max(far, foot[n, 0] ** 2 + foot[n, 1] ** 2)
     # The corner of the square lies 1.3 times as far out as Gauss's outermost point.
-    reach = 0.005 + math.sqrt((foot[:, 0] ** 2 + foot[:, 1] ** 2).max() / 0.6)
+    reach = 0.005 + math.sqrt(far / 0.6)
     d = np.empty(9)
     total = 0.0
     for y in range(-half, half + 1):
@@ -588,7 +605,8 @@ def _misfit(
                 continue
             x = start + n * spacing
             weight = math.exp(-0.5 * (x * x + y * y) / (0.36 * half * half))
-            d[:] = 0.0
+            for r in range(5):
+                d[r] = 0.0
             saddle = 0.0
             a0, b0 = cos_a * (y - p[1]) - sin_a * (x - p[0]), cos_b * (y - p[1]) - sin_b * (x - p[0])
             beyond_a, beyond_b = abs(a0) > 5.0 * w + reach, abs(b0) > 5.0 * w + reach

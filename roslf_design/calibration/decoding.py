@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS, kernel, prange
-from .frames import Array, Frame, grey_frame, refuse_saturated, same_size
+from .frames import MOST_SATURATED, Array, Frame, grey_frame, refuse_saturated, same_size
 from .lattice import CentreLattice
 
 Samples = NDArray[np.float32]
@@ -108,7 +108,8 @@ class LightField:
         t, s = (np.arange(len(axis) // 2 % every, len(axis), every) for axis in (self.t, self.s))
         shift_u, shift_v = slope * self.s[s] / du, slope * self.t[t] / dv
         with THREADS:
-            _shift_and_sum.compiled(self.values, self.weight, t, s, shift_v, shift_u, values, weight)
+            lit = np.ascontiguousarray(self.weight)  # compiled once, however it was laid out
+            _shift_and_sum.compiled(np.ascontiguousarray(self.values), lit, t, s, shift_v, shift_u, values, weight)
         return values, weight
 
 
@@ -202,7 +203,7 @@ class Decoder:
         """
         frame = grey_frame(raw, self.dark, "raw image")
         same_size("raw image", frame.shape, "image prepared for", self.shape)
-        refuse_saturated(raw, "raw image", 0.05)
+        refuse_saturated(raw, "raw image", MOST_SATURATED)
         values, _ = self._sampled(frame, told=False)
         values *= self.gain
         weight, lattice, offsets = self.light, self.lattice, self._offsets

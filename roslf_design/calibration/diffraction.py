@@ -274,9 +274,13 @@ class PupilImage:
         Diffraction, the pixel's square, and the cubic convolution that reads between pixels, averaged over where the
         sample falls between them.
         """
-        lens = MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.circular)
-        result: Array = lens(x, y) * _reading(x) * _reading(y)
+        result: Array = self.lens(x, y) * _reading(x) * _reading(y)
         return result
+
+    @property
+    def lens(self) -> MicrolensTransfer:
+        """Of the microlens's diffraction alone, at frequencies [1/px]."""
+        return MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.circular)
 
     def neighbours(self) -> Array:
         """Microlenses around one, itself first [pitches], shape (m, 2)."""
@@ -290,18 +294,41 @@ class PupilImage:
 
         1 is full light without neighbours. A Fourier series over the lattice, as far as pixels can tell.
         """
+        return _CellSeries.of(self, places).light(self)
+
+
+class _CellSeries(NamedTuple):
+    """What images of one pitch and layout have in common at given places of a cell, however large and blurred."""
+
+    waves: Array
+    """[1/px], shape (w, 2)."""
+    cosines: Array
+    """Of each wave at each place, shape (n, w)."""
+    reading: tuple[Array, Array]
+    """`_reading` along x and y, shape (w,) each."""
+    area: float
+    """Of the cell, its inverse [1/px^2]."""
+
+    @classmethod
+    def of(cls, image: PupilImage, places: Array) -> _CellSeries:
+        reciprocal = np.linalg.inv(image.pitch * image.axes).T
+        waves = _whole_numbers(math.ceil(1.5 * image.pitch * 1.2)) @ reciprocal.T
+        waves = waves[np.hypot(*waves.T) < 1.5]
+        cosines = np.cos(2 * math.pi * places @ waves.T)
+        return cls(
+            waves, cosines, (_reading(waves[:, 0]), _reading(waves[:, 1])), float(abs(np.linalg.det(reciprocal)))
+        )
+
+    def light(self, image: PupilImage) -> Array:
+        """`PupilImage.cell` at the places, shape (n,)."""
         from scipy.special import j1
 
-        reciprocal = np.linalg.inv(self.pitch * self.axes).T
-        most = math.ceil(1.5 * self.pitch * 1.2)
-        waves = _whole_numbers(most) @ reciprocal.T
-        height = np.hypot(*waves.T)
-        waves, height = waves[height < 1.5], height[height < 1.5]
+        height = np.hypot(*self.waves.T)
         safe = np.where(height > 0, height, 1.0)
-        disc = self.radius * j1(2 * math.pi * self.radius * safe) / safe
-        disc = np.where(height > 0, disc, math.pi * self.radius**2) * abs(np.linalg.det(reciprocal))
-        strength = disc * self.transfer(waves[:, 0], waves[:, 1])
-        return np.asarray(np.cos(2 * math.pi * places @ waves.T) @ strength)
+        disc = image.radius * j1(2 * math.pi * image.radius * safe) / safe
+        disc = np.where(height > 0, disc, math.pi * image.radius**2) * self.area
+        x, y = self.reading
+        return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 
 
 class ViewWeights(NamedTuple):
@@ -327,8 +354,9 @@ def view_weights(image: PupilImage, views: Array, points: int | None = None) -> 
     reach = (_RINGS + 1.5) * image.pitch + image.radius
     step = max(_STEP, image.blur / 12)
     count = 2 ** math.ceil(math.log2(2 * reach / step))
-    frequency = np.asarray(np.fft.fftfreq(count, step), np.float64)
-    spread = np.fft.fftshift(np.fft.ifft2(image.transfer(frequency[None, :], frequency[:, None])).real)
+    frequency, half = np.fft.fftfreq(count, step), np.fft.rfftfreq(count, step)
+    # The transfer is real and even along either axis.
+    spread = np.fft.fftshift(np.fft.irfft2(image.transfer(half[None, :], frequency[:, None]), (count, count)))
     if points is None:
         width = math.hypot(image.blur, 1.0)
         points = max(400, math.ceil(math.pi * (_PER_BLUR * image.radius / width) ** 2))
@@ -402,11 +430,13 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
     """Fit the disc's radius, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
     from scipy.optimize import least_squares
 
+    series = _CellSeries.of(start, cell.places)
+
     def image(x: Array) -> PupilImage:
         return replace(start, radius=float(x[0]), blur=float(x[1]) if blurred else 0.0)
 
     def off(x: Array) -> Array:
-        light = image(x).cell(cell.places)
+        light = series.light(image(x))
         return np.asarray(light / light.mean() - cell.light)
 
     size = 2 if blurred else 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ _OURS = ('"full_scale"', '"roslf.render')
 """What notes of ours hold."""
 _LARGEST = 1e30
 """Grey level that none reaches; sums of it stay within a float's range."""
+MOST_SATURATED = 0.05
+"""Share of saturated pixels beyond which a raw image is refused."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
 
 
@@ -37,12 +39,19 @@ class Capture:
     dark: Image | None
     boards: tuple[Path, ...]
     """By name."""
+    balance: ColourBalance | None = None
+    """That images of the board are yet to get; white image and dark frame have had it."""
 
     def board(self, path: Path) -> Image:
         """One image of the board; refused where it is of another size than the white image."""
         image = read_image(path)
         same_size(path.name, image.shape, "white image", self.white.shape)
-        return image
+        return image if self.balance is None else self.balance(image, path.name)
+
+    def balanced(self) -> Capture:
+        """The same of a sensor with colour filters, its colours made equal by the white image; errors as `decode`."""
+        balance = ColourBalance.of(self.white, self.dark)
+        return replace(self, white=balance(self.white, "white image"), dark=None, balance=balance)
 
 
 def read_capture(folder: Path) -> Capture:
@@ -146,6 +155,38 @@ def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str
         same_size(name, frame.shape, "dark frame", np.shape(dark))
         frame = frame - grey_frame(dark, None, "dark frame")
     return frame
+
+
+@dataclass(frozen=True, eq=False)
+class ColourBalance:
+    """Makes grey frames of raw images behind a Bayer pattern: pixels of all colours show white alike."""
+
+    gains: Array
+    """Of the brightest colour 1; of the first two pixels of the first two rows, shape (2, 2)."""
+    dark: Frame | None = None
+    """Frame without light, to be taken off first."""
+
+    @classmethod
+    def of(cls, white: ArrayLike, dark: ArrayLike | None = None) -> ColourBalance:
+        """By a white image, or by any in which colours are even on average; errors as of `grey_frame`."""
+        frame = grey_frame(white, dark, "white image")
+        means = np.array([[frame[row::2, column::2].mean(dtype=float) for column in (0, 1)] for row in (0, 1)])
+        if not means.min() > 0:
+            raise CalibrationError("the white image has pixels of a colour that got no light: expose more")
+        return cls(means.max() / means, None if dark is None else grey_frame(dark, None, "dark frame"))
+
+    @property
+    def evenness(self) -> float:
+        """Electrons of a pixel like the mean of all four in noise, over those of the brightest colour."""
+        return 1 / float(self.gains.mean())
+
+    def __call__(self, image: ArrayLike, name: str = "image") -> Frame:
+        """A grey frame without its dark frame, refused where much of it is saturated; errors as of `grey_frame`."""
+        frame = grey_frame(image, self.dark, name)
+        refuse_saturated(image, name, MOST_SATURATED)
+        rows, columns = frame.shape
+        gains = np.tile(self.gains.astype(np.float32), (rows // 2 + 1, columns // 2 + 1))
+        return np.asarray(frame * gains[:rows, :columns])
 
 
 def same_size(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:

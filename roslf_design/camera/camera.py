@@ -23,10 +23,10 @@ from ..design.check import at
 from ..design.conjugates import CONJUGATES, followed, follower
 from ..design.elements import FieldLens, Grin
 from ..design.environment import TEMPERATURE, Growth
-from ..design.parts import PATHS, Layout, Number, Symbols
+from ..design.parts import PATHS, Colours, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from ..lenses.angles import Law, first_order, stretch
-from .frames import Frame, Vector, along, dot, frame, minus, plus, times
+from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
 
 if TYPE_CHECKING:
     from ..lenses.glass import Glass
@@ -44,7 +44,10 @@ PHOTOMETRIC = (
     *(f"depth.{name}" for name in ("contrast", "window")),
 )
 """Places of what light, sensor and texture have to do with depth errors."""
-OPTIONAL = ("light.radiance", "light.exposure", "depth.period", "depth.finest", "depth.disparity_error")
+OPTIONAL = (
+    *("light.radiance", "light.exposure", "sensor.acceptance"),
+    *("depth.period", "depth.finest", "depth.disparity_error"),
+)
 """The same, of what need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
@@ -110,6 +113,8 @@ class Camera(Symbols[Number]):
         What temperature does to the numbers; None of a design without `[environment]`.
     lens : Prescription, optional
         The real main lens as it stands in the camera; None is the ideal one.
+    colours : str
+        Of the filters on the sensor's pixels, as in a design file.
 
     Examples
     --------
@@ -128,6 +133,7 @@ class Camera(Symbols[Number]):
         chain: Chain | None = None,
         materials: Mapping[str, Glass] | None = None,
         growth: Growth | None = None,
+        colours: Colours = "mono",
     ) -> None:
         self._numbers = numbers
         self.layout = layout
@@ -136,9 +142,16 @@ class Camera(Symbols[Number]):
         self.chain = chain
         self.materials = materials or {}
         self.growth = growth
+        self.colours = colours
 
     def _with(self, numbers: Mapping[str, Number]) -> Camera:
-        return Camera(numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth)
+        return Camera(numbers, *self._kind)
+
+    @property
+    def _kind(self) -> tuple[Any, ...]:
+        """What it is beside numbers."""
+        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
+        return *own, self.colours
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, ArrayLike] | None = None, /, *, in_focus: bool = False) -> Camera:
@@ -209,7 +222,18 @@ class Camera(Symbols[Number]):
     @property
     def as_measured(self) -> Camera:
         """The same camera, its lengths as measured at whatever temperature: `replace` moves none of them with it."""
-        return Camera(self._numbers, self.layout, self.lens_shape, self.lens, self.chain, self.materials)
+        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
+        return Camera(self._numbers, *own, colours=self.colours)
+
+    def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
+        """The same camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
+
+        Parameters
+        ----------
+        numbers : mapping
+            Places of `SEEING` and the wavelength, with what they are there.
+        """
+        return Camera({**self._numbers, **numbers}, *self._kind[:6])
 
     def __getitem__(self, place: str) -> Number:
         """The number at a dotted place [mm, rad; the relay's magnification without unit]."""
@@ -242,7 +266,7 @@ class Camera(Symbols[Number]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        own, others = ((c.layout, c.lens_shape, c.lens, c.chain, c.growth) for c in (self, other))
+        own, others = ((c.layout, c.lens_shape, c.lens, c.chain, c.growth, c.colours) for c in (self, other))
         return (
             own == others
             and self._numbers.keys() == other._numbers.keys()
@@ -254,8 +278,7 @@ class Camera(Symbols[Number]):
         return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
-        return Camera, (dict(self._numbers), *own)
+        return Camera, (dict(self._numbers), *self._kind)
 
     def __repr__(self) -> str:
         shown = ", ".join(
@@ -665,14 +688,14 @@ class Camera(Symbols[Number]):
 
         (u, us), (v, vs), (n, ns) = (against(axis) for axis in (sensor.x, sensor.y, sensor.z))
         x, y = (
-            tuple(minus(times(own, image), times(n, part)) for own, part in zip(ns, parts, strict=True))
+            tuple(cross(own, image, n, part) for own, part in zip(ns, parts, strict=True))
             for image, parts in ((u, us), (v, vs))
         )
         return x, y, (minus(times(ns[0], weight), n), times(ns[1], weight), times(ns[2], weight))  # type: ignore[return-value]
 
     def chief_point(self, x: Number, y: Number) -> tuple[Number, Number]:
         """Where the ray through the FAP's centre and the array's point (x, y) meets the sensor [mm, own frames]."""
-        u, v, w = (plus(plus(c0, times(cx, x)), times(cy, y)) for c0, cx, cy in self._chief_rays)
+        u, v, w = (total(c0, cx, x, cy, y) for c0, cx, cy in self._chief_rays)
         return np.divide(u, w), np.divide(v, w)
 
     @property
@@ -752,4 +775,5 @@ def _nominal(design: Design) -> Camera:
     growth = Growth.of(design, materials)
     if chain is not None:
         numbers |= chain_numbers(design)
-    return Camera(numbers, array.layout, array.lens_shape, design.lens, chain, materials, growth)
+    kind = array.layout, array.lens_shape, design.lens, chain, materials, growth, design.sensor.colours
+    return Camera(numbers, *kind)

@@ -19,7 +19,7 @@ from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
 from ..errors import InputError, Problem
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
@@ -73,7 +73,7 @@ def diagrams(
     jobs
         Also try the choice on so many random jobs, and tell how many promises were kept.
     output
-        Folder for index.html and accuracy.json, made if needed. Default: only print.
+        Folder for index.html, accuracy.json and tables/ (CSV), made if needed. Default: only print.
     json
         Print JSON instead of tables.
     seed
@@ -100,7 +100,7 @@ def diagrams(
         left_out.append("Tilts are left out: jobs are of straight cameras.")
     if loaded.lens is not None:
         left_out.append('The lens counts as thin and ideal in all quantities but "real lens".')
-    groups, scene_text = [], ""
+    groups, scene_text, table = [], "", current_table()  # one that is damaged is told before anything is measured
     with StatusLine("accuracy") as progress:
         for name in (name for name in wanted if name not in unfit):
             alone = axis and {"this field": promises.Job(name, loaded, axis)}
@@ -128,7 +128,7 @@ def diagrams(
         "accuracy", design, accuracy=accuracy, scene=scene, quantity=quantity, field=field, jobs=jobs or None,
         output=output, seed=seed or None,
     )  # fmt: skip
-    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy, left_out)
+    report = partial(page.accuracy_report, loaded.name, groups, table, trials, command, accuracy, left_out)
     said = [*left_out, scene_text] if scene_text else left_out[:]
     said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
     finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
@@ -185,7 +185,7 @@ def hard_cases(
     design
         A design file, or the name of a preset (see `roslf presets`).
     output
-        Folder for index.html and hard-cases.json, made if needed. Default: only print.
+        Folder for index.html, hard-cases.json and tables/ (CSV), made if needed. Default: only print.
     json
         Print JSON instead of the table.
     seed
@@ -237,7 +237,8 @@ def finish(
     """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
     text = json_module.dumps(short(data), allow_nan=False, ensure_ascii=False)
     if output is not None:
-        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(report()).encode()})
+        made = report()
+        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(made).encode(), **render_tables(made)})
     if json:
         print(text)
         return

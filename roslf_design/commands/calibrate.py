@@ -221,7 +221,7 @@ def calibrate(
     console.print(plain_text(report.title, "bold"))
     for section in report.sections[:2]:
         print_blocks(section.blocks, console)
-    print(f"\nWritten to {output}: {listed((*files, 'index.html'))}\n{seconds:.1f} s")
+    print(f"\nWritten to {output}: {', '.join(listed((*files, 'index.html')))}\n{seconds:.1f} s")
 
 
 def calibrated(
@@ -267,6 +267,8 @@ def calibrated(
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = calibration.read_capture(folder)
+        if loaded.sensor.colours != "mono":
+            capture = capture.balanced()
         status.tell("finding microlens centres")
         radius = calibration.undistorted_radius(loaded) or None
         pitch = calibration.image_pitch(loaded)

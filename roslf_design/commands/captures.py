@@ -144,6 +144,8 @@ def _raw(
     if white is None:
         field = evened(camera, field)
     noise = raw_noise(camera, raw.pixels, raw.notes, field)
+    if raw.balance is not None:
+        noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
     if not noise.scale > 0:
         raise InputError((Problem("", "is black; expose more, or check which file it is"),), str(image))
     progress("measuring depth")

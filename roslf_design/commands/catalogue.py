@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,9 +18,9 @@ from .terminal import Flag, json_text
 Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 
 SHOWN: dict[Kinds, tuple[str, ...]] = {
-    "lenses": ("diameter", "clear_aperture", "focal_length"),
+    "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
-    "sensors": ("pixel", "pixels", "size"),
+    "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
     "windows": ("material", "diameter", "clear_aperture", "thickness"),
 }
 """Columns of each kind."""
@@ -77,9 +78,7 @@ def catalogue(
     for number, note in enumerate(notes, 1):
         print(f"{number}  {printable(note)}")
     if any(row["kind"] == "lenses" for row in found):
-        print(
-            f"\nOf these f and D are known, no surfaces. To be traced, as main_lens.prescription: {', '.join(TRACED)}."
-        )
+        print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
     print(f"\n{len(found)} parts. Add your own with --file, or in a study.")
 
 
@@ -89,6 +88,8 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
         return ""
     if isinstance(value, str):
         return value
+    if key == "acceptance":
+        return f"{math.degrees(value):.4g} deg"
     if key == "pixels":
         return " x ".join(str(number) for number in value)
     numbers = value if isinstance(value, (list, tuple)) else [value]

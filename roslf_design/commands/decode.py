@@ -25,7 +25,7 @@ from ..pictures.light_field import contrast
 from ..pictures.svg import file_of
 from ..reporting import decoding as pages
 from ..reporting.calibration import CALIBRATED, read_calibration
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..tables import plain_text
 from ..units import parse_quantity
 from .failures import UnfinishedError, failure_files
@@ -82,7 +82,7 @@ def decode(
     row
         Row of the views that the epipolar-plane image is of, from 0. Default: the one with most texture.
     output
-        Folder for pictures, views/, refocus/, decoding.json and index.html. Default: decoded-<image>.
+        Folder for pictures, views/, refocus/, decoding.json, tables/ (CSV) and index.html. Default: decoded-<image>.
     json
         Print the JSON object instead of tables.
     """
@@ -111,6 +111,7 @@ def decode(
             files |= {f"{name}.svg": file_of(drawings[name]), f"{name}.png": picture.to_png()}
         report = pages.decoding_report(result, drawings, command)
         page = render_html(report).encode()
+        files |= render_tables(report)
         views = {} if result.kind == "views" else view_files(result.field)
         if views:
             write_files(folder / "views", views)

@@ -21,7 +21,7 @@ from ..errors import Problem
 from ..pictures.svg import file_of
 from ..reporting.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth import answers, basis, depth_report, measurement_pictures
-from ..reporting.printers import render_html
+from ..reporting.printers import render_html, render_tables
 from ..scenes import load_scene
 from ..tables import plain_text
 from .captures import captured
@@ -33,6 +33,7 @@ from .terminal import (
     bar,
     check_options,
     json_text,
+    listed,
     parse_sigmas,
     print_blocks,
     typed,
@@ -74,9 +75,9 @@ def depth(
     scene
         With a design: a scene file. Default: a slanted wall with texture at the focal plane.
     output
-        Folder for index.html, depth.json, pictures and maps, made if needed: depth.tif (Z from the main lens in mm, 0
-        where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not: depth.json names
-        the numbers). Default: only print.
+        Folder for index.html, depth.json, pictures, tables/ (CSV) and maps, made if needed: depth.tif (Z from the main
+        lens in mm, 0 where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not:
+        depth.json names the numbers). Default: only print.
     region
         Only a part of the sensor, as column,row,columns,rows in pixels. Default: a strip across its middle. Of a raw
         image: which part of the sensor it shows, where that is not all.
@@ -147,7 +148,7 @@ def depth(
             )
         data, told = result.to_dict(), (*answers(result), *basis(result))
         title = f"Depth that {loaded.name} measures"
-    written: list[Path] = []
+    written: list[str] = []
     if output is not None:
         pictures = measurement_pictures(result)
         files = maps(result)
@@ -162,7 +163,9 @@ def depth(
         else:
             assert isinstance(result, MeasuredCapture)
             report = capture_report(result, pictures, command)
-        written = write_files(output, files | {"index.html": render_html(report).encode()})
+        files |= render_tables(report) | {"index.html": render_html(report).encode()}
+        write_files(output, files)
+        written = listed(files)
     if json:
         print(json_text(data))
         return
@@ -172,7 +175,7 @@ def depth(
     console.print(plain_text(title, "bold"))
     print_blocks(told, console)
     if written:
-        print(f"\nWritten to {output}: {', '.join(path.name for path in written)}")
+        print(f"\nWritten to {output}: {', '.join(written)}")
 
 
 def _is_capture(subject: str) -> bool:

@@ -67,4 +67,4 @@ def optimize(
     console = Console()
     console.print(plain_text(report.title, "bold"))
     print_blocks(report.sections[0].blocks, console)
-    print(f"\n{result.seconds:.1f} s; written to {output}: {listed(files)}")
+    print(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from .. import calibration
 from ..calibration import CalibrationError, LightField
-from ..calibration.frames import Image, grey_frame, read_image_and_notes, same_size
+from ..calibration.frames import ColourBalance, Image, grey_frame, read_image_and_notes, same_size
 from ..camera import Camera
 from ..depth.decoded import RawSource
 from ..design import Design
@@ -29,6 +29,8 @@ class RawDecoded(NamedTuple):
     """As they are stored."""
     notes: Mapping[str, Any]
     """What `roslf` noted in the file."""
+    balance: ColourBalance | None
+    """Of a sensor with colour filters."""
 
 
 def from_raw(
@@ -61,11 +63,18 @@ def from_raw(
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
+        balance = None
+        if design is not None and design.sensor.colours != "mono":
+            balance = ColourBalance.of(pixels if even is None else even, black)
         frame = grey_frame(pixels, black, image.name)
+        if balance is not None:
+            frame, black = balance(pixels, f"raw image {image.name}"), None
+            even = None if even is None else balance(even, "white image")
     except CalibrationError as error:
         raise InputError((Problem("", str(error)),)) from None
     progress("finding microlens centres")
-    searched = pixels if even is None else even
+    grey = pixels if balance is None else frame
+    searched = grey if even is None else even
     try:
         if even is not None:
             centres = calibration.find_centres(
@@ -74,12 +83,12 @@ def from_raw(
         else:
             assert layout is not None
             assert pitch is not None
-            centres = calibration.find_centres_in_scene(pixels, black, layout=layout, pitch=pitch)
+            centres = calibration.find_centres_in_scene(grey, black, layout=layout, pitch=pitch)
         progress("decoding")
-        field = calibration.decode(pixels, centres.lattice, white=even, dark=black)
+        field = calibration.decode(grey, centres.lattice, white=even, dark=black)
     except CalibrationError as error:
         raise UnfinishedError(str(error), what_there_was(searched, str(error), pitch)) from None
-    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes)
+    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance)
 
 
 def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:

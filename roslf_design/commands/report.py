@@ -26,9 +26,9 @@ from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
 from ..reporting.calibration import read_calibration
 from ..reporting.compare import comparison_report
-from ..reporting.printers import render_html, render_pdf
+from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
+from .terminal import Flag, OptionalOutput, StatusLine, check_options, listed, refusal, typed, write_files
 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
@@ -70,7 +70,8 @@ def report(
     others
         With --compare: one or two more designs.
     output
-        Folder to write index.html to, made if needed. Default: report-<design>, after the design file's name.
+        Folder to write index.html to, and its tables as CSV to tables/; made if needed. Default: report-<design>, after
+        the design file's name.
     compare
         Two or three designs side by side, differences marked.
     pdf
@@ -82,7 +83,8 @@ def report(
         of the page. Of one design also "model" (model.vtp, its parts in 3D for ParaView and PyVista) and "3d" (3d.png,
         drawn by PyVista; wants OpenGL, and is left out with a note where there is none).
     calibration
-        Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan.
+        Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan, and the data
+        sheet is of the instrument that was calibrated, each line with what is left uncertain of it (2 sigma).
     seed
         Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
     accuracy
@@ -112,6 +114,7 @@ def report(
         content = make(command=command, stamp=stamp_lines(made) if stamp else (), progress=progress.tell)
         files = figure_files(content, [name for name in wanted if name not in SOLID])
         files[PAGE] = render_html(content).encode()
+        files |= render_tables(content)
         if "model" in solid:
             files[SOLID["model"]] = vtp_bytes(load(design))
         if "3d" in solid:
@@ -124,8 +127,9 @@ def report(
             progress.tell("PDF")
             foot = content.footer if stamp is False else f"roslf_design {__version__} · {made:%Y-%m-%d} · {command}"
             files["report.pdf"] = render_pdf(replace(content, footer=foot), paper)
-    for path in write_files(folder, files):
-        print(path)
+    write_files(folder, files)
+    for name in listed(files):
+        print(folder / name)
 
 
 def maker(
@@ -158,7 +162,8 @@ def maker(
         if compare:
             return partial(comparison_report, designs, accuracy=accuracy)
         known = None if calibration is None else read_calibration(calibration)
-        return partial(full_report, designs[0], seed=seed or 0, accuracy=accuracy, calibrated=known)
+        make = partial(full_report, designs[0], seed=seed or 0, accuracy=accuracy)
+        return partial(make, calibrated=known, calibration=calibration)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
         raise refusal("--accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")

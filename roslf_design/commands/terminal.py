@@ -111,9 +111,9 @@ def print_blocks(blocks: Iterable[Block], console: Console) -> None:
                     console.print(plain_text(line), soft_wrap=True)
 
 
-def listed(files: Iterable[str]) -> str:
-    """Names of files as a line tells them; of tables their folder alone."""
-    return ", ".join(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
+def listed(files: Iterable[str]) -> list[str]:
+    """Names of files as they are told; of tables their folder alone."""
+    return list(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
 
 
 def json_text(data: Any) -> str:

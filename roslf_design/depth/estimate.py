@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -80,6 +80,10 @@ class PixelNoise:
             raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+
+    def dimmed(self, share: float) -> PixelNoise:
+        """The same of pixels that give so much of the signal of what is told as 1."""
+        return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
 
     @property
     def brightest(self) -> float:
@@ -317,6 +321,8 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
+        # Read-only both, wherever they came from: kernels are compiled once more for arrays that are not.
+        where, beside = (np.broadcast_to(part, part.shape) for part in (where, beside))
         return cls(
             np.ascontiguousarray(values), light, full, where, beside, places, lit, full.sum(axis=0), steps, density
         )

@@ -152,11 +152,13 @@ class ArrayGeometry:
 
     @cached_property
     def traced(self) -> TracedViews | None:
-        """The real main lens; None of an ideal one."""
-        return None if self.design.lens is None else TracedViews(self.design, self.camera, self.depth)
+        """What is not exact by first order: a real main lens, and elements before any; None of an ideal lens in air."""
+        if self.design.lens is None and not self.design.elements:
+            return None
+        return TracedViews(self.design, self.camera, self.depth)
 
     def prepared(self, field: LightField) -> PreparedViews:
-        """Freed of neighbours' light, as by first order; looking as the main lens makes them."""
+        """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
         own = unmixed(self.camera, field)
         if self.traced is None:
             return PreparedViews(*own)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import product, ratio
 from ..calibration.decoding import Decoder, LightField
+from ..calibration.frames import ColourBalance
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
@@ -350,8 +351,9 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        # Depth sees a defocus of the microlenses that no pixel does.
-        lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus"])
+        # Depth sees a defocus of the microlenses that no pixel does, and rays go through elements as it has them.
+        exact = ["+plate_aberration"] if design.elements else []
+        lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
         region = _with_margin(Camera.of(design.thin_twin), Region(*region))
@@ -488,10 +490,12 @@ def simulate(
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    decoder = Decoder.of(lattice, picture.pixels.shape, white=white.pixels)
-    even = decoder(white.pixels)
+    balance = None if design.sensor.colours == "mono" else ColourBalance.of(white.pixels)
+    flat = white.pixels if balance is None else balance(white.pixels)
+    decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
+    even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98)
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98).dimmed(1.0 if balance is None else balance.evenness)
     rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
@@ -502,11 +506,11 @@ def simulate(
     for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
         progress("depth", number / exposures)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
-        field = decoder(taken)
+        field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
     true = true[rows, columns]
-    prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window)
+    prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
 
 
@@ -567,7 +571,9 @@ def assumed(design: Design, scene: Scene, window: int) -> Design:
     return design.replace(settings)
 
 
-def predict(design: Design, scene: Scene, field: LightField, true: Array, window: int) -> Prediction:
+def predict(
+    design: Design, scene: Scene, field: LightField, true: Array, window: int, traced: TracedViews | None = None
+) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
     camera = Camera.of(assumed(design, scene, window).thin_twin)
     rows, columns = (
@@ -576,12 +582,13 @@ def predict(design: Design, scene: Scene, field: LightField, true: Array, window
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     places = places_on_array(camera, field)[row, column]
     disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
+    wider = np.ones(row.size) if traced is None else traced.widening(places)
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
             seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0])
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

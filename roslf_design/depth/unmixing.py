@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
+from ..theory.colours import mixed
 from ..theory.disparity_error import ImageParts, image_parts
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import microlens_defocus
@@ -49,7 +50,7 @@ def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
     rows, columns = _nodes(camera, places)
-    return rows, columns, _parts_at(camera, places[np.ix_(rows, columns)].reshape(-1, 2), field)
+    return rows, columns, _parts_at(mixed(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
 
 
 def evened(camera: Camera, field: LightField) -> LightField:

@@ -26,6 +26,8 @@ Number = float | NDArray[np.float64]
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
 """How microlenses are packed; hexagonal rows run along the array's x axis."""
+Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
+"""Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 Offset = tuple[AnyLength, AnyLength]
 Tilt = tuple[Angle, Angle]
 Size = tuple[Length, Length]
@@ -164,6 +166,8 @@ class Sensor(Part):
     acceptance: Angle | None = None
     """Angle of a ray to the sensor's normal, in air, at which a pixel takes half of the light, by its maker's figures
     [rad]; None where nothing is known."""
+    colours: Colours = "mono"
+    """Filters on its pixels; rows count as in the raw image."""
 
     @field_validator("acceptance", mode="after")
     @classmethod

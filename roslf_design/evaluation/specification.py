@@ -12,8 +12,10 @@ from ..camera import Camera
 from ..design import Design
 from ..json_data import plain
 from ..theory import field_of_view, light, tube
+from ..theory.colours import ColourFilter, filters
 from ..theory.depth_of_field import depth_of_field
-from ..theory.quantities import QUANTITIES, image_rate
+from ..theory.photometry import behind
+from ..theory.quantities import QUANTITIES, depth_error, image_rate
 from ..theory.resolution import FieldTransfer, Kind
 from ..theory.stop_images import MicrolensImages
 from .fields import default_fields
@@ -104,6 +106,28 @@ class ListedPart:
 
 
 @dataclass(frozen=True)
+class Colour:
+    """The pixels of one colour, alone."""
+
+    name: str
+    wavelength_nm: float
+    share: float
+    """Of all pixels."""
+    spacing_px: float
+    """To the nearest pixels of the colour: half a period of the finest detail of a microlens image that they tell."""
+    views_across: float
+    """Microlens image over spacing."""
+    view_fold_lp_per_mm: float
+    """At the focal plane, of a view: one pixel of each microlens, of which so many have this colour."""
+    mtf50_lp_per_mm: float
+    """Refocused, on the axis at the focal plane, at its wavelength."""
+    electrons: float
+    """In a fully lit pixel, where the scene is as bright as on average."""
+    sigma_z_mm: float
+    """On the axis at the focal plane."""
+
+
+@dataclass(frozen=True)
 class Specification:
     """The data sheet's lines."""
 
@@ -128,6 +152,8 @@ class Specification:
     views_across: float
     independent_views_across: float
     object_samples: tuple[int, int]
+    colours: tuple[Colour, ...]
+    """Behind colour filters; empty without."""
     outer_diameter_mm: float
     length_mm: float
     """Tip to sensor."""
@@ -233,6 +259,7 @@ def specification(design: Design) -> Specification:
         views_across=value["views_geometric"],
         independent_views_across=value["views_independent"],
         object_samples=_samples(camera),
+        colours=tuple(_colour(camera, one) for one in filters(camera.colours)),
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
         parts=tuple(ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
@@ -269,6 +296,19 @@ def _object_field(camera: Camera, at: float) -> ObjectField:
     halves = [float(QUANTITIES[f"field_half_{side}_mm"](camera, at)) for side in ("width", "height", "diagonal")]
     magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
     return ObjectField(at, 2 * halves[0], 2 * halves[1], 2 * halves[2], magnification, sample)
+
+
+def _colour(camera: Camera, one: ColourFilter) -> Colour:
+    own = behind(camera, one)
+    names = ("image_diameter_px", "fold_lp_per_mm", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
+    across, fold, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
+    given = "depth.disparity_error" in camera.numbers  # whatever light, and however many pixels
+    spread = float(depth_error(own, None, alone if given else alone / math.sqrt(one.share)))
+    apart = one.spacing
+    return Colour(
+        one.name, 1e6 * one.wavelength, one.share, apart, across / apart, fold * math.sqrt(one.share), sharp, charge,
+        spread,
+    )  # fmt: skip
 
 
 def _samples(camera: Camera) -> tuple[int, int]:

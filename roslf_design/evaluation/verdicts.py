@@ -14,8 +14,10 @@ from ..design.environment import not_known, not_named
 from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..theory import tube
+from ..theory.colours import GREEN
 from ..theory.f_number import fill_factor, matched
-from ..theory.photometry import accepted
+from ..theory.light import sensor_field
+from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_discs
@@ -46,7 +48,7 @@ def verdicts_of(
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     """
-    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(sampling)]
+    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(camera, sampling)]
     answers += [] if lens is None else [_thin(f_number, lens)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
@@ -141,10 +143,14 @@ def _rounded_up(length: float) -> str:
     return f"{math.ceil(length / step) * step:.4g}"
 
 
-def _resolved(sampling: Sampling) -> Verdict:
+def _resolved(camera: Camera, sampling: Sampling) -> Verdict:
+    """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
     views, independent = sampling.views_geometric, sampling.views_independent
+    kind = "pixels"
+    if camera.colours != "mono":
+        views, kind = views / GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
     if independent >= views:
-        text = f"views resolved: {views:.3g} pixels across a microlens image, {independent:.3g} independent views"
+        text = f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views"
         return _answer("views_resolved", text)
     # The band that diffraction lets pass ends where 8 N_F samples across an image hold all of it.
     enough = 2 * independent
@@ -157,7 +163,7 @@ def _resolved(sampling: Sampling) -> Verdict:
         "views_resolved",
         False,
         "limit",
-        f"diffraction limits the views: {views:.3g} pixels across a microlens image hold {independent:.3g} independent "
+        f"diffraction limits the views: {views:.3g} {kind} across a microlens image hold {independent:.3g} independent "
         "views per axis (4 N_F)",
         f"larger microlenses or a shorter d_2 gain views; {pixels}",
     )
@@ -214,12 +220,16 @@ def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
     if design.sensor.acceptance is not None:
-        steepest = float(QUANTITIES["sensor_angle_deg"](Camera.of(design)))
+        camera = Camera.of(design)
+        steepest = float(QUANTITIES["sensor_angle_deg"](camera))
         lost = 1 - float(accepted(math.radians(steepest), design.sensor.acceptance))
+        kept = float(response(camera, sensor_field(camera).radius))
         if lost > TAKEN_LOSS:
             yield (
                 f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
-                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); "
+                f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); of "
+                f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth errors about "
+                f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
     half_x, half_y = (size / 2 for size in array.size)

@@ -16,6 +16,7 @@ from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
 from ..theory.light import microlens_defocus_blur
+from ..theory.photometry import accepted
 from ..theory.stop_images import stop_discs
 
 Floats = NDArray[np.float64]
@@ -102,6 +103,23 @@ def pixel_centres(camera: Camera, region: Region, fine: int = 1) -> tuple[Floats
     x = region.column + (np.arange(region.columns * fine) + 0.5) / fine - width / 2
     y = region.row + (np.arange(region.rows * fine) + 0.5) / fine - height / 2
     return x * camera.q, y * camera.q
+
+
+def pixel_response(camera: Camera, region: Region) -> Image | None:
+    """Share of their light that a region's pixels take of it slanting; None where nothing is known of that.
+
+    Light of a pixel is taken to come from the middle of the microlens whose image's cell it lies in; tilts are left
+    out.
+    """
+    half = camera.numbers.get("sensor.acceptance")
+    if half is None:
+        return None
+    lattice = ImageLattice.of(camera)
+    points = np.stack(np.meshgrid(*pixel_centres(camera, region)), -1)
+    index = np.rint(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
+    away = points + np.array(camera.decentre("sensor")) - lattice.microlens(index)
+    slope = np.hypot(away[..., 0], away[..., 1]) / float(camera.d_2 * camera["sensor.relay_magnification"])
+    return accepted(np.arctan(slope), half).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

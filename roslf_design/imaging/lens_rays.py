@@ -91,7 +91,7 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
     return _tracer(straight, plan, scene)
 
 
-@functools.lru_cache(maxsize=2)
+@functools.lru_cache(maxsize=6)
 def _tracer(design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
     """Remembered, as finding where light falls takes longer than a small region's picture."""
     return RealLensTracer.of(design, plan, scene)

@@ -18,9 +18,10 @@ from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..scenes import WHITE_FIELD, Scene
+from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
 from ..theory.transfer import MicrolensTransfer
-from .camera import Image, ImageLattice, Region, pixel_centres, planned_camera
+from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .trace import RaySampling, Tracer
@@ -33,7 +34,8 @@ class RawImage:
     """What the sensor recorded, and how it was computed."""
 
     pixels: Image
-    """Relative intensities, shape (rows, columns), row 0 at the lowest y: 1 is a fully lit pixel."""
+    """Relative intensities, shape (rows, columns), row 0 at the lowest y: 1 is a fully lit pixel, behind colour filters
+    one of the brightest colour."""
     region: Region
     """Which of the sensor's pixels."""
     design: Design
@@ -77,7 +79,7 @@ def render(
     sampling: RaySampling | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> RawImage:
-    """Raw light-field image of a scene.
+    """Raw light-field image of a scene; behind colour filters a mosaic, in white light.
 
     Parameters
     ----------
@@ -117,26 +119,53 @@ def render(
     if sampling is None:
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region)
-    job = _Job(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
-    pixels = np.empty((piece.rows, piece.columns), np.float32)
+    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
+    pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
-    for row, band in job.bands(piece):
-        pixels[row : row + band.shape[0]] = band
-        progress((row + band.shape[0]) / piece.rows)
-    for light, source in job.sources():
-        pixels += light * point_image(source, piece, job.colours, budget.intensity)
+    for number, (one, job) in enumerate(jobs):
+        for row, band in job.bands(piece):
+            _put(pixels, row, band, one, design, piece)
+            progress((number + (row + band.shape[0]) / piece.rows) / len(jobs))
+        for light, source in job.sources():
+            _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
+    camera = jobs[0][1].camera
+    for row in range(0, piece.rows, CORE):
+        rows = piece._replace(row=piece.row + row, rows=min(CORE, piece.rows - row))
+        if (taken := pixel_response(camera, rows)) is not None:
+            pixels[row : row + CORE] *= taken
     if effects.on("noise") and scene.light.exposure is not None:
         # Rows in fixed groups: memory stays small, and the bytes do not depend on anything but the region and the seed.
         for row in range(0, piece.rows, CORE):
             part = pixels[row : row + CORE]
             part[:] = add_noise(part, scene.light.exposure, scene.light.read_noise, generator)
     seconds = time.perf_counter() - start
-    return RawImage(pixels, piece, design, scene, effects, seed, job.method, job.rays, seconds)
+    rays = sum(job.rays for _, job in jobs)
+    return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:
     """How a scene would be rendered, as `RawImage.method` says it."""
-    return _Job(design, scene, effects, Budget(), RaySampling(), 1).method
+    return _jobs(design, scene, effects, Budget(), RaySampling(), 1)[0][1].method
+
+
+def _jobs(
+    design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: RaySampling, threads: int
+) -> list[tuple[ColourFilter | None, _Job]]:
+    """Renderings that a raw image is put together from: one, or one a colour of the sensor's filters."""
+    seen: list[tuple[ColourFilter | None, Scene]] = [
+        (one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)
+    ] or [(None, scene)]
+    return [(one, _Job(design, each, effects, budget, sampling, threads)) for one, each in seen]
+
+
+def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design: Design, region: Region) -> None:
+    """Add light to rows from `row` on: to all their pixels, or to those of one colour."""
+    part = pixels[row : row + light.shape[0]]
+    if one is None:
+        part += light
+        return
+    own = mosaic(design.sensor.colours, region.column, region.row + row, region.columns, light.shape[0])
+    part += np.where(own == FILTERS.index(one), light * np.float32(per_watt(one) / BRIGHTEST), np.float32(0))
 
 
 class _Job:

@@ -60,7 +60,7 @@ LOOK, LEVELS, WIDTH = 15, 16, 20
 FAR = 1e300
 """Distance of what is not met."""
 BATCH = 16
-"""Rays between two looks at a pixel's error."""
+"""Rays between two looks at a pixel's error, where there may be more or fewer."""
 WELL_OUTSIDE = 2.0
 """How many times farther than exact rays were seen to come from the closed forms' they are let off the FAP's rim."""
 MOST = 64
@@ -326,7 +326,9 @@ class Tracer:
             _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
-            tuple(FacesAhead.of(camera.replace({"wavelength": w})) for w in wavelengths) if exact else (NOTHING,),
+            tuple(FacesAhead.of(camera.replace({"wavelength": w})).for_pixels for w in wavelengths)
+            if exact
+            else (NOTHING,),
         )
 
     @property
@@ -355,7 +357,10 @@ class Tracer:
         """
         camera, lattice = self.camera, self.lattice
         x, y = pixel_centres(camera, region, fine)
-        counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)])
+        if sampling.least == sampling.most:  # no more and no fewer than asked for
+            counts = np.full(3, math.ceil(sampling.most / fine**2))
+        else:
+            counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)] + [BATCH])
         images = np.zeros((len(self.colours), y.size, x.size), np.float32)
         spent = np.zeros((len(self.colours), y.size), np.int64)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
@@ -422,7 +427,7 @@ def to_scene(
 
 @kernel()
 def share_of_light(law: Any, slope: float) -> float:
-    """`falloff` of one microlens."""
+    """`falloff` at one place."""
     if law.shape[0] == 0:
         return 1.0 / (1.0 + slope * slope) ** 2
     return float(illumination(law, slope))
@@ -443,7 +448,7 @@ def _trace(
     unit = 1.0 / 4294967296.0
     margin = reach + pixel * 0.7072
     for j in prange(y.size):
-        lens_x, lens_y, gain = np.empty(MOST), np.empty(MOST), np.empty(MOST)
+        lens_x, lens_y = np.empty(MOST), np.empty(MOST)
         near_x, near_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Shared ones are counted by all threads.
@@ -452,8 +457,13 @@ def _trace(
         for i in range(x.size):
             n = 0
             bx, by = x[i] - origin[0], y[j] - origin[1]
-            m0 = math.floor(inverse[0, 0] * bx + inverse[0, 1] * by + 0.5)
-            n0 = math.floor(inverse[1, 0] * bx + inverse[1, 1] * by + 0.5)
+            mid_m = inverse[0, 0] * bx + inverse[0, 1] * by
+            mid_n = inverse[1, 0] * bx + inverse[1, 1] * by
+            m0, n0 = math.floor(mid_m + 0.5), math.floor(mid_n + 0.5)
+            # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
+            at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
+            at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
+            gain = share_of_light(law, falloff * math.hypot(at_x, at_y))
             for dm in range(-neighbours, neighbours + 1):
                 for dn in range(-neighbours, neighbours + 1):
                     m, l = m0 + dm, n0 + dn
@@ -466,8 +476,7 @@ def _trace(
                     if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
                         continue
                     if n < MOST:
-                        slope = falloff * math.hypot(cx + k[ARRAY_X], cy + k[ARRAY_X + 1])
-                        lens_x[n], lens_y[n], gain[n] = cx, cy, share_of_light(law, slope)
+                        lens_x[n], lens_y[n] = cx, cy
                         near_x[n], near_y[n] = x[i] - gx, y[j] - gy
                         n += 1
             if n == 0:
@@ -483,7 +492,7 @@ def _trace(
             total, squares, batches, done = 0.0, 0.0, 0, 0
             while done < counts[1]:
                 batch = 0.0
-                for r in range(done, done + BATCH):
+                for r in range(done, done + counts[2]):
                     px = x[i] + ((np.uint32(points[r, 0] ^ s0) + 0.5) * unit - 0.5) * pixel
                     py = y[j] + ((np.uint32(points[r, 1] ^ s1) + 0.5) * unit - 0.5) * pixel
                     vx, vy = 0.0, 0.0
@@ -544,16 +553,16 @@ def _trace(
                         )  # fmt: skip
                         if not kept:
                             continue
-                        batch += gain[c] * radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
-                batch /= BATCH
-                done += BATCH
-                used += BATCH
+                        batch += radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
+                batch /= counts[2]
+                done += counts[2]
+                used += counts[2]
                 batches += 1
                 total += batch
                 squares += batch * batch
                 if done >= counts[0] and batches > 1:
                     spread = squares / batches - (total / batches) ** 2
-                    if spread <= tolerance * tolerance * (batches - 1):
+                    if gain * gain * spread <= tolerance * tolerance * (batches - 1):
                         break
-            image[j, i] = total / batches
+            image[j, i] = gain * total / batches
         spent[j] = used

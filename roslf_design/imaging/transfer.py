@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design.parts import Layout
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.transfer import NODES, MicrolensTransfer
+from ..theory.transfer import MicrolensTransfer, circle_overlap
 from .camera import Floats, Image, Region
 
 PANEL = 16
@@ -76,29 +76,21 @@ def pair_transfer(transfer: MicrolensTransfer, frequency: Floats, apart: Floats,
         offset = np.abs(pair - apart @ turn)
         cycles = (apart @ turn * power - transfer.defocus * pair) / wavelength
         if transfer.circular:
-            total += _circles(np.hypot(*(pair - apart @ turn).T), pair - apart @ turn, cycles, width)
+            total += _circles((pair - apart @ turn) / width, cycles * width)
             continue
         overlap = np.maximum(width - offset, 0.0)
         total += (overlap / width * np.sinc(cycles * overlap)).prod(-1)
     return total / len(transfer.wavelengths)
 
 
-def _circles(offset: Floats, shift: Floats, cycles: Floats, width: float) -> Floats:
-    """Overlap of two circles, column by column along their shift: phase turns along and across it."""
-    total = np.zeros(len(offset))
-    near = offset < width
-    if not near.any():
-        return total
-    offset, cycles = offset[near, None] / width, cycles[near] * width
-    unit = np.where(offset > 0, shift[near] / width / np.where(offset > 0, offset, 1.0), [1.0, 0.0])
-    along, across = (cycles * unit).sum(-1), cycles[:, 1] * unit[:, 0] - cycles[:, 0] * unit[:, 1]
-    nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * math.ceil(min(1000.0, float(np.abs(cycles).max()))))
-    angle, half = (nodes + 1) * (math.pi / 4), (1 - offset) / 2
-    x = half * np.sin(angle) ** 2
-    chord = np.sqrt((half - x) * (half + x + offset))
-    ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
-    light = chord * np.cos(2 * math.pi * along[:, None] * x) * np.sinc(2 * across[:, None] * chord) * ramp
-    total[near] = light.sum(-1) * 16 / math.pi
+def _circles(shift: Floats, cycles: Floats) -> Floats:
+    """Overlap of two circles 1 wide, `shift` (M, 2) apart: phase turns along and across it."""
+    offset, total = np.hypot(*shift.T), np.zeros(len(shift))
+    near = offset < 1
+    offset, cycles = offset[near], cycles[near]
+    unit = np.where(offset > 0, shift[near].T / np.where(offset > 0, offset, 1.0), [[1.0], [0.0]])
+    aside = np.stack([-unit[1], unit[0]])
+    total[near] = circle_overlap(offset, *((cycles.T * axis).sum(0) for axis in (unit, aside)))
     return total
 
 

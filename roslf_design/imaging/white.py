@@ -20,11 +20,12 @@ from ..lenses.angles import illumination
 from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
+from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
 from ..theory.transfer import MicrolensTransfer, pixel_box
-from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
+from .camera import Floats, Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .transfer import MOST_HALO, fineness, pair_transfer
 
 FRAME = MOST_HALO
@@ -325,6 +326,15 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:
         what coarser subpixels fold back: within about 1e-2 of full scale or of the brightest pixel. None where more
         than `MOST_IMAGES` images overlap or one is thousands of pixels wide.
     """
+    if kinds := filters(design.sensor.colours):
+        bare = design.model_copy(update={"sensor": design.sensor.model_copy(update={"colours": "mono"})})
+        parts = [white_patch(bare.replace({"light.wavelength": one.wavelength}), columns, rows) for one in kinds]
+        size = columns.stop - columns.start, rows.stop - rows.start
+        if any(part is None for part in parts) or min(size) <= 0:
+            return parts[0]
+        levels = [per_watt(one) / BRIGHTEST for one in kinds]
+        own = mosaic(design.sensor.colours, columns.start, rows.start, *size)
+        return np.choose(own, [level * part for level, part in zip(levels, parts, strict=True) if part is not None])
     effects = plan(design.thin_twin, overrides=ALWAYS_ON)
     seen = planned_camera(design, effects)
     transfer = MicrolensTransfer.of(seen, effects)
@@ -342,7 +352,9 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:
     frequency_y, frequency_x = np.fft.fftfreq(light.shape[0], step), np.fft.rfftfreq(light.shape[1], step)
     wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
     pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))
-    return np.asarray(np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
+    shown = np.asarray(np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
+    taken = pixel_response(seen, Region(columns.start, rows.start, wide, high))
+    return shown if taken is None else shown * taken
 
 
 def warm_up() -> None:

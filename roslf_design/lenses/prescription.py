@@ -19,7 +19,21 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, Problem
 from ..units import FARTHEST
 from .glass import AIR, ROOM, Glass, growth
-from .tracer import ASPHERE, COLUMNS, CONIC, FORM, IRREGULAR, MODES, SPHERE, Pair, Passed, Rays, SurfaceStack, Traced
+from .tracer import (
+    ASPHERE,
+    COLUMNS,
+    CONIC,
+    FORM,
+    IRREGULAR,
+    MODES,
+    SPHERE,
+    THIN,
+    Pair,
+    Passed,
+    Rays,
+    SurfaceStack,
+    Traced,
+)
 
 Array = NDArray[np.float64]
 
@@ -215,6 +229,31 @@ class Prescription:
         return replace(self, surfaces=turned[::-1], name=name.strip())
 
 
+@dataclass(frozen=True)
+class IdealLens(Prescription):
+    """A lens without thickness that bends rays as first order has it; its one surface is the opening in it.
+
+    Attributes
+    ----------
+    power : float
+        1/f [1/mm].
+    """
+
+    power: float = 0.0
+
+    @classmethod
+    def of(cls, focal_length: float, diameter: float) -> IdealLens:
+        """Of a focal length and a clear diameter [mm]."""
+        return cls((Surface(0.0, diameter / 2),), "ideal lens", power=1 / focal_length)
+
+    def at(self, wavelength: ArrayLike) -> SurfaceStack:
+        """The lens in numbers, the same at all wavelengths (T,) [mm]."""
+        builds = np.size(wavelength)
+        row = np.array(surface_table(self))
+        row[3], row[6] = self.power, THIN
+        return SurfaceStack(np.broadcast_to(row, (builds, COLUMNS)), np.ones((builds, 2)))
+
+
 def sag(square: Array, curvature: ArrayLike, k1: ArrayLike, asphere: Sequence[float]) -> Array:
     """Height over its vertex plane of a surface, or of builds of it, at squared distances from its axis; k1 = 1 + k."""
     c, k1 = np.asarray(curvature, float), np.asarray(k1, float)
@@ -381,6 +420,8 @@ def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
     InputError
         The wavelength [mm, in air] is outside a glass's range.
     """
+    if isinstance(lens, IdealLens):
+        return FirstOrder(lens.power, np.array([[1.0, 0.0], [-lens.power, 1.0]]), 0.0)
     media = [1.0, *(float(surface.glass.index(wavelength)) for surface in lens.surfaces)]
     curvatures, gaps = ([getattr(s, name) for s in lens.surfaces] for name in ("vertex_curvature", "thickness"))
     matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)

@@ -52,13 +52,17 @@ COLUMNS = 34
 irregularity (7), one over its normalising radius."""
 MODES, FORM = 7, 26
 """Zernike modes of an irregularity, Noll's 5 to 11, and where their coefficients stand."""
-LENGTH = 17
-"""Where a rod's length stands."""
+LENGTH, COARSE = 17, 18
+"""Where a rod's length stands, and whether rays through it are only for pixels."""
 TERMS = 16
 """Of a rod's series."""
 STEP, LONGEST = 0.1, 0.7
 """Steps in a rod's phase: a tenth of how far the series converges, and no longer than that; what is left out is some
 1e-14 of a ray's height."""
+KICK_ERROR = 1e-7
+"""Of a ray's height and slope for each step through a rod, where rays are for pixels."""
+KICK_AT, KICK_APART = 0.5 - sqrt(3.0) / 6, sqrt(3.0) / 3
+"""Shares of such a step at which rays are bent by what a rod has beyond a harmonic one: Gauss's two points."""
 UNIT_ERROR = 1e-9
 SAMPLES = 64
 
@@ -164,7 +168,9 @@ class SurfaceStack(NamedTuple):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
-        arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (self.table, self.media, *room, *rays)]
+        # Writable, as a kernel is compiled once more for arrays that are not.
+        lens = (np.require(part, requirements="CW") for part in (self.table, self.media))
+        arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (*lens, *room, *rays)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
         compiled = has_law or pays(kernel, total * count)
         if not compiled:
@@ -583,17 +589,27 @@ def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2:
 
 
 @kernel()
+def swung(cosine: float, sine: float, omega: float, x: float, y: float, u: float, v: float) -> Any:
+    """A ray some way on in a harmonic rod."""
+    up, down = sine / omega, sine * omega
+    return cosine * x + up * u, cosine * y + up * v, cosine * u - down * x, cosine * v - down * y
+
+
+@kernel()
 def meet_rod(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
     """Carry a block through a rod of n = n_0 (1 - g^2 r^2/2), in its own axes.
 
-    Along the axis the optical direction p_z stays as it is, and x'' = -(n_0 g/p_z)^2 (1 - g^2 r^2/2) x.
+    Along the axis the optical direction p_z stays as it is, and x'' = -(n_0 g/p_z)^2 (1 - g^2 r^2/2) x. For pixels the
+    second term of that is gathered at two points of each step, with harmonic swings about them (the symplectic SABA2 of
+    Laskar and Robutel 2001).
     """
     work = buffer[7 * BLOCK : 8 * BLOCK]
     n_0, g2, length = table[first + 3], table[first + 4] * table[first + 4], table[first + LENGTH]
     start = table[first + 2] - (length if s > 0.0 else 0.0)
+    coarse = table[first + COARSE] != 0.0
     for i in range(m):
         squares[i] = -1.0
         if buffer[6 * BLOCK + i] != 0.0:
@@ -621,13 +637,26 @@ def meet_rod(
         # A ray swings like an elliptic sine of amplitude A, whose poles lie ln(8/(g A)) off the real axis.
         swing = sqrt(g2 * r2 + (dx * dx + dy * dy) / (n_0 * n_0))
         longest = max(STEP, min(LONGEST, STEP * math.log(8.0 / max(swing, 1e-9))))
+        if coarse:
+            beyond = max(0.5 * swing * swing, 1e-9)
+            longest = min(LONGEST, (24 * KICK_ERROR / beyond**2) ** (1 / 3), (4320 * KICK_ERROR / beyond) ** 0.2)
         count = max(1, math.ceil(sqrt(phase2) * length / longest))
         h = length / count
         u, v = u * h, v * h
         pull = phase2 * h * h
+        omega, kick = sqrt(pull), 0.25 * pull * g2
+        near_cos, near_sin = math.cos(KICK_AT * omega), math.sin(KICK_AT * omega)
+        far_cos, far_sin = math.cos(KICK_APART * omega), math.sin(KICK_APART * omega)
         for _ in range(count):
             outwards = x * u + y * v > 0.0
-            x, y, u, v = rod_step(work, x, y, u, v, pull, g2)
+            if coarse:
+                x, y, u, v = swung(near_cos, near_sin, omega, x, y, u, v)
+                bend = kick * (x * x + y * y)
+                x, y, u, v = swung(far_cos, far_sin, omega, x, y, u + bend * x, v + bend * y)
+                bend = kick * (x * x + y * y)
+                x, y, u, v = swung(near_cos, near_sin, omega, x, y, u + bend * x, v + bend * y)
+            else:
+                x, y, u, v = rod_step(work, x, y, u, v, pull, g2)
             squares[i] = max(squares[i], x * x + y * y)
             if outwards and x * u + y * v < 0.0:  # the crest between, as of a harmonic swing
                 mean, area = 0.5 * (x * x + y * y + (u * u + v * v) / pull), x * v - y * u

@@ -5,21 +5,32 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from itertools import pairwise, product
 from operator import attrgetter, eq, ge, gt, le, lt
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, InstanceOf, ValidationError, model_validator
 
 from ..design.material import Material
+from ..design.parts import Colours
+from ..design.real_lens import Lens, focal_length_at
 from ..errors import InputError, Problem
+from ..lenses.glass import catalogue as glass_catalogue
+from ..lenses.glass import find_glass
+from ..lenses.manufacture import D_LINE
+from ..lenses.prescription import LensError, Prescription
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, parse_quantity
+from ..units import Angle, Length, parse_quantity
+from .lens_variables import with_glasses
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+Choice = Literal[Kind, "orientations", "glasses"]
+"""What a study chooses among: parts, and of a real main lens which way round it stands and what it is made of."""
 
 Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
 """measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
@@ -28,28 +39,37 @@ maker; unverified: stated without a source at hand; typical: a size that many ma
 Gives = Mapping[str, Callable[[Any], Any]]
 """Place of a design to what a part has there."""
 
+LENS_PRESCRIPTION, LENS_REVERSED = "main_lens.prescription", "main_lens.reversed"
+ALIKE = 0.05
+"""Relative difference up to which a prescription's focal length is that of its catalogue line."""
+
 ELEMENT = "element."
 """What places begin with of the element that a part is chosen for."""
 
 SHIPPED = Path(__file__).with_name("catalogue")
 
 
-class Entry(StrictTable):
-    """What every part has."""
+class Option(StrictTable):
+    """One of several that are chosen among."""
 
     gives: ClassVar[Gives] = {}
     part: Annotated[str, Field(min_length=1)]
     """Name or number; unique among its kind."""
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Place of a design to what this gives there [mm]; words for a layout and a shape."""
+        return {place: read(self) for place, read in self.gives.items()}
+
+
+class Entry(Option):
+    """What every part has."""
+
     maker: str = ""
     provenance: str
     """Where the figures come from."""
     confidence: Confidence
     remark: str = ""
-
-    @property
-    def numbers(self) -> dict[str, Any]:
-        """Place of a design to what this part gives there [mm]; words for a layout and a shape."""
-        return {place: read(self) for place, read in self.gives.items()}
 
 
 class _Round(Entry):
@@ -82,6 +102,19 @@ class LensPart(_Round):
 
     type: str = ""
     focal_length: Length
+    prescription: Lens = None
+    """Its surfaces: the name of a lens that ships, a lens file beside the catalogue's, or a table. Behind a real main
+    lens only parts that have them are chosen."""
+
+    @model_validator(mode="after")
+    def _same(self) -> Self:
+        if self.prescription is not None:
+            focal = focal_length_at(self.prescription, self.prescription.wavelength or D_LINE)
+            if not abs(focal / self.focal_length - 1) <= ALIKE:
+                raise ValueError(
+                    f"focal_length is {self.focal_length:g} mm, and its prescription's {focal:.5g} mm; mend one of them"
+                )
+        return self
 
 
 class ArrayPart(Entry):
@@ -122,6 +155,16 @@ class SensorPart(Entry):
 
     pixel: Length
     pixels: tuple[int, int]
+    acceptance: Angle | None = None
+    """Angle at which a pixel takes half of the light [rad]; None where nothing is known."""
+    colours: Colours | None = None
+    """Filters on its pixels; None where it is sold with and without."""
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """Places of a design to what is known beside numbers that all sensors have."""
+        told = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
+        return {place: value for place, value in told.items() if value is not None}
 
     @property
     def size(self) -> tuple[float, float]:
@@ -148,6 +191,47 @@ class WindowPart(_Round):
     material: Material
 
 
+class Orientation(Option):
+    """Which way round a real main lens stands."""
+
+    gives: ClassVar[Gives] = {LENS_REVERSED: attrgetter("turned")}
+    turned: bool
+
+
+ORIENTATIONS = Orientation(part="as catalogued", turned=False), Orientation(part="turned round", turned=True)
+
+
+class GlassChoice(Option):
+    """A custom singlet or cemented doublet of other glasses; its focal length and shape factor are as before."""
+
+    gives: ClassVar[Gives] = {LENS_PRESCRIPTION: attrgetter("lens")}
+    lens: InstanceOf[Prescription]
+
+
+def optical_solids(wavelength: float) -> tuple[str, ...]:
+    """Names of the glasses, crystals and plastics that ship and whose index is known at a wavelength [mm]."""
+    every = {glass.name: glass for glass in glass_catalogue().values() if glass.warming.expansion > 0}
+    return tuple(name for name, glass in every.items() if glass.shortest <= wavelength <= glass.longest)
+
+
+def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -> tuple[GlassChoice, ...]:
+    """A lens of every ordered set of glasses, cemented ones different; those that cannot be made are left out.
+
+    Raises
+    ------
+    InputError
+        A glass that is not known.
+    """
+    chosen = [find_glass(name) for name in names or optical_solids(wavelength)]
+    made = []
+    for glasses in product(chosen, repeat=len(lens.surfaces) - 1):
+        if all(one != other for one, other in pairwise(glasses)):
+            with suppress(LensError):
+                lens_of_them = with_glasses(lens, glasses, wavelength)
+                made.append(GlassChoice(part=" + ".join(glass.name for glass in glasses), lens=lens_of_them))
+    return tuple(made)
+
+
 MODELS: Mapping[Kind, type[Entry]] = {
     "lenses": LensPart,
     "microlens_arrays": ArrayPart,
@@ -156,9 +240,9 @@ MODELS: Mapping[Kind, type[Entry]] = {
 }
 
 
-def given_by(kinds: Iterable[Kind], element: int | None) -> frozenset[str]:
+def given_by(kinds: Iterable[Choice], element: int | None) -> frozenset[str]:
     """Places of a design that parts of some kinds give together, windows to one of its elements."""
-    return frozenset(placed(place, element) for kind in kinds for place in MODELS[kind].gives)
+    return frozenset(placed(place, element) for kind in kinds if kind in KINDS for place in MODELS[kind].gives)
 
 
 def placed(place: str, element: int | None) -> str:
@@ -196,7 +280,8 @@ def load_catalogue(paths: Iterable[str | os.PathLike[str]] = (), *, shipped: boo
     own = {path: path.name for path in sorted(SHIPPED.glob("*.toml"))} if shipped else {}
     for path, label in [*own.items(), *((Path(path), str(path)) for path in paths)]:
         try:
-            catalogue += Catalogue.model_validate(read_toml(path, ""), context={"from_file": True})
+            context = {"from_file": True, "folder": path.parent}
+            catalogue += Catalogue.model_validate(read_toml(path, ""), context=context)
         except (InputError, ValidationError) as error:
             problems = error.problems if isinstance(error, InputError) else problems_of(error, Catalogue)
             faults += [Problem("", f"{label}: {fault}") for fault in problems]
@@ -214,6 +299,8 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
     for kind in kinds:
         for entry in catalogue.of(kind):
             row = {"kind": kind} | {key: value for key, value in entry.model_dump().items() if value not in (None, "")}
+            if isinstance(entry, LensPart) and entry.prescription is not None:
+                row["prescription"] = entry.prescription.name
             if isinstance(entry, _Round):
                 row |= {"clear_aperture": entry.aperture, "clear_aperture_assumed": entry.clear_aperture is None}
             elif isinstance(entry, SensorPart):
@@ -240,7 +327,7 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
         Unknown key, no comparison, a length without a unit.
     """
     try:
-        key, sign, value = _condition(text)
+        key, sign, value = parse_condition(text)
     except ValueError as error:
         raise InputError((Problem("--where", str(error)),)) from None
 
@@ -256,7 +343,14 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
     return holds
 
 
-def _condition(text: str) -> tuple[str, str, float | str]:
+def parse_condition(text: str) -> tuple[str, str, float | str]:
+    """Key, comparison and value of a condition as typed.
+
+    Raises
+    ------
+    ValueError
+        As `read_condition` tells it.
+    """
     known = sorted({"kind", *(name for model in MODELS.values() for name in model.model_fields)})
     match = re.fullmatch(r"\s*(\w+)\s*(<=|>=|<|>|=)\s*(.+?)\s*", text)
     if match is None:
@@ -264,8 +358,8 @@ def _condition(text: str) -> tuple[str, str, float | str]:
     key, sign, value = match.groups()
     if key not in known:
         raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
-    if key in LENGTHS:
-        return key, sign, parse_quantity(value, "length")
+    if key in LENGTHS or key == "acceptance":
+        return key, sign, parse_quantity(value, "length" if key in LENGTHS else "angle")
     if key == "pixels":
         try:
             return key, sign, float(value)

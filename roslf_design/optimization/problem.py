@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from operator import itemgetter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,8 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import AnyLength, Length, Temperature, format_quantity, parse_quantity
+from ..units import AnyLength, Length, Temperature, format_quantity
+from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
 from .search import FTOL
 from .traces import FieldTraces, clearances
 
@@ -48,8 +49,14 @@ ROOM = 1e-6
 TRACED_FTOL = 1e-9
 """Change of a merit of traced rays that is theirs, and not of their rounding."""
 
+TRIED = 8
+"""Places that are looked at for each start behind a real lens."""
+
 LOG_ABOVE = 4.0
 """Ratio of bounds from which a variable is scaled by its logarithm."""
+
+CUSTOM = ", custom"
+"""What the names of lenses end with that an optimum has otherwise than drawn."""
 
 DERIVED = {
     "working_distance": "from the bore's tip (the farthest of FAP, stops and elements) to the focal plane; sets d_f",
@@ -70,6 +77,8 @@ class Variable(StrictTable):
     start: AnyLength | None = None
     """Where one of the searches starts."""
 
+    measured_in: ClassVar[str] = "mm"
+
     @model_validator(mode="before")
     @classmethod
     def _short(cls, value: Any) -> Any:
@@ -81,9 +90,14 @@ class Variable(StrictTable):
 
     @model_validator(mode="after")
     def _ordered(self) -> Variable:
-        if self.min > self.max:
+        if self.measured_in == "":
+            shown = f"{self.min:g}", f"{self.max:g}"
+        else:
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
+        if self.min > self.max:
             raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
+        if self.measured_in == "":
+            return self
         if self.min < 0 <= self.max:
             raise ValueError(f"bounds {self.min:g} and {self.max:g} mm hold 0 between them; keep to one sign")
         if self.max == 0:
@@ -112,13 +126,33 @@ class Variable(StrictTable):
 
     def end(self, upper: bool) -> str:
         """A bound in words, e.g. ``<= 8 mm``."""
-        return f"<= {self.max:.6g} mm" if upper else f">= {self.min:.6g} mm"
+        side, limit = ("<=", self.max) if upper else (">=", self.min)
+        return f"{side} {limit:.6g} {self.measured_in}".rstrip()
 
     def rate(self, unit: float) -> float:
-        """Millimetres per scaled unit, there."""
+        """Millimetres (or what it is counted in) per scaled unit, there."""
         if self.logarithmic:
             return float(self.value(np.asarray(unit))) * math.log(self.max / self.min)
         return self.max - self.min
+
+
+class NumberVariable(Variable):
+    """Bounds of a number without a unit that may change: ``[-2, 2]`` for short."""
+
+    min: float
+    max: float
+    start: float | None = None
+
+    measured_in: ClassVar[str] = ""
+
+    @property
+    def logarithmic(self) -> bool:
+        """A number without a unit is never scaled by its logarithm."""
+        return False
+
+
+NUMBERS = (BENDING,)
+"""Variables without a unit."""
 
 
 def _named(name: Any) -> Any:
@@ -202,7 +236,7 @@ class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
     min: float | None = None
-    """Text with a unit for lengths, else a number."""
+    """Text with a unit for lengths, or a number in the unit that the quantity's name ends with."""
     max: float | None = None
     """The same."""
 
@@ -212,13 +246,7 @@ class Constraint(_Asked):
         quantity = info.data.get("quantity")
         if value is None or quantity is None:
             return None
-        if quantity.length:
-            from_file = bool(info.context and info.context.get("from_file"))
-            return parse_quantity(value, "length", unit_required=from_file)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            unit = f" (in {quantity.unit})" if quantity.unit else ""
-            raise ValueError(f"{info.field_name} of {quantity.name} must be a number{unit}, got {value!r}")
-        return float(value)
+        return float(quantity.limit(value, from_file=bool(info.context and info.context.get("from_file"))))
 
     @model_validator(mode="after")
     def _bounded(self) -> Constraint:
@@ -299,7 +327,15 @@ class LimitRow:
     size: float
     """How much the quantity changes where the row changes by 1, at its limit."""
     of: Callable[[Any], Array]
-    """The row, from what is `Constraint.measured`; of what every camera must be, from the cameras."""
+    """The row, from what is `Constraint.measured`; of what every camera must be, from `PosedBuilds`."""
+
+
+class PosedBuilds(NamedTuple):
+    """Cameras, and the real lenses that they stand behind."""
+
+    camera: Camera
+    lens: VariedLens | None
+    """None: ideal ones."""
 
 
 @dataclass(frozen=True)
@@ -349,10 +385,41 @@ class DesignProblem:
         numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
         return self.traced or any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
 
+    @cached_property
+    def lens_variation(self) -> LensVariation | None:
+        """How variables change the real main lens; None where it is ideal."""
+        lens = self.design.lens
+        return None if lens is None else LensVariation(lens, self.design.wavelength, float(self.design.f))
+
+    @cached_property
+    def shapes_lens(self) -> bool:
+        """Whether a variable is of the real lens itself."""
+        return self.design.lens is not None and any(varies_lens(PATHS.get(name, name)) for name in self.variables)
+
+    def _values(self, units: Array) -> dict[str, Array]:
+        """Variables by their places."""
+        return {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
+
+    def varied_lens(self, units: Array) -> VariedLens | None:
+        """The real lens at scaled variables; None behind an ideal one."""
+        if self.lens_variation is None:
+            return None
+        values = self._values(units)
+        return self.lens_variation.at({place: value for place, value in values.items() if varies_lens(place)})
+
     def values(self, units: Array) -> dict[str, Array]:
-        """Place to its values [mm], derived lengths turned into those that they set; units as for `cameras`."""
-        named = {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
-        return spread(named, self.base)
+        """Place of a camera to its values [mm]; units as for `cameras`.
+
+        Derived lengths are turned into those that they set, and what varies of a real lens into its focal length.
+        """
+        values = self._values(units)
+        if self.shapes_lens:
+            assert self.lens_variation is not None
+            own = {place: value for place, value in values.items() if varies_lens(place)}
+            values = {place: value for place, value in values.items() if place not in own}
+            if own.keys() - {BENDING}:
+                values[FOCAL] = self.lens_variation.at(own).focal_length
+        return spread(values, self.base)
 
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
@@ -372,15 +439,15 @@ class DesignProblem:
         camera, symbols = self.cameras(unit), {place: symbol for symbol, place in PATHS.items()}
         return {symbols.get(place, place): float(camera[place]) for place in dict.fromkeys(moved) if place not in own}
 
-    def traces(self, cameras: Camera) -> FieldTraces | None:
+    def traces(self, cameras: Camera, lens: VariedLens | None = None) -> FieldTraces | None:
         """What lies at the fields of cameras behind a real lens; None behind an ideal one, or where none is asked."""
         fields = tuple(dict.fromkeys(p.field for p in (*self.goals, *self.constraints) if p.field is not None))
-        return None if self.design.lens is None or not fields else FieldTraces(self.design, fields, cameras)
+        return None if self.design.lens is None or not fields else FieldTraces(self.design, fields, cameras, lens)
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
         cameras = self.cameras(unit[None])
-        return float(np.ravel(part.values(cameras, self.traces(cameras)))[0])
+        return float(np.ravel(part.values(cameras, self.traces(cameras, self.varied_lens(unit[None]))))[0])
 
     def design_at(self, unit: Array, name: str = "") -> Design:
         """The design at one point.
@@ -394,7 +461,20 @@ class DesignProblem:
         changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()))
         given = {place: value for place, value in self.given.items() if place != TIP}
         changes = {place: float(np.ravel(camera[place])[0]) for place in changed}
+        if self.shapes_lens:
+            changes |= self._lens_at(unit)
+            changes.pop(FOCAL, None)
+            if not changes.keys() & CONJUGATES[1:]:
+                changes[CONJUGATES[2]] = float(np.ravel(camera.d_1)[0])
         return self.design.replace({**given, **changes, "name": name or f"{self.name}, optimised"})
+
+    def _lens_at(self, unit: Array) -> dict[str, Any]:
+        """The real lens at one point, as it stands in the camera."""
+        assert self.lens_variation is not None
+        values = {place: float(value) for place, value in self._values(unit).items() if varies_lens(place)}
+        lens = self.lens_variation.prescription(values)
+        named = replace(lens, name=lens.name if lens.name.endswith(CUSTOM) else f"{lens.name}{CUSTOM}")
+        return {"main_lens.prescription": named, "main_lens.reversed": False}
 
     @cached_property
     def rows(self) -> tuple[LimitRow, ...]:
@@ -405,7 +485,7 @@ class DesignProblem:
         """What every camera must be, whatever the limits."""
 
         def row(label: str, room: Callable[[Camera], Number]) -> LimitRow:
-            return LimitRow(-1, "min", label, 1.0, lambda camera: np.asarray(ROOM - room(camera)))
+            return _own(label, lambda builds: room(builds.camera))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
         if not (plane and distance):
@@ -419,8 +499,15 @@ class DesignProblem:
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
         if self.design.lens is not None:
-            for clearance in clearances(self.design, {*self._set_places, *self.given}):
-                yield row(clearance.label, clearance.room)
+            standing = self.base.numbers if self.shapes_lens else {*self._set_places, *self.given}
+            for clearance in clearances(self.design, set(standing)):
+                yield _own(clearance.label, lambda builds, c=clearance: c.room(*builds))  # type: ignore[misc]
+        if self.shapes_lens:
+            lens, focal = self.varied_lens(np.full(self.n, 0.5)), float(self.design.f)
+            assert lens is not None
+            yield _own("a lens that converges light", lambda builds: focal / builds.lens.focal_length)  # type: ignore[union-attr]
+            for label in lens.rooms:
+                yield _own(label, lambda builds, label=label: builds.lens.rooms[label])  # type: ignore[misc]
 
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
         """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
@@ -476,27 +563,30 @@ class DesignProblem:
         if self.scales is not None:
             return self.scales
         with np.errstate(all="ignore"):
-            cameras = self.cameras(sobol_units(self.n, 64, 0))
-            traces = self.traces(cameras)
+            units = sobol_units(self.n, 64, 0)
+            cameras = self.cameras(units)
+            traces = self.traces(cameras, self.varied_lens(units))
             limited = tuple(_spread_of(constraint.values(cameras, traces)) for constraint in self.constraints)
             return limited, tuple(_spread_of(goal.values(cameras, traces)) for goal in self.goals)
 
     def vector(self, units: Array) -> Array:
         """Merit and rows, shape (1 + rows, N), for units (N, n); not finite where there is no such number."""
         with np.errstate(all="ignore"):
-            cameras = self.cameras(units)
+            cameras, lens = self.cameras(units), self.varied_lens(units)
             result = np.empty((1 + len(self.rows), len(units)))
-            traces = self.traces(cameras)
+            traces = self.traces(cameras, lens)
             result[0] = self.merit(cameras, traces)
-            result[1:] = self.rows_of(cameras, len(units), traces)
+            result[1:] = self.rows_of(cameras, len(units), traces, lens)
         return result
 
-    def rows_of(self, cameras: Camera, count: int, traces: FieldTraces | None = None) -> Array:
-        """Rows of so many cameras, these or builds of a design; shape (rows, N)."""
+    def rows_of(
+        self, cameras: Camera, count: int, traces: FieldTraces | None = None, lens: VariedLens | None = None
+    ) -> Array:
+        """Rows of so many cameras, these or builds of a design behind an ideal lens; shape (rows, N)."""
         result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
-            traces = traces or self.traces(cameras)
-            measured = [*(constraint.measured(cameras, traces) for constraint in self.constraints), cameras]
+            values = [constraint.measured(cameras, traces) for constraint in self.constraints]
+            measured = [*values, PosedBuilds(cameras, lens)]
             for number, row in enumerate(self.rows):
                 result[number] = row.of(measured[row.constraint])
         return result
@@ -504,7 +594,6 @@ class DesignProblem:
     def merit(self, cameras: Camera, traces: FieldTraces | None = None) -> Array:
         """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
-        traces = traces or self.traces(cameras)
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
             value = goal.values(cameras, traces)
             total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
@@ -523,6 +612,11 @@ class DesignProblem:
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep))
 
 
+def _own(label: str, room: Callable[[PosedBuilds], Number]) -> LimitRow:
+    """What every camera must be: not below 0."""
+    return LimitRow(-1, "min", label, 1.0, lambda builds: np.asarray(ROOM - room(builds)))
+
+
 def _after(row: Callable[[Array], Array], pick: Callable[[Array], Array]) -> Callable[[Array], Array]:
     return lambda measured: row(pick(measured))
 
@@ -532,16 +626,32 @@ def sobol_units(n: int, count: int, seed: int) -> Array:
     return np.ascontiguousarray(sobol_points(n, 0, count, seed).T)
 
 
+def promising_starts(problem: DesignProblem, starts: Sequence[Array], count: int, seed: int) -> list[Array]:
+    """So many of some starts: behind a real lens those first where its rays come through, others in place of the rest.
+
+    Where an image is folded or dark there is no number to go by, and a search that begins there ends there.
+    """
+    if not problem.traced or not problem.n:
+        return list(starts)[:count]
+    every = [*starts, *sobol_units(problem.n, TRIED * count, seed + 1)]
+    values = problem.vector(np.clip(np.stack(every), 0.0, 1.0))
+    order = np.argsort(~np.isfinite(values).all(axis=0), kind="stable")
+    return [every[k] for k in order[:count]]
+
+
 IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.decentre")
 """In places that no quantity of a straight camera depends on."""
 
 
-def name_faults(names: Sequence[str], numbers: Mapping[str, Number]) -> Iterator[str]:
-    """What is wrong with variables' names, in a design with these numbers: not known, or setting a place twice."""
+def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequence[str] = ()) -> Iterator[str]:
+    """What is wrong with variables' names: not known, or setting a place twice.
+
+    In a design with these numbers, and a real lens with places of its `own`.
+    """
     idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in SEEING]
     lengths = [place for place in built if not any(word in place for word in idle)]
-    known = dict.fromkeys([*PATHS, *lengths, *DERIVED])
+    known = dict.fromkeys([*PATHS, *lengths, *DERIVED, *own])
     for name in names:
         if name not in known:
             yield f"'{name}' is nothing that can vary; {nearest(name, known)}"

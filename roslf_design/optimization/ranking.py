@@ -10,7 +10,7 @@ corners, and corners are cheap. Quantities for which that does not hold bound no
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -18,18 +18,45 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, REFRACTING
+from ..design.real_lens import focal_length_at
+from ..errors import InputError, Problem
 from ..lenses.glass import Glass
+from ..lenses.prescription import Prescription
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
+from ..tolerancing.places import in_lens
 from ..tolerancing.study import StrictTable
-from .parts import Catalogue, Entry, Kind, given_by, placed
-from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, sobol_units
+from ..toml_files import nearest
+from ..traced.camera import camera_of
+from .lens_variables import why_not_bent
+from .parts import (
+    KINDS,
+    LENS_PRESCRIPTION,
+    LENS_REVERSED,
+    ORIENTATIONS,
+    Catalogue,
+    Choice,
+    Entry,
+    Kind,
+    LensPart,
+    Option,
+    SensorPart,
+    given_by,
+    glass_choices,
+    parse_condition,
+    placed,
+    read_condition,
+    rows,
+)
+from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, promising_starts, sobol_units
 from .search import QUICK, Search, SearchBudget, search
+
+FOCAL, _, DISTANCE = CONJUGATES
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -51,14 +78,29 @@ AT_ONCE = 10
 MOST_BOXES = 200_000
 """Beyond, splitting stops and the rest is optimised in the order of bounds."""
 ROUNDS = 16
+TRIED = 64
+"""Places from which a first camera behind another lens is looked for."""
 TIES = 1e-3
 """Merit within which quick searches do not decide: such combinations are searched again, thoroughly, in the end."""
+
+
+def _condition(text: str) -> str:
+    parse_condition(text)
+    return text
+
+
+Conditions = tuple[Annotated[str, AfterValidator(_condition)], ...]
 
 
 class CatalogueTable(StrictTable):
     """Parts to choose among."""
 
-    kinds: Annotated[tuple[Kind, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
+    kinds: Annotated[tuple[Choice, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
+    """Of a real main lens also which way round it stands, and what a custom one is made of."""
+    where: dict[Kind, Conditions] = Field(default_factory=dict)
+    """Kind to conditions for its parts, as `roslf catalogue --where` takes them: lenses = ["focal_length<=20 mm"]."""
+    only: dict[Choice, tuple[str, ...]] = Field(default_factory=dict)
+    """Kind to names of those parts, or glasses, alone: lenses = ["AC050-008-A", "AC080-016-A"]."""
     files: tuple[str, ...] = ()
     """Further catalogue files, beside the study."""
     shipped: bool = True
@@ -66,6 +108,59 @@ class CatalogueTable(StrictTable):
     element: Annotated[int, Field(ge=0)] | None = None
     """For which of [[elements]], from 0, a window is chosen; may be left out where there is one plate."""
     keep: Annotated[int, Field(ge=1, le=100)] = 10
+
+    def faults_behind(self, lens: Prescription, shaped: Sequence[str]) -> Iterator[Problem]:
+        """What does not go together with a real main lens, of which places vary."""
+        if "windows" in self.kinds:
+            words = f"with a real main lens ({lens.name}) windows are not chosen; leave the kind out"
+            yield Problem("catalogue.kinds", words)
+        if "lenses" in self.kinds and "glasses" in self.kinds:
+            yield Problem("catalogue.kinds", "a bought lens has its glasses; leave lenses or glasses out")
+        if "lenses" in self.kinds and shaped:
+            words = f"a bought lens stays as it is, and '{shaped[0]}' varies; drop it, or leave the kind lenses out"
+            yield Problem("catalogue.kinds", words)
+        wrong = why_not_bent(lens) if "glasses" in self.kinds else None
+        if wrong is not None:
+            words = f"glasses are chosen for spherical singlets and cemented doublets ({lens.name}: {wrong})"
+            yield Problem("catalogue.kinds", f"{words}; leave the kind out")
+
+    def chosen(self, catalogue: Catalogue, *, traced: bool) -> Catalogue:
+        """The parts of a catalogue that a study asks for; behind a real main lens lenses that have a prescription.
+
+        Raises
+        ------
+        InputError
+            A name that no part has, conditions that none meets, no lens to trace.
+        """
+        left: dict[str, tuple[Entry, ...]] = {}
+        faults: list[Problem] = []
+        for kind in (kind for kind in KINDS if kind in self.kinds):
+            parts, names = catalogue.of(kind), self.only.get(kind)
+            tell = f"holds no {kind}; add some, or leave the kind out"
+            known = [part.part for part in parts]
+            for name in names or ():
+                if name not in known:
+                    words = f"'{name}' is no part of the catalogue; {nearest(name, known, 'see `roslf catalogue`')}"
+                    faults.append(Problem(f"catalogue.only.{kind}", words))
+            conditions = [read_condition(text) for text in self.where.get(kind, ())]
+            rows_of_kind = zip(parts, rows(catalogue, [kind]), strict=True)
+            parts = tuple(part for part, row in rows_of_kind if all(holds(row) for holds in conditions))
+            if known and not parts:
+                asked = " and ".join(self.where[kind])
+                tell = (
+                    f"none of {len(known)} {kind.replace('_', ' ')} meets {asked}; see `roslf catalogue --kind {kind}`"
+                )
+            if names is not None:
+                parts = tuple(part for part in parts if part.part in names)
+            if traced and kind == "lenses" and parts:
+                tell = "of the lenses asked for none has a prescription that could be traced; see `roslf catalogue`"
+                parts = tuple(part for part in parts if isinstance(part, LensPart) and part.prescription is not None)
+            if not parts and not faults:
+                faults.append(Problem("catalogue", tell))
+            left[kind] = parts
+        if faults:
+            raise InputError(tuple(faults))
+        return catalogue.model_copy(update=left)
 
     def plate(self, design: Design) -> int | None:
         """The element that windows are chosen for; None where none are.
@@ -92,19 +187,29 @@ class Combinations:
     """Every combination of some kinds of parts, numbered with the last kind running fastest."""
 
     problem: DesignProblem
-    kinds: tuple[Kind, ...]
-    parts: tuple[tuple[Entry, ...], ...]
+    kinds: tuple[Choice, ...]
+    parts: tuple[tuple[Option, ...], ...]
     """Of each kind."""
     element: int | None = None
     """Which of the design's a window is for."""
 
     @classmethod
     def of(
-        cls, problem: DesignProblem, catalogue: Catalogue, kinds: Sequence[Kind], element: int | None = None
+        cls,
+        problem: DesignProblem,
+        catalogue: Catalogue,
+        kinds: Sequence[Choice],
+        element: int | None = None,
+        glasses: Sequence[str] = (),
     ) -> Combinations:
         """Combinations of a catalogue; kinds left out keep the base design's part.
 
         What the parts give does not vary any more; an array's microlenses have the focal length that they have.
+
+        Raises
+        ------
+        InputError
+            A glass that is not known; none that the lens can be made of.
         """
         if element is not None and problem.design.elements[element].diameter is None:  # any, for parts to replace
             problem = replace(problem, design=problem.design.replace({f"elements.{element}.diameter": 1.0}))
@@ -112,7 +217,20 @@ class Combinations:
         left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds
         posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
-        return cls(posed.with_scales(), tuple(kinds), tuple(catalogue.of(kind) for kind in kinds), element)
+        lens = problem.design.main_lens.prescription
+        parts: list[tuple[Option, ...]] = []
+        for kind in kinds:
+            if kind == "orientations":
+                parts.append(ORIENTATIONS)
+            elif kind == "glasses":
+                assert lens is not None
+                parts.append(glass_choices(lens, glasses, problem.design.wavelength))
+                if not parts[-1]:
+                    words = f"{lens.name} cannot be made of these glasses in its focal length; name others"
+                    raise InputError((Problem("catalogue.only.glasses", words),))
+            else:
+                parts.append(catalogue.of(kind))
+        return cls(posed.with_scales(), tuple(kinds), tuple(parts), element)
 
     @property
     def _shape(self) -> tuple[int, ...]:
@@ -121,7 +239,7 @@ class Combinations:
     def __len__(self) -> int:
         return int(np.prod(self._shape))
 
-    def chosen(self, number: int) -> tuple[Entry, ...]:
+    def chosen(self, number: int) -> tuple[Option, ...]:
         """The parts of a combination."""
         return tuple(parts[i] for parts, i in zip(self.parts, np.unravel_index(number, self._shape), strict=True))
 
@@ -132,10 +250,15 @@ class Combinations:
             for parts in self.parts
         ]
 
-    def _numbers(self, part: Entry) -> dict[str, Any]:
+    def _numbers(self, part: Option) -> dict[str, Any]:
         """What a part gives by its place; of a material also the index that the problem's light has in it."""
         numbers = {placed(place, self.element): value for place, value in part.numbers.items()}
         wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
+        if isinstance(part, LensPart) and self.problem.design.lens is not None and part.prescription is not None:
+            lens = part.prescription
+            if environment is not None:
+                lens = lens.warmed(environment.temperature, environment.expansion)
+            numbers |= {LENS_PRESCRIPTION: part.prescription, FOCAL: focal_length_at(lens, wavelength)}
         warm = None if environment is None else environment.temperature
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
         return numbers | {
@@ -154,9 +277,48 @@ class Combinations:
         }
 
     def problem_at(self, number: int) -> DesignProblem:
-        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens."""
-        numbers = {place: value for part in self.chosen(number) for place, value in self._numbers(part).items()}
-        return replace(self.problem, given={**self.problem.given, **numbers})
+        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
+
+        Here alone it counts what only some sensors' entries say (colour filters, acceptance).
+
+        Raises
+        ------
+        InputError
+            Behind a real lens: within the variables' bounds there is no camera.
+        """
+        parts = self.chosen(number)
+        numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
+        design, given = self.problem.design, {**self.problem.given, **numbers}
+        if said := {
+            place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()
+        }:
+            design = design.replace(said)
+        own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
+        if own:
+            own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
+            given.pop(FOCAL, None)
+            design = self._behind(own, design)
+        return replace(self.problem, design=design, given=given)
+
+    def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
+        """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
+        problem = self.problem
+        units = sobol_units(problem.n, TRIED, 0)
+        numbers = problem.values(units) if problem.n else {}
+        numbers = {place: value for place, value in numbers.items() if place != FOCAL}
+        fault = InputError((Problem("catalogue", "no camera"),))
+        for k in range(-1, len(units)):
+            moved = {place: float(value[k]) for place, value in numbers.items()} if k >= 0 else {}
+            if not moved.keys() & CONJUGATES[1:]:
+                moved[DISTANCE] = float(base.d_1)
+            try:
+                design = base.replace({**own, **moved})
+                camera_of(design)
+            except InputError as error:
+                fault = error
+            else:
+                return design
+        raise fault
 
 
 class Boxes:
@@ -224,6 +386,8 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box
     if quantity.bent_in_f and CONJUGATES[0] in names:
+        return False
+    if any(in_lens(name) for name in names):
         return False
     if names & (DERIVED.keys() - {"working_distance"}):
         return False
@@ -394,8 +558,13 @@ def rank(
     budget: SearchBudget,
     seed: int = 0,
     tell: Callable[[str], None] = lambda _: None,
+    starts: int = 2,
 ) -> Ranking:
-    """Find the `keep` best combinations; where the budget is spent those that are best so far."""
+    """Find the `keep` best combinations; where the budget is spent those that are best so far.
+
+    Of closed forms the first of two starts that ends at a design counts; behind real lenses, where kinks may stop a
+    search, the best of all `starts`.
+    """
     began = time.monotonic()
     n, count = combinations.problem.n, len(combinations)
     middle = sobol_units(n, 1, seed)[0]
@@ -415,11 +584,20 @@ def rank(
 
     def optimise(number: int, low: Array, high: Array) -> None:
         done[number] = True
-        for start in ((low + high) / 2, low + middle * (high - low)):
-            result = search(combinations.problem_at(number).vector, start, budget, 80, QUICK)
-            if result.feasible:
-                best[:] = sorted([*best, Ranked(number, result)], key=_order)[: 3 * keep]
-                return
+        try:
+            problem = combinations.problem_at(number)
+        except InputError:
+            return  # no camera
+        begin = [(low + high) / 2, low + middle * (high - low)]
+        results: list[Search] = []
+        for start in promising_starts(problem, begin, starts if problem.traced else 2, seed):
+            result = search(problem.vector, start, budget, 80, max(QUICK, problem.finest))
+            results += [result] if result.feasible else []
+            if results and not problem.traced:
+                break
+        if results:
+            ranked = Ranked(number, min(results, key=lambda result: result.merit))
+            best[:] = sorted([*best, ranked], key=_order)[: 3 * keep]
 
     splitting, turn = True, 0
     while not budget.ended:
@@ -446,7 +624,8 @@ def rank(
         turn += 1
     polished = []
     for ranked in [each for each in best if each.search.merit < threshold()]:
-        again = search(combinations.problem_at(ranked.number).vector, ranked.search.unit, budget.at_least(1000, 10.0))
+        problem = combinations.problem_at(ranked.number)
+        again = search(problem.vector, ranked.search.unit, budget.at_least(1000, 10.0), tolerance=problem.finest)
         better = again.feasible and again.merit < ranked.search.merit
         polished.append(Ranked(ranked.number, again) if better else ranked)
     best = sorted(polished, key=_order)[:keep]

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
-from .problem import Constraint, DesignProblem, Goal, Side, sobol_units
+from .problem import Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
 from .search import (
     FEASIBLE,
     FTOL,
@@ -290,7 +290,8 @@ def _starts(problem: DesignProblem, settings: Settings) -> list[Array]:
         for v in bounds
     ]
     given = [np.array(first)] if any(v.start is not None for v in bounds) else []
-    return [*given, *sobol_units(problem.n, settings.starts, settings.seed)]
+    points = sobol_units(problem.n, settings.starts, settings.seed)
+    return [*given, *promising_starts(problem, list(points), settings.starts, settings.seed)]
 
 
 def _solve(
@@ -500,7 +501,7 @@ class _Pool:
         self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
 
     def add(self, units: Array) -> None:
-        good = self.problem.rows_of(self.problem.cameras(units), len(units)) <= FEASIBLE
+        good = replace(self.problem, goals=()).vector(units)[1:] <= FEASIBLE
         owner = np.array([row.constraint for row in self.problem.rows])
         each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
         for column in np.unique(each[:, each[0]], axis=1).T:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
 from ..camera import TIP, Camera
@@ -19,12 +21,17 @@ from ..design.files import expect_kind, load_beside
 from ..design.parts import Stop
 from ..errors import InputError, Problem
 from ..json_data import plain
+from ..lenses.glass import find_glass
+from ..lenses.manufacture import lens_places
+from ..lenses.prescription import Prescription
+from ..tolerancing.places import LENS
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
+from .lens_variables import BENDING, lens_faults, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import Constraint, DesignProblem, Goal, Variable, name_faults
+from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
 from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
@@ -39,10 +46,10 @@ from .solve import (
     pareto_front,
     solve,
 )
-from .traces import FIXED, Retrace, faults_behind, retraced
+from .traces import Retrace, faults_behind, retraced
 
 SCHEMA = "roslf.optimization/1"
-DIVERGES = re.compile(r"elements\.\d+\.focal_length")
+DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
 """Places that may be below 0."""
 
 
@@ -73,7 +80,7 @@ class StudyTable(StrictTable):
     def _some(cls, value: Any) -> Any:
         if not isinstance(value, Mapping) or not value:
             raise ValueError('nothing may vary; add a table [variables] with e.g. d_3 = ["0.5 mm", "8 mm"]')
-        return value
+        return {name: _number_bounds(name, own) if name in NUMBERS else own for name, own in value.items()}
 
     @field_validator("goals", mode="before")
     @classmethod
@@ -90,12 +97,17 @@ class StudyTable(StrictTable):
     def faults(self, design: Design) -> Iterator[Problem]:
         """What does not go together, in a study of a design."""
         names, numbers = tuple(self.variables), Camera.of(design).numbers
-        yield from (Problem("variables", words) for words in name_faults(names, numbers))
+        own = () if design.lens is None else (BENDING, *(f"{LENS}{place}" for place in lens_places(design.lens)))
+        yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
         for name, variable in self.variables.items():
+            if name in NUMBERS:
+                continue
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
                 yield Problem(f"variables.{name}", "min must be greater than zero")
             if variable.min < 0 and not DIVERGES.fullmatch(name):
-                yield Problem(f"variables.{name}", "min must not be negative; only an element's focal length may be")
+                yield Problem(
+                    f"variables.{name}", "min must not be negative; only an element's focal length may be, or a radius"
+                )
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         half = [side / 2 for side in design.microlens_array.size]
@@ -108,13 +120,17 @@ class StudyTable(StrictTable):
                     words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
                     yield Problem(f"{key}.{number}.field", words)
         if design.lens is not None:
-            yield from self._faults_behind(design, design.lens.name)
+            yield from self._faults_behind(design, design.lens)
         goals = [goal.quantity.name for goal in self.goals]
         for name in self.pareto.goals if self.pareto is not None else ():
             if name not in goals:
                 hint = nearest(name, goals, f"goals are {', '.join(goals)}")
                 yield Problem("pareto.goals", f"'{name}' is not among [[goals]]; {hint}")
         if self.catalogue is not None:
+            of_lens = sorted({"orientations", "glasses"} & {*self.catalogue.kinds})
+            if of_lens and design.lens is None:
+                words = f"{of_lens[0]} are of a real main lens and this design's is ideal; leave the kind out"
+                yield Problem("catalogue.kinds", words)
             varied = {PATHS.get(name, name) for name in names}
             element = None
             try:
@@ -129,22 +145,32 @@ class StudyTable(StrictTable):
                 words = "with a lens from it, d_f and d_1 cannot both vary; drop one of them"
                 yield Problem("catalogue", words)
 
-    def _faults_behind(self, design: Design, lens: str) -> Iterator[Problem]:
+    def _faults_behind(self, design: Design, lens: Prescription) -> Iterator[Problem]:
         """What does not go together with a real main lens."""
-        for name in self.variables:
-            if PATHS.get(name, name) in FIXED:
-                words = f"'{name}' is the real lens's own ({lens}); drop it, or take an ideal main lens to choose it"
-                yield Problem("variables", words)
+        places = {PATHS.get(name, name) for name in self.variables}
+        shaped = sorted(place for place in places if varies_lens(place))
+        if PATHS["D"] in places:
+            words = f"'D' is the real lens's own ({lens.name}); drop it, or take an ideal main lens to choose it"
+            yield Problem("variables", words)
+        yield from (Problem("variables", words) for words in lens_faults(lens, places))
+        if places & {CONJUGATES[1], "working_distance"} and CONJUGATES[2] in places:
+            yield Problem(
+                "variables", f"the real lens ({lens.name}) has its f, so d_f and d_1 cannot both vary; drop one"
+            )
+        if shaped and PATHS["wavelength"] in places:
+            yield Problem("variables", f"'wavelength' and the lens itself ('{shaped[0]}') cannot both vary; drop one")
         if self.robust is not None:
             words = "is for ideal main lenses; find the optimum without it and see `roslf tolerance` with best.toml"
             yield Problem("robust", words)
-        if self.catalogue is not None and {"lenses", "windows"} & {*self.catalogue.kinds}:
-            words = f'with a real main lens ({lens}) arrays and sensors are chosen; write kinds = ["microlens_arrays"]'
-            yield Problem("catalogue.kinds", words)
+        if self.catalogue is not None:
+            yield from self.catalogue.faults_behind(lens, shaped)
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
             for number, part in enumerate(parts, 1):
                 for words in faults_behind(design, part.quantity.name, part.quantity, part.field is not None):
                     yield Problem(f"{key}.{number}", words)
+                if shaped and part.temperature is not None:
+                    words = f"is not asked where the lens itself varies ('{shaped[0]}'); drop one of them"
+                    yield Problem(f"{key}.{number}.temperature", words)
 
     def posed(self, design: Design) -> DesignProblem:
         """The problem on a base design; a bore takes the place of the design's own stops."""
@@ -160,6 +186,14 @@ class StudyTable(StrictTable):
             in_focus=self.microlens_in_focus,
             given={TIP: max(rim.distance for rim in self.rims)} if self.rims else {},
         )
+
+
+def _number_bounds(name: str, value: Any) -> Variable:
+    try:
+        return NumberVariable.model_validate(value, context={"from_file": True})
+    except ValidationError as error:
+        problem = problems_of(error, NumberVariable)[0]
+        raise ValueError(f"{name}: {problem.message}; it has no unit, write e.g. [-2, 2]") from None
 
 
 @dataclass(frozen=True)
@@ -238,6 +272,8 @@ class Result:
     ranking: Ranking | None
     retrace: Retrace | None
     """Behind a real lens."""
+    part_retraces: tuple[Retrace, ...]
+    """The same of the best combinations of parts, in their order."""
     seconds: float
 
 
@@ -256,11 +292,10 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         scatter = scatter_of(table.robust, problem.design, settings.seed)
     if table.catalogue is not None:
         files = [study.folder / name for name in table.catalogue.files]
-        catalogue = load_catalogue(files, shipped=table.catalogue.shipped)
-        empty = [kind for kind in table.catalogue.kinds if not catalogue.of(kind)]
-        if empty:
-            words = f"holds no {', '.join(empty)}; add some, or leave the kind out"
-            raise InputError((Problem("catalogue", words),))
+        shipped = load_catalogue(files, shipped=table.catalogue.shipped)
+        catalogue = table.catalogue.chosen(shipped, traced=problem.design.lens is not None)
+        for name in table.catalogue.only.get("glasses", ()):
+            _ = find_glass(name)
     if table.rims:
         answer, bore = solve_through(problem, table.rims, settings, tell)
         problem = answer.asked
@@ -273,19 +308,27 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         robust = maximise_robustness(problem, table.robust, scatter, answer.unit, settings.fresh(), tell)
     if table.catalogue is not None:
         element = table.catalogue.plate(problem.design)
-        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element)
-        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell)
-    retrace = _retraced(answer) if problem.design.lens is not None and answer.feasible else None
-    return Result(study, answer, bore, front, robust, ranking, retrace, time.monotonic() - began)
+        glasses = table.catalogue.only.get("glasses", ())
+        combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element, glasses)
+        ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts)
+    retrace, part_retraces = None, list[Retrace]()
+    if problem.design.lens is not None and answer.feasible:
+        asked: tuple[Goal | Constraint, ...] = (*answer.asked.goals, *answer.asked.constraints)
+        retrace = _retraced(answer.problem, asked, answer.unit)
+    if problem.design.lens is not None and ranking is not None:
+        for place, ranked in enumerate(ranking.best, 1):
+            tell(f"tracing combination {place} of {len(ranking.best)} again")
+            posed = ranking.combinations.problem_at(ranked.number)
+            part_retraces.append(_retraced(posed, (*posed.goals, *posed.constraints), ranked.search.unit))
+    seconds = time.monotonic() - began
+    return Result(study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds)
 
 
-def _retraced(answer: Answer) -> Retrace:
-    """The optimum as its design file has it, traced again."""
-    best = answer.problem.design_at(answer.unit)
-    asked: tuple[Constraint | Goal, ...] = (*answer.asked.goals, *answer.asked.constraints)
+def _retraced(problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: NDArray[np.float64]) -> Retrace:
+    """An optimum as its design file has it, traced again."""
     parts = [part for part in asked if part.temperature is None]
-    at_fields = [(part.quantity, part.field, answer.number(part)) for part in parts if part.field is not None]
-    return retraced(best, at_fields)
+    at_fields = [(part.quantity, part.field, problem.number(part, unit)) for part in parts if part.field is not None]
+    return retraced(problem.design_at(unit), at_fields)
 
 
 def designs(result: Result) -> Iterator[tuple[str, Design]]:
@@ -320,7 +363,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "base_design": answer.problem.design.name,
         "seed": result.study.settings.seed,
         "status": "optimal" if answer.feasible else "infeasible",
-        "variables_mm": answer.variables(),
+        **_variables(answer.variables()),
         "following_mm": answer.followers(),
         "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
         "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
@@ -333,8 +376,8 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "bore": result.bore,
         "front": None if result.front is None else _front(result.front),
         "robust": _robust(result),
-        "catalogue": None if result.ranking is None else _ranking(result.ranking, timings),
-        "loose_variables_mm": answer.loose(),
+        "catalogue": None if result.ranking is None else _ranking(result.ranking, result.part_retraces, timings),
+        "loose_variables_mm": {name: ends for name, ends in answer.loose().items() if name not in NUMBERS},
         "notes": answer.notes,
     }
     if result.retrace is not None:
@@ -429,7 +472,13 @@ def _robust(result: Result) -> dict[str, Any] | None:
     }
 
 
-def _ranking(ranking: Ranking, timings: bool) -> dict[str, Any]:
+def _variables(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths, and beside them a lens's shape factor where it varies."""
+    lengths = {name: value for name, value in values.items() if name not in NUMBERS}
+    return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
+
+
+def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
     rows = []
     for place, ranked in enumerate(ranking.best, 1):
         problem, unit = ranking.combinations.problem_at(ranked.number), ranked.search.unit
@@ -439,8 +488,9 @@ def _ranking(ranking: Ranking, timings: bool) -> dict[str, Any]:
                 "rank": place,
                 "parts": dict(zip(ranking.combinations.kinds, parts, strict=True)),
                 "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
-                "variables_mm": problem.named(unit),
+                **_variables(problem.named(unit)),
                 "file": f"parts-{place:02d}.toml",
+                **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
             }
         )
     told = {

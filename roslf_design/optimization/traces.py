@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,20 @@ from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
 from ..design.environment import TEMPERATURE
+from ..lenses.prescription import first_order
 from ..theory.quantities import Quantity
 from ..tolerancing.ideal import IdealBuilds
 from ..tolerancing.metrics import Question, builds_of
-from ..tolerancing.traced import TraceCheck, TracedBuilds, check_traced, mounted
+from ..tolerancing.places import LENS
+from ..tolerancing.traced import TraceCheck, TracedBuilds, check_traced
+from .lens_variables import VariedLens
 
 Array = NDArray[np.float64]
 Field = tuple[float, float]
 """A microlens's place on the array [mm]."""
 
-FIXED = (CONJUGATES[0], PATHS["D"])
-"""What a real lens gives."""
+AHEAD = ("aperture", "stops.", "elements.")
+"""What begins the places of all that stands before the lens."""
 AS_IF_THIN = {
     "distortion_percent": "the lens's distortion",
     "local_magnification": "how the lens's magnification changes over the field",
@@ -60,27 +64,46 @@ class FieldTraces:
     Parameters
     ----------
     design : Design
-        Behind a real lens, which all the cameras have.
+        Behind a real lens.
     fields : tuple of (x, y)
         Every field that will be asked about [mm].
     camera : Camera
         T builds; what it has otherwise than the design is how they differ.
+    lens : VariedLens, optional
+        Of the same builds, where it is not the design's own.
     own : bool
         Whether they are the design itself, whose folded images are then left undefined.
     """
 
-    def __init__(self, design: Design, fields: tuple[Field, ...], camera: Camera, *, own: bool = False) -> None:
+    def __init__(
+        self,
+        design: Design,
+        fields: tuple[Field, ...],
+        camera: Camera,
+        lens: VariedLens | None = None,
+        *,
+        own: bool = False,
+    ) -> None:
         self.design, self.fields, self.camera, self.own = design, fields, camera, own
+        self.lens = lens if lens is not None and lens.places else None
         self._builds: dict[float | None, tuple[IdealBuilds, NDArray[np.bool_]]] = {}
 
     @property
     def numbers(self) -> dict[str, Array]:
         """Place to what builds have there, where that is not the design's own number, (T,) each."""
-        own, builds = Camera.of(self.design).numbers, self.camera.shape or (1,)
+        shaped = () if self.lens is None else np.shape(self.lens.focal_length)
+        own, builds = Camera.of(self.design).numbers, np.broadcast_shapes(self.camera.shape or (1,), shaped)
         kept = {*SEEING, *CONJUGATES, TIP}
         moved = {place: v for place, v in self.camera.numbers.items() if place not in kept}
         moved = {place: v for place, v in moved.items() if not np.array_equal(v, own[place])}
         moved[CONJUGATES[2]] = self.camera[CONJUGATES[2]]
+        if self.lens is not None:  # distances count from the drawn lens's principal planes there, here from its own
+            drawn = first_order(self.design.lens, self.design.wavelength)  # type: ignore[arg-type]
+            stands = [place for place in own if place.endswith(".distance") and place.startswith(AHEAD)]
+            ahead = drawn.front_principal - self.lens.front_principal
+            moved |= {place: self.camera[place] + ahead for place in stands}
+            moved[CONJUGATES[2]] = moved[CONJUGATES[2]] + (self.lens.rear_principal - drawn.rear_principal)
+            moved |= {f"{LENS}{place}": value for place, value in self.lens.places.items()}
         return {place: np.broadcast_to(np.asarray(v, float), builds).copy() for place, v in moved.items()}
 
     def at(self, quantity: Quantity, field: Field, temperature: float | None = None) -> Array:
@@ -107,26 +130,26 @@ class Clearance:
     """What must not stand inside a real lens."""
 
     label: str
-    room: Callable[[Camera], Number]
+    room: Callable[[Camera, VariedLens], Number]
     """In units of the lens's focal length; not below 0."""
 
 
 def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
     """Of the array, and of stops and elements of which places move."""
-    mount, focal = mounted(design, {}, 1), float(Camera.of(design).f)
-    lens = mount.lens
-    behind = float(lens.rear[0] - lens.rear_principal[0])
-    ahead = float(lens.front_principal[0] - lens.front[0])
+    focal = float(Camera.of(design).f)
 
-    def array(c: Camera) -> Number:
+    def array(c: Camera, lens: VariedLens) -> Number:
         before = 0.0 if c.chain is None else c.chain.before_array(c.numbers)
-        return (c[CONJUGATES[2]] - before - behind) / focal
+        return (c[CONJUGATES[2]] - before - (lens.rear - lens.rear_principal)) / focal
+
+    def ahead(c: Camera, lens: VariedLens, place: str) -> Number:
+        return (c[place] - (lens.front_principal - lens.front)) / focal
 
     yield Clearance("the array behind the lens's last surface", array)
     for place in sorted(moved):
         part, _, name = place.rpartition(".")
-        if name == "distance" and part.startswith(("aperture", "stops.", "elements.")):
-            yield Clearance(f"{part} before the lens's first surface", lambda c, p=place: (c[p] - ahead) / focal)  # type: ignore[misc]
+        if name == "distance" and part.startswith(AHEAD):
+            yield Clearance(f"{part} before the lens's first surface", partial(ahead, place=place))
 
 
 @dataclass(frozen=True)

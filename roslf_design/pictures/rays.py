@@ -470,6 +470,7 @@ def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
     rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
     if section.whole:
         rows.append(("d_f", -design.d_f, 0.0, 1))
+    below = 0.0
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         if (stop - start) / mm < 1:
@@ -480,10 +481,11 @@ def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
         if (stop - start) / mm > text_width(words, SMALL) + 24:
             marks.append(Text((start + stop) / 2, level, words, "ink", SMALL, "middle", dy=4, plate=True))
         elif symbol == "d_1":
-            marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4 + DIMENSION_ROW))
+            below = DIMENSION_ROW  # d_1 stands beside its own line
+            marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
         else:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
-    marks.append(Text(end, bottom, f"d_2 = {short(design.d_2)} mm", "ink", SMALL, dx=8, dy=17))
+    marks.append(Text(end, bottom, f"d_2 = {short(design.d_2)} mm", "ink", SMALL, dx=8, dy=17 + below))
     return marks
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -25,6 +25,7 @@ from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_tab
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
+    COARSE,
     COLUMNS,
     LENGTH,
     MAPPED,
@@ -98,6 +99,13 @@ class FacesAhead:
             table[..., LIMIT] = OPEN
         takers, names = ([face[k] for face in faces] for k in (3, 4))
         return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(str(name) for name in names))
+
+    @property
+    def for_pixels(self) -> FacesAhead:
+        """The same, with rays through rods to some millionths of their heights and slopes: ten times as fast."""
+        table = self.table.copy()
+        table[table[..., KIND] == ROD, COARSE] = 1.0
+        return replace(self, table=table)
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
         """Carry rays outwards through one build.

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..evaluation.specification import CRITERION, Specification, specification
+import numpy as np
+
+from .._arrays import Array
+from ..camera import Camera
+from ..evaluation.specification import CRITERION, Colour, Place, Resolved, Specification, resolved, specification
 from ..pictures.resolution import mtf_curves, resolution_map
 from ..tables import csv_bytes
-from ..theory.quantities import QUANTITIES
+from ..theory.colours import GREEN
+from ..theory.field_of_view import focus_ahead
+from ..theory.photometry import behind
+from ..theory.quantities import QUANTITIES, Quantity
+from ..theory.stop_images import MicrolensImages
+from ..tolerancing.trials import first_builds
 from ..words import number
 from .blocks import Block, Figure, Paragraph, Report, Section, Table
 
@@ -21,6 +31,10 @@ if TYPE_CHECKING:
 
 SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0
+FEW = 48
+"""Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
+MANY = 1024
+"""The same of quantities that the study does not report, to some two in a hundred."""
 REAL = (
     "The main lens is real; the data sheet is of its thin twin: aberrations and the distortion of the lens stand in "
     "the report's section on it, and resolution is without them."
@@ -44,6 +58,18 @@ class SheetLine(NamedTuple):
     """The quantity that a tolerance study tells the scatter of."""
     text: str = ""
     """Instead of a number."""
+    of: Callable[[Camera], float] | None = None
+    """Of what is no quantity of a whole camera, but at a distance or a field: its value for one build."""
+
+    @property
+    def key(self) -> str:
+        """What its scatter goes by."""
+        return self.quantity or f"{self.subject}: {self.name}"
+
+    def values(self, builds: Camera) -> Array:
+        """Of many builds one after the other; NaN where there is none."""
+        assert self.of is not None
+        return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])])
 
 
 class AsBuilt(NamedTuple):
@@ -53,10 +79,18 @@ class AsBuilt(NamedTuple):
     final: Variant
     """After adjustment, where anything is adjusted."""
 
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviations, by quantity of the whole camera."""
-        return {c.label: c.deviation for c in self.final.distributions if math.isfinite(c.deviation)}
+    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+        """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
+        told = {c.label: c.deviation for c in self.final.distributions}
+        few, many = first_builds(self.plan, FEW), first_builds(self.plan, MANY)
+        for line in rows:
+            if line.key in told or not (line.quantity or line.of):
+                continue
+            builds, good = many if line.quantity else few
+            if np.count_nonzero(good) > 1:
+                values = np.asarray(QUANTITIES[line.quantity](builds)) if line.quantity else line.values(builds)
+                told[line.key] = float(np.std(np.broadcast_to(values, good.shape)[good], ddof=1))
+        return {key: deviation for key, deviation in told.items() if math.isfinite(deviation)}
 
 
 class Known(NamedTuple):
@@ -74,9 +108,9 @@ class Basis(NamedTuple):
 
     sentences: tuple[str, ...]
     sigma: Mapping[str, float]
-    """Standard deviation over builds, by quantity."""
+    """Standard deviation over builds, by a line's key."""
     calibrated: Mapping[str, float]
-    """Standard deviation that a calibration leaves, by quantity."""
+    """Standard deviation that a calibration leaves, by a line's key."""
     sheet: Specification
     design: Design
 
@@ -125,11 +159,14 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     for k, (field, where) in enumerate(zip(sheet.object_field, ("near", "focal plane", "far"), strict=True)):
         at = f"at {number(field.at_mm, 4)} mm ({where})"
         focal = k == 1
-        yield SheetLine("Object field", f"width {at}", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm")
-        quantity = "object_magnification" if focal else ""
-        yield SheetLine("Object field", f"magnification {at}", field.magnification, "", "array over object", quantity)
-        quantity = "object_sample_mm" if focal else ""
-        yield SheetLine("Object field", f"object sample {at}", field.object_sample_mm, "mm", "one microlens", quantity)
+        for name, value, unit, remark, quantity, twice in (
+            ("width", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm", "field_half_width_mm", 2.0),
+            ("magnification", field.magnification, "", "array over object", "object_magnification", 1.0),
+            ("object sample", field.object_sample_mm, "mm", "one microlens", "object_sample_mm", 1.0),
+        ):
+            own = quantity if focal and twice == 1 else ""
+            there = None if own else partial(_at_distance, QUANTITIES[quantity], None if focal else field.at_mm, twice)
+            yield SheetLine("Object field", f"{name} {at}", value, unit, remark, own, of=there)
     for row in sheet.resolution:
         focal = row.at_mm == sheet.working_distance_mm
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
@@ -139,30 +176,35 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         aside = "axis" if centre else f"{number(row.x0_mm, 4)} mm off axis"
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
         dark = "" if row.mtf50_lp_per_mm is not None else "dark"
-        own = focal and centre and row.image == "refocused"
+        axial = focal and centre and row.image == "refocused"
+        of = None if axial or dark else partial(_resolution, row, focal)
         folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
         yield SheetLine(
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
-            "mtf50_lp_per_mm" if own else "", dark,
+            "mtf50_lp_per_mm" if axial else "", dark, of,
         )  # fmt: skip
     corner = max(sheet.field, key=lambda point: point.x0_mm)
     at = f"at {number(corner.angle_deg, 4)} deg off axis"
-    yield SheetLine("Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped")
-    share = (
-        corner.local_magnification / sheet.field[0].local_magnification if sheet.field[0].local_magnification else 0.0
-    )
+    middle = sheet.field[0]
+    scale = corner.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    places = (middle.x_ml_mm, corner.x_ml_mm)
+    bent, shaded = _corner("distortion_percent", places), _corner("relative_illumination", places, 100.0)
+    stretched = _corner("local_magnification", places, against=True)
     yield SheetLine(
-        "Over the field", f"local magnification {at}", share, "", "against the middle, along the field's radius"
+        "Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped", of=bent
     )
-    yield SheetLine(
-        "Over the field", f"relative illumination {at}", 100 * corner.relative_illumination, "%", "against the middle"
-    )
+    against = "against the middle, along the field's radius"
+    yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, of=stretched)
+    light = 100 * corner.relative_illumination
+    yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
     yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
     views = f"pixels across a microlens image; {number(sheet.independent_views_across, 3)} of them independent"
     yield SheetLine("Sampling", "views across", sheet.views_across, "", views, "views_geometric")
     across, up = sheet.object_samples
     yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
+    if sheet.colours:
+        yield from _colour_lines(design, sheet.colours)
     yield SheetLine(
         "Body", "outer diameter", sheet.outer_diameter_mm, "mm", "of the narrowest tube", "outer_diameter_mm"
     )
@@ -171,14 +213,74 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
+def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> float:
+    return factor * float(quantity(camera, at))
+
+
+def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
+    """At the row's distance, or on the build's own focal plane."""
+    at = float(focus_ahead(camera)) if focal else row.at_mm
+    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).mtf50_lp_per_mm
+    return math.nan if value is None else value
+
+
+def _corner(
+    name: str, ends: tuple[Place, Place], factor: float = 1.0, against: bool = False
+) -> Callable[[Camera], float]:
+    """A quantity of the field's corner, `against` that of its middle, of one build."""
+
+    def of(camera: Camera) -> float:
+        images = MicrolensImages(camera, ends)
+        middle, corner = np.broadcast_to(QUANTITIES[name].at_fields(images), (2, 1))[:, 0]
+        return factor * float(corner) / (float(middle) if against else 1.0)
+
+    return of
+
+
+def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[SheetLine]:
+    """What a Bayer pattern makes of pixels, light and depth: by green, the others beside."""
+    (green,), others = ([one for one in colours if (one.name == "green") is wanted] for wanted in (True, False))
+    subject = f"Colours, {design.sensor.colours}"
+
+    def beside(value: Callable[[Colour], float], digits: int = 3) -> str:
+        return ", ".join(f"{one.name} {number(value(one), digits)}" for one in others)
+
+    apart = f"{number(green.spacing_px, 3)} px apart; {beside(lambda one: one.views_across)}, 2 px apart"
+    across = partial(_in_green, "image_diameter_px", 1 / GREEN.spacing)
+    yield SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
+    folds = partial(_in_green, "fold_lp_per_mm", math.sqrt(GREEN.share))
+    detail = f"one pixel of each microlens, half of them green; {beside(lambda one: one.view_fold_lp_per_mm)}"
+    yield SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
+    sharp = f"refocused, axis, {number(green.wavelength_nm, 3)} nm; {beside(lambda one: one.mtf50_lp_per_mm)}"
+    yield SheetLine(
+        subject,
+        "MTF 50 % in green",
+        green.mtf50_lp_per_mm,
+        "lp/mm",
+        sharp,
+        of=partial(_in_green, "mtf50_lp_per_mm", 1.0),
+    )
+    white = f"in white light; {beside(lambda one: one.electrons, 4)}"
+    yield SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
+    every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
+    alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
+    yield SheetLine(subject, "depth spread, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+
+
+def _in_green(name: str, factor: float, camera: Camera) -> float:
+    return factor * float(QUANTITIES[name](behind(camera, GREEN)))
+
+
 def basis(design: Design, built: AsBuilt | None = None, calibration: Known | None = None) -> Basis:
     """A design's sheet, with what a tolerance study and a calibration know of it."""
     sheet, sentences = specification(design), []
+    rows = list(lines(design, sheet))
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
-            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %)."
+            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). Lines that the study does not "
+            f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
         )
     if calibration is not None:
         names = ", ".join(calibration.covariance.places)
@@ -186,21 +288,26 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
             f"each line's derivatives over {names}."
         )
+        if design is calibration.design:
+            sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one are nominal." if sentences else NOMINAL)
     return Basis(
         tuple(sentences),
-        {} if built is None else built.deviations,
-        {} if calibration is None else uncertain(calibration, lines(design, sheet)),
+        {} if built is None else built.deviations(rows),
+        {} if calibration is None else uncertain(calibration, rows),
         sheet,
         design,
     )
 
 
 def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
-    """Standard deviation that a calibration leaves in the lines, by quantity, to first order."""
-    names = sorted({line.quantity for line in rows if line.quantity})
+    """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
     design, covariance = calibration.design, calibration.covariance
-    told = {name: float(covariance.carried(design, QUANTITIES[name])) for name in names}
+    told = {
+        line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
+        for line in rows
+        if line.quantity or line.of is not None
+    }
     return {name: sigma for name, sigma in told.items() if math.isfinite(sigma)}
 
 
@@ -212,10 +319,10 @@ def _value(line: SheetLine) -> str:
 
 
 def _spread(line: SheetLine, sigma: Mapping[str, float], missing: str) -> str:
-    if line.quantity not in sigma:
+    if line.key not in sigma:
         return missing
     # A millionth of the value is what derivatives' steps leave.
-    return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.quantity], 2, 1e-6 * abs(line.value or 0.0))}"
+    return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
 def datasheet_section(found: Basis) -> Section:
@@ -276,9 +383,9 @@ def datasheet_json(found: Basis) -> dict[str, Any]:
             "value": line.value if line.value is not None and math.isfinite(line.value) else None,
             "text": _value(line),
             "unit": line.unit,
-            "two_sigma": None if line.quantity not in found.sigma else SIGMAS * found.sigma[line.quantity],
+            "two_sigma": None if line.key not in found.sigma else SIGMAS * found.sigma[line.key],
             "calibration_two_sigma": (
-                None if line.quantity not in found.calibrated else SIGMAS * found.calibrated[line.quantity]
+                None if line.key not in found.calibrated else SIGMAS * found.calibrated[line.key]
             ),
             "quantity": line.quantity or None,
             "remark": line.remark,

@@ -225,17 +225,20 @@ def basis(trial: Trial) -> tuple[Block, ...]:
 
 
 def optics_notes(design: Design) -> list[str]:
-    """What is taken of the optics to first order, and what was measured of that."""
-    if design.lens is not None:
-        rest = "its colours and the blur of its aberrations are left out"
-        return [f"Views look where rays traced through the real lens go; {rest}."]
+    """How what bends light before the microlenses is taken; what colour filters take."""
+    notes = []
+    if design.sensor.colours != "mono":
+        notes.append(
+            f"Behind its {design.sensor.colours} filters the white image makes all colours equal, and pixels are "
+            "matched as grey ones: a scene with colours of its own scatters more than told."
+        )
+    through = [] if design.lens is None else ["the real lens"]
     if design.elements:
-        return [
-            "What lies in the bore is taken to first order here, pictures are refracted exactly: behind a cystoscope's "
-            "window, in bright light, depths came out off by 1.5 of the errors told. Do not trust those yet "
-            "(docs/guides/depth.md)."
-        ]
-    return []
+        through.append("what lies in the bore")
+    if through:
+        rest = "; colours and the blur of aberrations are left out"
+        notes.append(f"Views look where rays traced through {listed(through)} go{rest}.")
+    return notes
 
 
 def _noise_words(trial: Trial) -> str:

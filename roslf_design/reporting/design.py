@@ -208,10 +208,11 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("q", "pixel pitch", design.q, f"{width} x {height} px"),
         ("λ", "wavelength", design.wavelength, ""),
     ]
-    behind = "" if relay == 1 else f"behind a relay of magnification {relay:g}"
+    notes = [] if relay == 1 else [f"behind a relay of magnification {relay:g}"]
+    notes += [] if design.sensor.colours == "mono" else [f"colour filters {design.sensor.colours}"]
     sizes = [
         ("", "microlens array", " x ".join(_length(side) for side in mla.size), ""),
-        ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), behind),
+        ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), ", ".join(notes)),
     ]
     return [*((symbol, name, _length(value), remark) for symbol, name, value, remark in rows), *sizes]
 
@@ -345,6 +346,11 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     """What the report takes for granted, and which effects it leaves out."""
     items = [IDEAL if result.real_lens is None else REAL, *MODEL]
+    if design.sensor.colours != "mono":
+        items.append(
+            "Predicted depth errors and electrons are those behind the sensor's colour filters, in white light, a "
+            "third of its power in each colour; diffraction and resolution are told for the one wavelength."
+        )
     if result.object_space is not None:
         items.append(
             "Liquid, elements before the main lens and glass about the array act by their first order in tables and "

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from .. import __version__
-from ..optimization.problem import Constraint, Goal
+from ..optimization.problem import NUMBERS, Constraint, Goal
 from ..optimization.ranking import Ranking
 from ..optimization.solve import Active, Answer, Front, optimum_accuracy
 from ..optimization.study import Result
@@ -111,6 +111,9 @@ def _statements(result: Result) -> Iterator[Statement]:
         )
         if answer.asked.order == "lexicographic":
             text += " They are ranked by the weighted goals, not by their order."
+        if result.part_retraces:
+            worst = max(max(again.moved, *again.check.largest.values()) for again in result.part_retraces)
+            text += f" Each of these was traced again on its own: goals, limits and images differ by up to {worst:.1g}."
         late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
 
@@ -125,7 +128,10 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     accuracy = optimum_accuracy(answer)
     if accuracy is not None and accuracy.asked is not None:
         yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
-    loose = ", ".join(f"{name} {low:.4g} to {high:.4g} mm" for name, (low, high) in answer.loose().items())
+    loose = ", ".join(
+        f"{name} {low:.4g} to {high:.4g} {answer.problem.variables[name].measured_in}".rstrip()
+        for name, (low, high) in answer.loose().items()
+    )
     if loose:
         remedy = "Add a goal or a limit to decide between them."
         yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
@@ -234,8 +240,12 @@ def _tables(result: Result) -> Iterator[Table]:
     problem, follows = answer.problem, answer.followers()
     values = answer.variables() | follows
     moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
+
+    def called(name: str) -> str:
+        return f"{name}, follows" if name in follows else f"{name}, no unit" if name in NUMBERS else name
+
     columns: tuple[Column, ...] = (
-        ("variable", "l", lambda name: f"{name}, follows" if name in follows else name),
+        ("variable", "l", called),
         ("from [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
         ("value [mm]", "d", lambda name: f"{values[name]:.5g}"),
         ("to [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
@@ -315,9 +325,12 @@ def _parts(ranking: Ranking) -> Table:
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
         rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
-    kinds = [kind.replace("_", " ").rstrip("s").replace("lense", "lens") for kind in ranking.combinations.kinds]
+    kinds = [
+        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
+        for kind in ranking.combinations.kinds
+    ]
     goals = [goal.label + _unit(goal) for goal in problem.goals]
-    heads = ("", *kinds, *goals, *(f"{name} [mm]" for name in problem.variables))
+    heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
 

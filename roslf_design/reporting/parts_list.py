@@ -47,9 +47,10 @@ def parts_section(design: Design) -> Section:
     for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
         if plate is not None:
             rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
+    filters = "" if design.sensor.colours == "mono" else f", colour filters {design.sensor.colours}"
     rows += [
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
-        ("image sensor", f"pixel {length(design.sensor.pixel)}, {across} x {up} px", sensor),
+        ("image sensor", f"pixel {length(design.sensor.pixel)}, {across} x {up} px{filters}", sensor),
     ]
     if design.sensor.relay_magnification != 1:
         relay = f"magnification {design.sensor.relay_magnification:g}"
@@ -122,6 +123,8 @@ def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str
             short = sum(max(0.0, math.log(n / have)) for have, n in zip(part.pixels, design.pixels, strict=True))
             if short:
                 lacks.append(f"only {part.pixels[0]} x {part.pixels[1]} px")
+            if part.colours not in (None, design.sensor.colours):
+                lacks.append("monochrome" if part.colours == "mono" else f"colour filters {part.colours}")
         case WindowPart():
             assert window is not None
             lengths = (("thickness", part.thickness, window.thickness),)

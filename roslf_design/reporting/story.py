@@ -287,16 +287,21 @@ def full_report(
     *,
     seed: int = 0,
     calibrated: Calibrated | None = None,
+    calibration: Path | None = None,
     progress: Tell = lambda _: None,
     **options: Any,
 ) -> Report:
     """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
 
-    `seed` is of builds and boards' poses, `progress` is told what is being made; options as `design_report` takes them.
+    `calibration` is the latter's folder: the data sheet is then of the instrument, with what is left uncertain of it,
+    where its lengths' covariance is known and is of this design. `seed` is of builds and boards' poses, `progress` is
+    told what is being made; options as `design_report` takes them.
     """
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings = _first_look(design, seed, progress, known)
-    return design_report(design, findings=findings, progress=progress, **options)
+    instrument = None if calibration is None else _known_if_told(calibration, design)
+    sheet = None if instrument is None else datasheet_section(basis(instrument.design, None, instrument))
+    return design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
 
 
 def study_report(
@@ -458,14 +463,19 @@ def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
                 covariance = planned_lengths(design, asked)
                 known = None if covariance is None else Known("as planned", design, covariance)
             case Calibrated():
-                # Of another design, or an older one: the report's section on it says so, and lines go without.
-                with suppress(InputError):
-                    known = _known(story.folder / (story.table.parts[index].calibrated or ""), design)
+                known = _known_if_told(story.folder / (story.table.parts[index].calibrated or ""), design) or known
     return basis(design, built, known)
 
 
 def _known(calibration: Path, named: Design) -> Known:
     return Known(f"as in {calibration.name}", *calibrated_camera(calibration, named))
+
+
+def _known_if_told(calibration: Path, named: Design) -> Known | None:
+    """None of another design's, or an older one: a report's section on it says so, and lines go without."""
+    with suppress(InputError):
+        return _known(calibration, named)
+    return None
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:

@@ -15,6 +15,7 @@ from ..design import Design
 from ..design.parts import Part
 from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
+from ..theory.colours import filters
 from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
 from .objects import OBJECTS, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
@@ -28,7 +29,7 @@ class SceneLight(Part):
     """Colour and exposure."""
 
     wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
-    """Equal parts of light at each [mm]; none is the design's own."""
+    """Equal parts of light at each [mm]; none is the design's own, or white light for a sensor with colour filters."""
     exposure: Annotated[float, Field(gt=0)] | None = None
     """Electrons in a fully lit pixel; none asks for no noise."""
     read_noise: Annotated[float, Field(ge=0)] = 0.0
@@ -71,6 +72,10 @@ class Scene(Part):
         """Everything but the point sources."""
         return tuple(thing for thing in self.objects if not isinstance(thing, Points))
 
+    def in_light(self, wavelengths: tuple[float, ...]) -> Scene:
+        """The same in equal parts of light at some wavelengths [mm]."""
+        return self.model_copy(update={"light": self.light.model_copy(update={"wavelengths": wavelengths})})
+
     def brief(self, design: Design) -> SceneBrief:
         """The scene in the few numbers that effects need; called by `effects.plan`.
 
@@ -90,7 +95,7 @@ class Scene(Part):
             distances=None if in_focus else (min(reach), max(reach)),
             exposure=self.light.exposure,
             read_noise=self.light.read_noise,
-            wavelengths=self.light.wavelengths,
+            wavelengths=self.light.wavelengths or tuple(one.wavelength for one in filters(design.sensor.colours)),
         )
 
     def check(self, design: Design) -> None:
@@ -102,6 +107,9 @@ class Scene(Part):
             Every object inside the lens or the bore, every texture that cannot be read.
         """
         problems = [*_misplaced(self, design), *_unreadable(self)]
+        if self.light.wavelengths and design.sensor.colours != "mono":
+            message = "a sensor with colour filters is rendered in white light; drop it, or use sensor.colours = mono"
+            problems.append(Problem("light.wavelengths", message))
         if problems:
             raise SceneError(tuple(problems), self.name)
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
+from ..design.parts import PATHS
+from .colours import BANDS, BRIGHTEST, ColourFilter
 from .exit_pupil import microlens_image_diameter
 
 PLANCK = 6.62607015e-34
@@ -16,6 +18,8 @@ LIGHT_SPEED = 299_792_458e3
 """[mm/s]; exact by the SI."""
 EFFICACY = 683.0
 """Luminous efficacy at 555 nm [lm/W]; exact by the SI to 3e-5 (540 THz)."""
+RINGS, SPOKES = 4, 8
+"""Places over a microlens image at which slanting light is weighed: to 1e-3 where a tenth of it is left."""
 LONGEST_EXPOSURE = 1 / 60
 """Where none is given [s]: a frame of video."""
 LARGEST_FILL = 0.5
@@ -40,6 +44,30 @@ def accepted(angle: Number, half: Number) -> Array:
     return np.asarray(2.0 ** -np.square(np.divide(angle, half)))
 
 
+def response(c: Camera, radius: Number) -> Array:
+    """Share of its light that the image of a microlens leaves in slanting pixels; 1 where nothing is known of them.
+
+    Its mean over the disc of the whole image.
+
+    Parameters
+    ----------
+    c : Camera
+    radius : float or ndarray
+        Of the microlens from the main lens's axis [mm].
+    """
+    half = c.numbers.get("sensor.acceptance")
+    if half is None:
+        return np.ones(())
+    chief, across = product(radius, c.vergence), ratio(magnitude(microlens_image_diameter(c)), 2 * c.d_2)
+    total = np.zeros(np.broadcast_shapes(np.shape(chief), np.shape(across), np.shape(half)))
+    for out, weight in zip(*np.polynomial.legendre.leggauss(RINGS), strict=True):
+        for turn in (np.arange(SPOKES) + 0.5) * (math.pi / SPOKES):
+            r = across * math.sqrt((out + 1) / 2)  # rings of equal area
+            slope = np.hypot(chief + r * math.cos(turn), r * math.sin(turn)) / c["sensor.relay_magnification"]
+            total = total + accepted(np.arctan(slope), half) * (weight / (2 * SPOKES))
+    return np.asarray(total)
+
+
 def radiance(c: Camera) -> Array:
     """Of the scene, on average [W/m^2/sr]: as given, or of a matt surface, ``E rho/(683 pi)``."""
     given = c.numbers.get("light.radiance")
@@ -52,11 +80,13 @@ def electron_rate(c: Camera) -> Array:
     """Electrons per second in a pixel that its microlens lights fully, where the scene is as bright as on average.
 
     ``L q^2 Omega tau QE lambda/(h c)``: the pixel, as it stands behind a relay, sees its microlens under the solid
-    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array.
+    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array. Behind
+    colour filters it is a pixel of the brightest colour, in white light.
     """
     solid = ratio(c.d, c.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
     watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]
-    return np.asarray(watts * c["sensor.quantum_efficiency"] * c.wavelength / (PLANCK * LIGHT_SPEED))
+    wavelength = c.wavelength if c.colours == "mono" else BRIGHTEST
+    return np.asarray(watts * c["sensor.quantum_efficiency"] * wavelength / (PLANCK * LIGHT_SPEED))
 
 
 def exposure(c: Camera) -> Array:
@@ -80,3 +110,13 @@ def dark_variance(c: Camera) -> Array:
     """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
     step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
     return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)
+
+
+def behind(c: Camera, one: ColourFilter) -> Camera:
+    """A camera with colour filters as the pixels of one colour see it, for the same exposure.
+
+    Lengths and glasses are as before: what colour does to the main lens is not in it.
+    """
+    efficiency = c["sensor.quantum_efficiency"] * (one.taken / BANDS)
+    own = {PATHS["wavelength"]: one.wavelength, "sensor.quantum_efficiency": efficiency, "light.exposure": exposure(c)}
+    return c.behind_filter(own)

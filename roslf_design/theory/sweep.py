@@ -76,7 +76,7 @@ def sweep(design: Design, places: Mapping[str, ArrayLike], quantities: Sequence[
 
 
 UNITS = {
-    "rotation": "rad",
+    **dict.fromkeys(("rotation", "acceptance"), "rad"),
     "gradient": "/mm",
     "illuminance": "lx",
     "radiance": "W/m2/sr",

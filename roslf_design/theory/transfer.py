@@ -46,6 +46,31 @@ def line_transfer(
     return np.asarray(overlap / width * np.sinc(defocus * sensor_distance * frequency * overlap))
 
 
+def circle_overlap(offset: Floats, along: Floats, across: ArrayLike = 0.0) -> Floats:
+    """Overlap of two circles 1 wide and `offset` apart, a share of one, with phases that turn across it.
+
+    Parameters
+    ----------
+    offset : ndarray
+        From 0; nothing overlaps from 1 on.
+    along, across : array_like
+        Turns that a phase takes over the unit length, along the offset and across it; of the same shape, or numbers.
+    """
+    half = np.maximum(1.0 - offset, 0.0)[..., None] / 2
+    along, across = (np.asarray(cycles, float)[..., None] for cycles in (along, across))
+    cycles = max(float(np.abs(part).max(initial=0.0)) for part in (along, across))
+    nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * min(1000, math.ceil(cycles)))
+    angle = (nodes + 1) * (math.pi / 4)
+    # Column by column along the offset; x = L sin^2 removes the rim's square root.
+    x = half * np.sin(angle) ** 2
+    chord = np.sqrt((half - x) * (half + x + offset[..., None]))
+    ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
+    turns = np.cos(2 * math.pi * along * x)
+    if across.any():
+        turns = turns * np.sinc(2 * across * chord)
+    return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
+
+
 @dataclass(frozen=True)
 class MicrolensTransfer:
     """Transfer function of a microlens, diffraction and defocus as switched on; 1 at zero frequency."""
@@ -118,14 +143,5 @@ class MicrolensTransfer:
         return line_transfer(self.width, self.sensor_distance, self.defocus, wavelength, frequency)
 
     def _circle(self, frequency: Floats, wavelength: float) -> Floats:
-        """Overlap of two circles, column by column along the shift; x = L sin^2 removes the rim's square root."""
-        shift = wavelength * self.sensor_distance * frequency / self.width
-        half = np.maximum(1.0 - shift, 0.0)[..., None] / 2
-        cycles = abs(self.defocus) * self.sensor_distance * self.width * float(frequency.max(initial=0.0))
-        nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * min(1000, math.ceil(cycles)))
-        angle = (nodes + 1) * (math.pi / 4)
-        x = half * np.sin(angle) ** 2
-        chord = np.sqrt((half - x) * (half + x + shift[..., None]))
-        ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
-        turns = np.cos(2 * math.pi * self.defocus * self.sensor_distance * self.width * frequency[..., None] * x)
-        return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
+        cycles = self.defocus * self.sensor_distance * self.width * frequency
+        return circle_overlap(wavelength * self.sensor_distance * frequency / self.width, cycles)

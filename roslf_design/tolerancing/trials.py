@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera import Camera
 from ..design import Design
-from .metrics import Question, evaluate_builds
+from .metrics import Question, builds_of, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
@@ -29,7 +30,7 @@ PILOT, NEAR, SMALL = 64, 1.25, 0.01
 ITERATIONS = 3
 """Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
 CONVERGED = 1e-3
-"""Part of its squares by which a step must lower a build's residual for another one."""
+"""Part of its squares by which a step must promise to lower a build's residual, and lower it for another one."""
 DAMPING = 1e-10
 """Of the largest curvature, against adjusters that do the same."""
 
@@ -70,7 +71,7 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) 
 
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
     """Trials given by their independent uniform numbers, shape (factors, trials)."""
-    return measure(plan, plan.draws.deviations(np.ascontiguousarray(uniforms)))
+    return measure(plan, plan.draws.deviations(uniforms))
 
 
 def _in_blocks(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
@@ -106,6 +107,21 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     design = plan.question.design
     changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
+
+
+def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bool_]]:
+    """A plan's first builds, adjusted where anything is, and which of them are cameras; shape (builds,).
+
+    Others have nominal numbers. Behind a real main lens they are thin twins.
+    """
+    count = min(count, plan.chunk_trials(0))
+    deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
+    values = plan.draws.values(deviations)
+    if plan.adjusters:
+        compensator = compensator_of(plan)
+        values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
+    builds, good = builds_of(plan.question, values, count)
+    return builds.camera, good
 
 
 class Compensator:
@@ -224,11 +240,14 @@ class Compensator:
                 nudged = here.copy()
                 nudged[row] += step
                 slopes.append((self.left(some, nudged) - left) / step)
-            change = _least_squares(slopes, left, self.steps)
+            end = np.clip(here + _least_squares(slopes, left, self.steps), -self.reach, self.reach)
             before = cost[going]
-            trying = np.arange(going.size)
+            promised = _cost(left + np.einsum("act,at->ct", slopes, end - here))
+            trying = np.flatnonzero(promised < (1 - CONVERGED) * before)
+            if not trying.size:
+                break
             for fraction in (1.0, 0.5):
-                tried = np.clip(here[:, trying] + fraction * change[:, trying], -self.reach, self.reach)
+                tried = (1 - fraction) * here[:, trying] + fraction * end[:, trying]
                 found = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
                 lower = _cost(found)
                 better = lower < cost[going[trying]]
@@ -237,6 +256,7 @@ class Compensator:
                 trying = trying[~better]
                 if not trying.size:
                     break
+            # What was not tried has not fallen, and is done.
             going = going[cost[going] < (1 - CONVERGED) * before]
             if not going.size:
                 break

@@ -1,8 +1,9 @@
-"""A light-field camera behind a real lens: where everything stands, and the backward ray from sensor to scene.
+"""A light-field camera as it is traced: where everything stands, and the backward ray from sensor to scene.
 
-The lens keeps its frame (first vertex at z = 0); its decentre is taken up by what is around it. The paper's distances
-count from the principal planes, where the thin lens splits: d_f, d_3, further stops and elements from the object-side
-one, d_1 from the image-side one, so that to first order the camera is the thin-lens camera of the same numbers.
+Its main lens is real, or ideal with something before it. The lens keeps its frame (first vertex at z = 0); its decentre
+is taken up by what is around it. The paper's distances count from the principal planes, where the thin lens splits:
+d_f, d_3, further stops and elements from the object-side one, d_1 from the image-side one, so that to first order the
+camera is the thin-lens camera of the same numbers.
 
 What stands before the lens (windows, liquids, rods, objectives) is traced face by face, in one train with the lens.
 Glass about the array is reduced to air, as in the closed forms.
@@ -25,7 +26,7 @@ from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
 from ..lenses.manufacture import turned
-from ..lenses.prescription import FirstOrder, LensError, Prescription, first_order, rotation
+from ..lenses.prescription import FirstOrder, IdealLens, LensError, Prescription, first_order, rotation
 from ..lenses.tracer import (
     BLOCK,
     COLUMNS,
@@ -155,7 +156,7 @@ def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
 
 @dataclass(frozen=True)
 class LensCamera:
-    """A real lens and what stands before and behind it.
+    """A main lens and what stands before and behind it.
 
     Attributes
     ----------
@@ -409,7 +410,7 @@ def towards(table: Any, media: Any, buffer: Any, squares: Any, clip: bool, rays:
 
 @lru_cache(maxsize=64)
 def camera_of(design: Design) -> LensCamera:
-    """The traced camera of a design with a real main lens.
+    """The traced camera of a design; an ideal main lens is traced as one that bends rays in a plane.
 
     A tilt of the main lens turns it about the middle of its principal planes, one of any other part about its centre.
 
@@ -417,12 +418,8 @@ def camera_of(design: Design) -> LensCamera:
     ------
     LensError
         Parts that collide: a stop or the array inside the lens.
-    ValueError
-        The design's main lens is ideal.
     """
-    lens = design.lens
-    if lens is None:
-        raise ValueError(f"{design.name} has an ideal main lens; there is nothing to trace")
+    lens = design.lens or IdealLens.of(design.f, design.D)
     constants = first_order(lens, design.wavelength)
     front, rear = constants.front_principal, constants.rear_principal
     if design.main_lens.tilt != (0.0, 0.0):

@@ -32,6 +32,9 @@ RINGS = ((0.5, 8), (0.8, 8))
 DEGREE, TERMS = 5, 21
 """Of the polynomials over the FAP's disc: products x^a y^b with a + b <= 5, b running fastest."""
 POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
+MISFIT = 3e-3
+"""Of polynomials at the rays that they are laid through, in image widths and squared heights: up to that shares of the
+FAP are right to 1e-3, beyond it no polynomials are taken."""
 SCAN = 32
 """Directions in which the nearest rim is asked for, before corners are looked for between them."""
 HALVINGS = 12
@@ -71,22 +74,29 @@ def outlines(rim: Aimed) -> Outlines:
 def cut_shapes(rim: Aimed, inner: Aimed, uncut: Outlines) -> tuple[Array, Array]:
     """Lit shapes (N, 6) and seen parts of the FAP (N,) of images that rims cut, from rays all over the FAP.
 
-    nan where the lens loses some of those rays altogether.
+    nan where the lens loses some of those rays altogether, or bends them so much that no polynomials follow.
     """
     outer_points, inner_points = pupil_points()
     places = np.concatenate([inner_points, outer_points])
-    fit = np.linalg.pinv(np.prod(places[:, None, :] ** POWERS, axis=-1))
+    powers = np.prod(places[:, None, :] ** POWERS, axis=-1)
+    fit = np.linalg.pinv(powers)
     landed = np.concatenate([inner.landed, rim.landed], axis=1)
     heights = np.concatenate([inner.heights, rim.heights], axis=1)
     shape, share = np.full((len(landed), 6), np.nan), np.full(len(landed), np.nan)
     whole = ~np.any(np.isnan(landed[:, :, 0]), axis=1)
     landed, heights, peaks = landed[whole], heights[whole], uncut.peaks[whole]
     cutting = (peaks > 1) | np.any(heights > 1, axis=1)
-    maps, rims = (np.swapaxes(fit @ part, 1, 2).copy() for part in (landed - landed[:, :1], heights))
+    landings = landed - landed[:, :1]
+    wide = np.ptp(landings, axis=(1, 2))[:, None, None]
+    maps, rims = (np.swapaxes(fit @ part, 1, 2).copy() for part in (landings, heights))
+    off = [np.abs(powers @ np.swapaxes(c, 1, 2) - part) for c, part in ((maps, landings), (rims, heights))]
+    apart = np.maximum((off[0] / wide).max(axis=(1, 2)), (off[1] / np.maximum(heights, 1)).max(axis=(1, 2)))
     size, part = np.empty((len(landed), 6)), np.empty(len(landed))
     corners = np.where(peaks > 1, uncut.turns[whole], np.nan)
     cut_images.compiled(maps, rims, cutting, corners, places, _NODES + 0.5, _WEIGHTS, size, part)
     size[:, 1:3] += np.where(part[:, None] > 0, landed[:, 0], 0.0)
+    strayed = apart > MISFIT
+    size[strayed], part[strayed] = np.nan, np.nan
     shape[whole], share[whole] = size, part
     return shape, share
 
@@ -384,7 +394,7 @@ def add_piece(
             cosine, sine = math.cos(angle), math.sin(angle)
             at = to_circle(hx, hy, cosine, sine)
             if active != FAP:
-                at = to_rim(rims[active], hx, hy, cosine, sine, 2.0 * at)
+                at = to_rim(rims[active], hx, hy, cosine, sine, 1.01 * at)
             tx, ty = hx + at * cosine, hy + at * sine
             nx, ny = tx, ty
             if active != FAP:

@@ -1,6 +1,7 @@
 """Is the standard error of depth right? Ten cameras, three textures, three lights.
 
-Run from the project's root: python studies/depth/depth_proof.py [-o FOLDER]. Interrupted, it goes on where it was.
+Run from the project's root: python studies/depth/depth_proof.py [-o FOLDER]. Interrupted, it goes on where it was; with
+--again NAME ... --exposures N some combinations are measured anew, with more exposures where few leave it open.
 """
 
 from __future__ import annotations
@@ -317,13 +318,23 @@ def main() -> None:
     """Measure what is missing, write the numbers, the picture and the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=OUT, help="folder for the results")
-    out = parser.parse_args().output
+    parser.add_argument("--again", nargs="*", default=[], metavar="NAME", help="combinations to measure anew")
+    parser.add_argument("--exposures", type=int, default=EXPOSURES, help="of each combination that is measured")
+    given = parser.parse_args()
+    unknown = sorted({*given.again} - {*ordered()})
+    if unknown:
+        parser.error(f'no combination "{unknown[0]}"; they are called like "{ordered()[0]}"')
+    if given.exposures < 2:
+        parser.error("spread takes two exposures at least")
+    out = given.output
     out.mkdir(parents=True, exist_ok=True)
     store = out / "proof.json"
     results: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
+    known = {*results} - {*given.again}
     for (camera, case), (texture, look) in product(cases().items(), TEXTURES.items()):
         names = {light: f"{camera}, {texture}, {light}" for light in LIGHTS}
-        for light, trial in trials(case, look, [light for light, name in names.items() if name not in results]):
+        lights = [light for light, name in names.items() if name not in known]
+        for light, trial in trials(case, look, lights, exposures=given.exposures):
             one = judged(trial)
             # The few windows have more texture than the whole of it, or less: best seen in bright light.
             bright = results.get(names["bright"], one)

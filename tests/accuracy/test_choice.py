@@ -26,10 +26,10 @@ TABLE = shipped_table()
 
 
 def test_choice_is_honest_on_random_jobs():
-    """At least 39 of 40 at accuracies from 1e-1 to 1e-9 within what was promised; `make report-accuracy` tries 108."""
-    trials = try_choice(PAPER, 40, seed=2, table=TABLE, times=False)
-    assert sum(trial.kept for trial in trials) >= 39
-    assert sum(trial.answer.choice.attainable for trial in trials) >= 38  # not honest by promising nothing
+    """At least 19 of 20 at accuracies from 1e-1 to 1e-9 within what was promised; `make report-accuracy` tries 108."""
+    trials = try_choice(PAPER, 20, seed=2, table=TABLE, times=False)
+    assert sum(trial.kept for trial in trials) >= 19
+    assert sum(trial.answer.choice.attainable for trial in trials) >= 19  # not honest by promising nothing
 
 
 def test_cheapest_by_the_table_comes_first():

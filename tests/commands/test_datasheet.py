@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.reporting import story
+from roslf_design.reporting.blocks import Report
 from tests.commands.test_cli import run
 
 STUDY = """
@@ -37,6 +39,18 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys):
     views = lines["views across"]
     assert 0.5 < views["two_sigma"] / (0.01 * views["value"]) < 1.3
     assert lines["length"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
+    assert all(line["two_sigma"] is not None for line in told["lines"] if line["value"] is not None)
+    # At distances and fields the spread is that of D_F, too, to what 48 builds tell of it.
+    share, paper = views["two_sigma"] / views["value"], roslf.load("paper")
+    ends = [roslf.specification(paper.replace(D_F=paper.D_F * (1 + step))) for step in (-0.01, 0.01)]
+    for row, name in (
+        (0, "refocused, 199.4 mm ahead, axis"),
+        (5, "refocused, 230 mm ahead, 33.58 mm off axis"),
+        (9, "a view, 199.4 mm ahead, axis"),
+    ):
+        low, high = (sheet.resolution[row].mtf50_lp_per_mm for sheet in ends)
+        assert lines[name]["two_sigma"] == pytest.approx(abs(high - low) / 0.02 * share, rel=0.25), name
+    assert lines["width at 199.4 mm (near)"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
     with (tmp_path / "a.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [line["name"] for line in told["lines"]]
@@ -90,6 +104,31 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     code, _, err = run(capsys, "datasheet", "rigid-scope", "--calibration", folder, "-o", tmp_path / "b.json")
     assert (code, err.count("\n")) == (2, 1)
     assert "drop the wrong one" in err
+
+
+def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(calibration, monkeypatch, capsys):
+    design, _, folder = calibration
+    sheets = []
+
+    def caught(*_, sheet, **__):
+        sheets.append(sheet)
+        return Report(design.name, "", (sheet,) if sheet else ())
+
+    monkeypatch.setattr(story, "design_report", caught)
+    monkeypatch.setattr(story, "_first_look", lambda *_: {})
+    monkeypatch.setattr(story, "calibrated_finding", lambda *_: None)
+    roslf.save(design, folder.parent / "water.toml")
+    told = ("--calibration", folder, "-o", folder.parent / "out")
+    assert run(capsys, "report", folder.parent / "water.toml", *told)[0] == 0
+    code, _, _ = run(capsys, "datasheet", folder.parent / "water.toml", *told[:2], "-o", folder.parent / "s.json")
+    assert code == 0
+    paragraph, table, *_ = sheets[0].blocks
+    assert "Values are those of that instrument" in paragraph.text
+    assert "± 2σ, calibrated" in table.headings
+    data = json.loads((folder / "calibration.json").read_text())
+    (folder / "calibration.json").write_text(json.dumps({k: v for k, v in data.items() if k != "covariance"}))
+    assert run(capsys, "report", folder.parent / "water.toml", *told)[0] == 0
+    assert sheets[1] is None  # an older one: lines stay nominal
 
 
 def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys):
@@ -178,6 +217,23 @@ def test_a_sweep_is_its_single_cameras(tmp_path, capsys):
     picture = (tmp_path / "s.svg").read_text()
     assert "no camera" in picture
     assert "fill factor" in picture
+
+
+def test_a_sweep_as_parquet(tmp_path, capsys):
+    """The same columns and numbers as CSV; what has no value is null or not a number there."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    for kind in ("csv", "parquet"):
+        file = tmp_path / f"a.{kind}"
+        wish = ("--set", "d_3=0..400 mm", "--quantity", "fill_factor,hyperfocal_mm", "--points", 9, "-o", file)
+        assert run(capsys, "sweep", "paper", *wish)[0] == 0
+    table = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(table) == list(rows[0])
+    read = {name: [float(row[name] or "nan") for row in rows] for name in table}
+    for name, values in table.items():
+        np.testing.assert_array_equal(np.array(values, float), read[name])
+    assert np.isnan(read["fill_factor"][-1])
 
 
 def test_a_sweep_in_other_units(tmp_path, capsys):

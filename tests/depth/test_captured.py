@@ -225,9 +225,9 @@ def test_microlenses_count_from_the_arrays_middle(design, layout):
         np.testing.assert_allclose(found.u, field.u, atol=1e-9)
 
 
-def test_without_a_white_image_vignetting_is_the_designs(folder, design):
+def test_without_a_white_image_vignetting_is_the_designs(folder, design, trial):
     camera = Camera.of(design)
-    lattice = lattice_of(camera, REGION)
+    lattice = lattice_of(camera, trial.raw.region)
     raw, white = (tifffile.imread(folder / f"{name}.tif") for name in ("raw", "white"))
     with_white, without = decode(raw, lattice, white=white), evened(camera, decode(raw, lattice))
     np.testing.assert_array_equal(without.weight > 0, with_white.weight > 0)
@@ -398,7 +398,8 @@ def spoilt(folder, views, tmp_path, monkeypatch, design):
 
 WHITE = ["--white", "white.tif"]
 PAPER = ["--design", "paper", *WHITE]
-PART = ["--region", "2200,1440,200,200"]
+PART = ["--region", "2161,1401,278,278"]
+"""With the margin of three microlenses."""
 
 
 @pytest.mark.parametrize(
@@ -407,7 +408,7 @@ PART = ["--region", "2200,1440,200,200"]
         (["raw.tif", *WHITE], "--design: is missing; name the camera that took raw.tif"),
         (["absent.tif", *PAPER], "absent.tif: no such file"),
         (["raw.tif", "--design", "papr"], "papr"),
-        (["counts.tif", *PAPER], "counts.tif: has 200 x 200 px, and the design's sensor has 4600 x 3080"),
+        (["counts.tif", *PAPER], "counts.tif: has 278 x 278 px, and the design's sensor has 4600 x 3080"),
         (["raw.tif", *PAPER, "--region", "0,0,100,100"], "--region says 100 x 100; say which part"),
         (["raw.tif", *PAPER, "--region", "4590,0,200,200"], "is no part of the sensor"),
         (["raw.tif", "--design", "paper", "--white", "narrow.tif"], "narrow.tif differ in size"),

@@ -76,11 +76,15 @@ def test_same_seed_same_bytes(written, tmp_path):
     folder, _ = written
     again = tmp_path / "again"
     assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(again)]) == 0
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    files, rest = (
+        {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+        for root in (folder, again)
+    )
     # The page and nothing else says where it was written.
-    page, other = files.pop("index.html").decode(), (again / "index.html").read_text()
+    page, other = (found.pop("index.html").decode() for found in (files, rest))
     assert page.replace(str(folder), "") == other.replace(str(again), "")
-    assert files == {path.name: path.read_bytes() for path in again.iterdir() if path.name != "index.html"}
+    assert files == rest
+    assert "tables/in-numbers.csv" in files
 
 
 def test_a_wall_without_texture_is_unknown(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -177,6 +178,64 @@ def test_the_depth_of_field_ends_where_rays_a_pitch_apart_meet(sheets):
             assert min(gaps) < 2e-3 * max(gaps)
 
 
+def test_focused_at_the_hyperfocal_distance_rays_a_pitch_apart_run_on_side_by_side(sheets):
+    """Through opposite rims of the FAP, of a view through those of what its pixel sees; focused nearer they cross."""
+    seen = {"hyperfocal_mm": 0, "view_hyperfocal_mm": 0}
+    for design, traced, sheet in sheets:
+        decentre, half = np.array(design.aperture.decentre), design.d / 2
+        for name in seen:
+            told = getattr(sheet, name)
+            if told is None:
+                continue
+            focused = Traced(design.replace({"main_lens.focal_plane": told + float(traced.camera.tip)}))
+            camera, radius = focused.camera, design.D_F / 2
+            if name.startswith("view"):
+                blurred = float(camera.q + camera.wavelength * camera.d_2 / camera.d)
+                radius = min(radius, blurred * float(camera.A / camera.d_2) * float(camera.fap.scale) / 2)
+            turned = []
+            for sign in (-1, 1):
+                aim = decentre[:, None] + np.array([[sign * radius, -sign * radius], [0.0, 0.0]])
+                out = focused.rays(np.array([[half, -half], [0.0, 0.0]]), aim)
+                turned.append(abs(float(np.diff(out.slope[0])[0])))
+            # Of the two pairs one stays parallel, to what spherical aberration leaves of the other's angle.
+            assert min(turned) < 2e-3 * max(turned), name
+            seen[name] += 1
+    assert min(seen.values()) > 20
+
+
+@pytest.mark.parametrize("mapping", ["f theta", "f sin", "2f tan(theta/2)"])
+@pytest.mark.parametrize("fap", [2.0, 12.0])
+def test_lines_behind_an_objective_with_a_mapping(mapping, fap):
+    """One objective before or behind the FAP: field, its ends on three planes, distortion and scale by exact rays."""
+    lens = {"kind": "lens", "distance": 5.0, "focal_length": 60.0, "mapping": mapping}
+    wide = {"microlens_array.size": (60.0, 40.0), "sensor.size": (60.0, 40.0), "main_lens.diameter": 80.0}
+    seen = {"elements": [lens], "aperture.distance": fap, "main_lens.focal_plane": 60.0}
+    design = PAPER.replace({**wide, **seen})
+    traced, sheet = Traced(design), specification(design)
+    (x0, y0), (x1, y1) = (tuple(map(float, end)) for end in sensor_field(traced.camera))
+    ends = np.array([[x0, x1, 0, 0, x0, x1], [0, 0, y0, y1, y0, y1]])
+    out, tip = traced.rays(ends, np.zeros_like(ends)), float(traced.camera.tip)
+    angles = degrees(unit(out.slope[:, ::2]), unit(out.slope[:, 1::2]))
+    told = sheet.field_of_view_deg[0]
+    np.testing.assert_allclose([told.width, told.height, told.diagonal], angles, rtol=1e-6)
+    assert angles[2] > 20  # where mappings differ by percents
+    for field in sheet.object_field:
+        met = out.height - out.slope * (tip + field.at_mm)
+        spans = np.linalg.norm(met[:, 1::2] - met[:, ::2], axis=0)
+        np.testing.assert_allclose([field.width_mm, field.height_mm, field.diagonal_mm], spans, rtol=1e-6)
+    for point in sheet.field:
+        x, y = point.x_ml_mm
+        away, small = math.hypot(x, y), 1e-3
+        way = np.array([x, y]) / away if away else np.array([1.0, 0.0])
+        radii = np.array([small, away + small, away - small, away or small])
+        chief = traced.rays(way[:, None] * radii, np.zeros((2, 4)))
+        on_object = way @ (chief.height - chief.slope * (tip + sheet.working_distance_mm))
+        assert point.local_magnification == pytest.approx(2 * small / abs(on_object[1] - on_object[2]), rel=1e-5)
+        drawn = 100 * (radii[3] / abs(on_object[3]) * abs(on_object[0]) / small - 1)
+        assert point.distortion_percent == pytest.approx(drawn, abs=1e-4)
+        assert point.x0_mm == pytest.approx(abs(on_object[3]) if away else 0.0, rel=1e-6)
+
+
 def test_json_has_the_keys_of_the_contract(capsys):
     code, out, _ = run(capsys, "evaluate", "paper", "--json")
     sheet = json.loads(out)["specification"]
@@ -227,6 +286,12 @@ def test_slanting_rays_at_the_sensor_are_told_with_what_they_lose():
     (told,) = [text for text in roslf.evaluate(design).warnings if "rays meet the sensor" in text]
     assert f"{steepest:.3g} degrees" in told
     assert f"{100 * (1 - 0.5 ** (steepest / 10) ** 2):.3g} %" in told
+    # The whole image's loss, point by point over its disc.
+    u, v = np.meshgrid(*2 * [np.linspace(-1, 1, 201)])
+    points = np.hypot(math.hypot(*centre) + radius * u, radius * v)[np.hypot(u, v) < 1]
+    kept = (0.5 ** (np.degrees(np.arctan(points / design.d_2)) / 10) ** 2).mean()
+    lost = float(re.search(r"image ([\d.]+) % is lost", told)[1]) / 100
+    assert 1 - lost == pytest.approx(kept, abs=1e-3)  # three digits told
     wide = roslf.load("paper").replace({"sensor.acceptance": math.radians(80.0)})
     assert not any("rays meet the sensor" in text for text in roslf.evaluate(wide).warnings)
     with pytest.raises(roslf.DesignError, match="between 0 and 90 degrees"):

@@ -149,8 +149,9 @@ def test_white_fields_darken_by_the_law_and_rays_agree_with_coverage():
     whole = (white > 0.9 * white.max()) & (traced > 0.9 * white.max())
     assert whole.mean() > 0.2
     assert white[whole].mean() < 0.999
-    # One value a pixel against one a microlens, which over these nine microlenses differ by less than that.
-    assert white[whole].mean() == pytest.approx(traced[whole].mean(), rel=2e-3)
+    # Pixel by pixel: what decoding divides by is what light falls off by. Depth would take the rest for disparity.
+    lit = render(design, None, overrides=["none"], region=region).pixels == 1
+    assert np.median(np.abs(traced[lit] / white[lit] - 1)) < 1e-6
 
 
 def test_drawn_rays_stay_finite_where_nothing_is_imaged():

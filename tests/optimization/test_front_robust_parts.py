@@ -159,6 +159,22 @@ def test_parts_that_fit_none_and_a_time_that_is_up(few):
     assert (late.best, late.optimised, late.open) == ((), 0, 3)
 
 
+def test_what_is_known_of_some_sensors_counts_in_their_designs():
+    """Half at 1.76 times the chief-ray angle (24 degrees), where 80 % are taken: a Gaussian."""
+    parts = load_catalogue()
+    problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"))
+    combinations = Combinations.of(problem, parts, ("sensors",))
+    designs = [combinations.problem_at(number).design_at(np.array([0.5])) for number in range(len(combinations))]
+    sensors = {part.part: design.sensor for part, design in zip(parts.sensors, designs, strict=True)}
+    told = sensors["OV5647"]
+    assert (told.colours, told.pixel) == ("BGGR", pytest.approx(1.4e-3))
+    assert 2.0 ** -((np.radians(24.0) / told.acceptance) ** 2) == pytest.approx(0.8, abs=0.005)
+    assert (sensors["IMX250"].colours, sensors["IMX250"].acceptance) == ("mono", None)
+    for text in ("acceptance>=30 deg", "colours=BGGR"):
+        condition = read_condition(text)
+        assert [row["part"] for row in rows(parts, ("sensors",)) if condition(row)] == ["OV5647"]
+
+
 def test_the_shipped_catalogue():
     every = list(rows(load_catalogue()))
     assert len(every) > 40
@@ -178,7 +194,8 @@ def test_conditions_on_parts():
     assert names("pitch<=0.1 mm") == {"paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
     assert names("maker=thorlabs", "pitch>150 um") == {"MLA300-14AR"}
     assert names("pixels>=4000") == {"EOS 90D sensor"}
-    assert all("achromat" in name or "singlet" in name for name in names("diameter=25.4 mm", "kind=lenses"))
+    kinds = {row["part"]: row.get("type", "") for row in every}
+    assert {"singlet", "achromat"} == {kinds[name].split()[-1] for name in names("diameter=25.4 mm", "kind=lenses")}
     wrong = {"focl=3": "focal_length", "pitch<3": "no unit", "maker<3": "words", "pitch": "cannot read"}
     for text, said in wrong.items():
         with pytest.raises(InputError, match=said):

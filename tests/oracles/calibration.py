@@ -136,10 +136,10 @@ def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49, 
     step = np.array([u[1] - u[0], v[1] - v[0]])
     offsets = (np.outer(np.arange(rays), [1 / rays, (math.sqrt(5) - 1) / 2]) + 0.5 / rays) % 1 - 0.5
     normal = rotation[:, 2]
-    picture = np.zeros((len(v), len(u)))
     pupil = -(q * A / d_2) * np.asarray(view, float)
-    for ox, oy in offsets:
-        uu, vv = np.meshgrid(u + ox * step[0], v + oy * step[1])
+
+    def met(uu, vv):
+        """Where rays meet the board [cells]."""
         slope_x = -(d * (uu - camera["x_0"]) + m * pupil[0]) / A
         slope_y = -(d * (vv - camera["y_0"]) + m * pupil[1]) / A
         # (pupil + Z slope, Z) - translation lies in the board's plane.
@@ -150,6 +150,9 @@ def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49, 
         depth = start[2] + z
         a = (rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * depth) / cell + cells[0] / 2
         b = (rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * depth) / cell + cells[1] / 2
+        return a, b
+
+    def shade(a, b):
         dark = (np.floor(a) + np.floor(b)) % 2 == 0
         if print_ is not None:
             rows, columns = (
@@ -159,5 +162,20 @@ def board_view(camera, rotation, translation, cells, cell, view, u, v, rays=49, 
             dark = print_[rows, columns] < 128
         on = (a > 0) & (a < cells[0]) & (b > 0) & (b < cells[1])
         paper = (a > -1) & (a < cells[0] + 1) & (b > -1) & (b < cells[1] + 1)
-        picture += np.where(on & dark, 0.08, np.where(paper, 0.9, 0.5))
-    return picture / rays
+        return np.where(on & dark, 0.08, np.where(paper, 0.9, 0.5))
+
+    uu, vv = np.meshgrid(u, v)
+    middle = met(uu, vv)
+    picture = shade(*middle)
+    # Samples that no edge comes near are of one shade: an edge is nearer than to the next sample along u and along v.
+    uneven = np.zeros(picture.shape, bool)
+    for at, count in zip(middle, cells, strict=True):
+        reach = np.abs(np.diff(at, axis=0)).max() + np.abs(np.diff(at, axis=1)).max()
+        inside = (at > -1 - reach) & (at < count + 1 + reach)
+        uneven |= inside & (np.abs(at - np.round(at)) < reach if print_ is None else True)
+    for at, count in zip(middle, cells, strict=True):
+        reach = np.abs(np.diff(at, axis=0)).max() + np.abs(np.diff(at, axis=1)).max()
+        uneven &= (at > -1 - reach) & (at < count + 1 + reach)
+    uu, vv = uu[uneven], vv[uneven]
+    picture[uneven] = sum(shade(*met(uu + ox * step[0], vv + oy * step[1])) for ox, oy in offsets) / rays
+    return picture

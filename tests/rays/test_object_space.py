@@ -128,6 +128,7 @@ def test_a_rod_is_its_ray_equation(medium):
             truth = outside(vertex + out[0], out[1])
             found = space.rays(height, slope)
             np.testing.assert_allclose(found.height, truth[0], rtol=0, atol=1e-11)  # 40 mm on from the rod
+            np.testing.assert_allclose(space.for_pixels.rays(height, slope).height, truth[0], rtol=2e-6)
             np.testing.assert_allclose(found.slope, truth[1], rtol=0, atol=1e-12)
 
 

@@ -1,7 +1,9 @@
 """A design's report as a whole: complete, self-contained, reproducible; its parts list; designs side by side."""
 
+import csv
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -109,8 +111,13 @@ def test_same_design_same_bytes_and_nothing_else_in_the_folder(text, tmp_path, m
     monkeypatch.chdir(tmp_path)
     command.report("paper")
     assert (tmp_path / "report-paper" / "index.html").read_text() == text
-    assert [path.name for path in (tmp_path / "report-paper").iterdir()] == ["index.html"]
-    assert capsys.readouterr().err == ""
+    assert sorted(path.name for path in (tmp_path / "report-paper").iterdir()) == ["index.html", "tables"]
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert told.out.split() == [str(Path("report-paper") / name) for name in ("index.html", "tables")]
+    with (tmp_path / "report-paper" / "tables" / "field-of-view.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[1][:2] == ["from the entrance pupil, full (diagonal)", "16.67 deg"]
 
 
 def test_figures_as_files(tmp_path, monkeypatch):
@@ -120,7 +127,12 @@ def test_figures_as_files(tmp_path, monkeypatch):
         command.report("rigid-scope", output=tmp_path / "out", figure=["ray"])
     assert not (tmp_path / "out").exists()
     command.report("rigid-scope", output=tmp_path / "out", figure=["rays", "plane"])
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["index.html", "plane.svg", "rays.svg"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "index.html",
+        "plane.svg",
+        "rays.svg",
+        "tables",
+    ]
     root = ElementTree.parse(tmp_path / "out" / "rays.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert "main lens" in "".join(root.itertext())
