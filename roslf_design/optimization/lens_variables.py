@@ -41,6 +41,12 @@ def varies_lens(place: str) -> bool:
     return place in (BENDING, FOCAL) or OWN.fullmatch(place) is not None
 
 
+def places_that_vary(lens: Prescription) -> tuple[str, ...]:
+    """Names of variables of a lens itself, whether or not all go with it (`lens_faults`)."""
+    numbers = range(1, len(lens.surfaces) + 1)
+    return (BENDING, *(f"{LENS}surfaces.{k}.{what}" for k in numbers for what in ("radius", "thickness")))
+
+
 def why_not_bent(lens: Prescription) -> str | None:
     """What makes a lens no singlet or cemented doublet of spheres; None where it is one."""
     pieces, surfaces = len(lens.elements), len(lens.surfaces)
