@@ -131,7 +131,7 @@ class Depths:
             old, **{name: value[part] for name, value in vars(old).items() if isinstance(value, np.ndarray)}
         )
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
-        aside = None if self.aside is None else self.aside[part]
+        aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]
         calibrated = None if self.calibration_sigma is None else self.calibration_sigma[part]
         return Depths(
             self.geometry, field, pupil, aside, disparities, self.x_ml[rows, columns], self.depth[part],
@@ -351,9 +351,9 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        # Rays through elements go as depth has them, however near that is to first order.
+        # Depth sees a defocus of the microlenses that no pixel does, and rays go through elements as it has them.
         exact = ["+plate_aberration"] if design.elements else []
-        lines = plan(design, scene, Budget(), ["-noise", *exact])
+        lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
         region = _with_margin(Camera.of(design.thin_twin), Region(*region))
