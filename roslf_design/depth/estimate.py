@@ -124,6 +124,14 @@ class DisparityMap:
         """Where there is a disparity, shape (v, u)."""
         return np.asarray(self.status == DisparityStatus.MEASURED)
 
+    def within(self, rows: slice, columns: slice) -> DisparityMap:
+        """A part of it."""
+        part = rows, columns
+        return DisparityMap(
+            self.disparity[part], self.sigma[part], self.status[part], self.chi2[part], self.views[part],
+            self.picture[part], self.window, self.search,
+        )  # fmt: skip
+
     def shares(self) -> dict[DisparityStatus, float]:
         """Share of the microlenses by status, those that occur."""
         return {kind: share for kind in DisparityStatus if (share := float(np.mean(self.status == kind))) > 0}
@@ -178,7 +186,7 @@ def epipolar_plane(
 
 def _in_row(values: ArrayLike, middle: int, row: int) -> Array:
     """What runs along u, of one row of views and one of microlenses, shape (s, u) or (s, 1)."""
-    along = np.asarray(values, float)[0, middle]
+    along: Array = np.asarray(values, float)[0, middle]
     return along[:, None] if along.ndim == 1 else along[:, row]
 
 
