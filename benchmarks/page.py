@@ -18,7 +18,10 @@ README_ROWS = (
         "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, a core's processor time",
         ("tolerance", "tolerance-adjusted", "trials", "trials-adjusted"),
     ),
-    ("`roslf optimize`: rigid scope; ear speculum with bought parts", ("optimize", "optimize-parts")),
+    (
+        "`roslf optimize`: rigid scope; ear speculum with bought parts; bought real lenses, traced",
+        ("optimize", "optimize-parts", "optimize-lens"),
+    ),
     ("`roslf report paper --pdf`; explorer, slider to new pictures", ("report", "slider")),
     ("Rays through a singlet, 1 thread", ("singlet",)),
     ("Monte Carlo of a singlet, every ray of every build traced, 1 thread", ("spots",)),

@@ -159,10 +159,12 @@ class ArrayGeometry:
 
     def prepared(self, field: LightField) -> PreparedViews:
         """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
-        field, pupil = unmixed(self.camera, field)
+        own = unmixed(self.camera, field)
         if self.traced is None:
-            return PreparedViews(field, pupil)
-        return PreparedViews(field, *self.traced.sight(field, pupil))
+            return PreparedViews(*own)
+        pupil, aside = self.traced.sight(own.field, own.pupil)
+        beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
+        return PreparedViews(own.field, pupil, aside + beside)
 
     def places(self, field: LightField) -> Array:
         """On the array [mm]."""

@@ -236,7 +236,7 @@ def _row(line: Samples, i: int, taps: Taps) -> float:
     total = taps[0] * line[i]
     for j in range(1, 6):
         total += taps[j] * line[i + j]
-    return total
+    return float(total)
 
 
 @kernel()

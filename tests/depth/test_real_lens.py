@@ -53,7 +53,7 @@ def test_a_wall_stands_where_it_is(design):
     scene = Scene(objects=(Plane(distance=z, texture=texture),))
     width, height = camera.pixels
     region = (width // 2 - 65 + 620, height // 2 - 65, 130, 130)
-    trial = roslf.measure_depth(design, scene, region=region, rays=36)
+    trial = roslf.measure_depth(design, scene, region=region, rays=100)
     first = trial.first
     assert first.measured.mean() > 0.8
     off = first.disparities.disparity[first.measured] - disparity_of(camera, np.array([z]))
