@@ -178,7 +178,7 @@ def epipolar_plane(
 
 def _in_row(values: ArrayLike, middle: int, row: int) -> Array:
     """What runs along u, of one row of views and one of microlenses, shape (s, u) or (s, 1)."""
-    along = np.asarray(values, float)[0, middle]
+    along: Array = np.asarray(values, float)[0, middle]
     return along[:, None] if along.ndim == 1 else along[:, row]
 
 

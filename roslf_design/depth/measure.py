@@ -128,8 +128,9 @@ class Depths:
             hexagonal=None,
         )  # fmt: skip
         disparities = replace(
-            old, **{name: value[part] for name, value in vars(old).items() if isinstance(value, np.ndarray)}
-        )
+            old, disparity=old.disparity[part], sigma=old.sigma[part], status=old.status[part], chi2=old.chi2[part],
+            views=old.views[part], picture=old.picture[part],
+        )  # fmt: skip
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
         aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]
         calibrated = None if self.calibration_sigma is None else self.calibration_sigma[part]
