@@ -124,6 +124,14 @@ class DisparityMap:
         """Where there is a disparity, shape (v, u)."""
         return np.asarray(self.status == DisparityStatus.MEASURED)
 
+    def within(self, rows: slice, columns: slice) -> DisparityMap:
+        """A part of it."""
+        part = rows, columns
+        return DisparityMap(
+            self.disparity[part], self.sigma[part], self.status[part], self.chi2[part], self.views[part],
+            self.picture[part], self.window, self.search,
+        )  # fmt: skip
+
     def shares(self) -> dict[DisparityStatus, float]:
         """Share of the microlenses by status, those that occur."""
         return {kind: share for kind in DisparityStatus if (share := float(np.mean(self.status == kind))) > 0}

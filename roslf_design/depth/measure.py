@@ -122,21 +122,16 @@ class Depths:
     def within(self, rows: slice, columns: slice) -> Depths:
         """A part of them."""
         part = (..., rows, columns)
-        field, old = self.field, self.disparities
         field = replace(
-            field, values=field.values[part], weight=field.weight[part], u=field.u[columns], v=field.v[rows],
-            hexagonal=None,
-        )  # fmt: skip
-        disparities = replace(
-            old, disparity=old.disparity[part], sigma=old.sigma[part], status=old.status[part], chi2=old.chi2[part],
-            views=old.views[part], picture=old.picture[part],
+            self.field, values=self.field.values[part], weight=self.field.weight[part], u=self.field.u[columns],
+            v=self.field.v[rows], hexagonal=None,
         )  # fmt: skip
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
         aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]
         calibrated = None if self.calibration_sigma is None else self.calibration_sigma[part]
         return Depths(
-            self.geometry, field, pupil, aside, disparities, self.x_ml[rows, columns], self.depth[part],
-            self.noise_sigma[part], calibrated,
+            self.geometry, field, pupil, aside, self.disparities.within(rows, columns), self.x_ml[rows, columns],
+            self.depth[part], self.noise_sigma[part], calibrated,
         )  # fmt: skip
 
     def flatness(self) -> Flatness | None:

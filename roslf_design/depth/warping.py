@@ -236,7 +236,7 @@ def _row(line: Samples, i: int, taps: Taps) -> float:
     total = 0.0
     for j in range(6):
         total += taps[j] * line[i + j]
-    return total
+    return float(total)
 
 
 @kernel()

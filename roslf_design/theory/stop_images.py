@@ -251,9 +251,15 @@ class MicrolensImages:
         return stop_discs(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
 
     @cached_property
+    def _through_fap(self) -> Projected:
+        """Where the rays of the FAP's plane cross the main lens."""
+        return lens_point(self.camera, self.camera.fap, self.microlens)
+
+    @cached_property
     def outline(self) -> Ellipse:
         """The FAP's image, as if nothing cut it."""
-        return stop_image(self.camera, self.camera.fap, self.microlens).ellipse(self.camera.fap.radius)
+        image = project(self._through_fap, self.microlens, 1.0, self.camera.pose("sensor"))
+        return image.ellipse(self.camera.fap.radius)
 
     @cached_property
     def diameter(self) -> Number:
@@ -276,7 +282,7 @@ class MicrolensImages:
         Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
         plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
         """
-        c, point = self.camera, lens_point(self.camera, self.camera.fap, self.microlens)
+        c, point = self.camera, self._through_fap
         bend = 1.0 - self.microlens[2] / c.f
         rooms = []
         for rim in c.rims:

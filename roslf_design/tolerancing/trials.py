@@ -29,8 +29,8 @@ PILOT, NEAR, SMALL = 64, 1.25, 0.01
 """The first builds, by which prediction is judged: its squares, in limits' rooms, against Newton's; ratio and sum."""
 ITERATIONS = 3
 """Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
-CONVERGED = 1e-3
-"""Part of its squares by which a step must promise to lower a build's residual, and lower it for another one."""
+CONVERGED = 2e-3
+"""Part of a build's squares: what a step must promise to lower them by, and keep of it for no other to follow."""
 DAMPING = 1e-10
 """Of the largest curvature, against adjusters that do the same."""
 
@@ -256,8 +256,9 @@ class Compensator:
                 trying = trying[~better]
                 if not trying.size:
                     break
-            # What was not tried has not fallen, and is done.
-            going = going[cost[going] < (1 - CONVERGED) * before]
+            # Done: what was not tried or did not fall, and what came where a linear response leads.
+            fallen, kept = before - cost[going], np.abs(cost[going] - promised) <= CONVERGED * before
+            going = going[(fallen > CONVERGED * before) & ~kept]
             if not going.size:
                 break
         changed = np.flatnonzero(cost < start)

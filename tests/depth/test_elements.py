@@ -97,7 +97,7 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least):
     sample = float(camera.d * camera.inverse_m * abs(seen.magnification) * (seen.distance - camera.d_3) / camera.gap)
     scene = Scene(objects=(Plane(distance=z, texture=Noise(finest=finest * sample, contrast=0.2, seed=1)),))
     width, height = camera.pixels
-    region = (width // 2 - 75 + aside, height // 2 - 75, 150, 150)
+    region = (width // 2 - 60 + aside, height // 2 - 60, 120, 120)
     first = roslf.measure_depth(design, scene, region=region, rays=24).first
     assert first.measured.mean() > least
     # Four windows and more of 0.015 pitches each.

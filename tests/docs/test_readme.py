@@ -18,6 +18,7 @@ sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, few_builds, run
 
 from roslf_design.cli import COMMANDS
+from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
 
 SERVES = ("explore",)
@@ -57,6 +58,7 @@ def project(root, tmp_path, monkeypatch, near_light):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     few_builds(monkeypatch)
+    monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
     few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     return tmp_path

@@ -50,7 +50,7 @@ def fill_factor(design, field):
 def test_a_large_part_of_an_image_cut_away_is_told(monkeypatch, misfit, error):
     """Where rims of a small achromat leave half of a wide pencil: by spokes, by polynomials that hardly follow."""
     monkeypatch.setattr(outlines, "MISFIT", misfit)
-    scope = roslf.load("studies/optimize-real-lens/scope-start.toml")
+    scope = roslf.load("studies/optimize-real-lens/start.toml")
     changes = {"aperture.diameter": 4.0, "aperture.distance": 9.2, "microlens_array.distance": 13.4}
     design = scope.replace({"main_lens.prescription": load_lens("AC050-010-A"), "main_lens.diameter": 4.5, **changes})
     fields = ((0.0, 0.0), (1.4, 1.05))
