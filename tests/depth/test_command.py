@@ -173,6 +173,6 @@ def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
     for here in ((kept > 0.3) & (kept < 0.95), kept >= 0.95):
         some = trial.compared & here
         assert trial.first.measured[2:-2, here].mean() > 0.9
-        # Some ten windows of their own where images are whole, twenty where cut: the share within is known to a seventh.
+        # Some ten windows of their own, twenty where images are cut: the share within is known to a seventh.
         assert 0.4 < (np.abs(scores[some]) < 1).mean() < 0.95
         assert np.abs(scores[some]).max() < 6
