@@ -101,7 +101,7 @@ class Depths:
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
     aside: NDArray[np.floating] | None
-    """How far views see to the side by the main lens's faults, likewise."""
+    """How far views see to the side, by faults of lens and elements and past the microlenses' middles, likewise."""
     disparities: DisparityMap
     x_ml: Array
     """Places of the microlenses on the array [mm], or of the views' pixels [px], shape (v, u, 2)."""
