@@ -27,7 +27,7 @@ lint: $(INSTALLED_DEV)
 
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
 R ?= paper story-arthroscope story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
-  optimize-ear-speculum accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth \
+  optimize-ear-speculum optimize-real-lens optimize-custom-lens accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth \
   depth-proof
 REPORTS := $(addprefix report-,$(R))
 reports: $(REPORTS)

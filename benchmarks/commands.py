@@ -57,6 +57,7 @@ def commands(folder: Path, quick: bool) -> list[Command]:
     pixels, board = "4600 x 3080 px", str(REPOSITORY / "studies/paper-images/board.toml")
     scope = str(REPOSITORY / "studies/optimize-rigid-scope/study.toml")
     speculum = str(REPOSITORY / "studies/optimize-ear-speculum/study.toml")
+    lenses = str(REPOSITORY / "studies/optimize-real-lens/study.toml")
     return [
         Command("help", "roslf --help", ("--help",)),
         Command("evaluate", "roslf evaluate paper", ("evaluate", "paper")),
@@ -82,6 +83,12 @@ def commands(folder: Path, quick: bool) -> list[Command]:
         ),
         Command("optimize", "roslf optimize optimize-rigid-scope", ("optimize", scope, "-o", "out"), quick=False),
         Command("optimize-parts", "roslf optimize optimize-ear-speculum", ("optimize", speculum, "-o", "out"), False),
+        Command(
+            "optimize-lens",
+            "roslf optimize optimize-real-lens: ten bought lenses and ways round, traced",
+            ("optimize", lenses, "-o", "out"),
+            False,
+        ),
         Command("report", "roslf report paper --pdf", ("report", "paper", "--pdf", "-o", "out")),
         Command("slider", "explorer, slider to new pictures, without the browser"),
     ]

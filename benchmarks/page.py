@@ -15,10 +15,13 @@ README_ROWS = (
     ("`roslf render paper`, white, 4600 x 3080 px: square; hexagonal array", ("render", "render-hexagonal")),
     ("`roslf render`, checkerboard, 600 x 480 px; rays traced inside", ("render-board", "rays")),
     (
-        "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, one core",
+        "`roslf tolerance`, 200,000 trials: as built; focused and calibrated; trials alone, a core's processor time",
         ("tolerance", "tolerance-adjusted", "trials", "trials-adjusted"),
     ),
-    ("`roslf optimize`: rigid scope; ear speculum with bought parts", ("optimize", "optimize-parts")),
+    (
+        "`roslf optimize`: rigid scope; ear speculum with bought parts; bought real lenses, traced",
+        ("optimize", "optimize-parts", "optimize-lens"),
+    ),
     ("`roslf report paper --pdf`; explorer, slider to new pictures", ("report", "slider")),
     ("Rays through a singlet, 1 thread", ("singlet",)),
     ("Monte Carlo of a singlet, every ray of every build traced, 1 thread", ("spots",)),

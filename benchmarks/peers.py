@@ -139,6 +139,12 @@ def same_spots(ours: Arrays, theirs: Arrays) -> str:
     return nominal or away("mean [standard errors]", float((np.abs(ours["mean"] - theirs["mean"]) / error).max()), 4.0)
 
 
+def as_sharp(ours: Arrays, theirs: Arrays) -> str:
+    """Nothing sharper than ours, and theirs no more than a hundredth worse."""
+    ratio = float(theirs["merit"] / ours["merit"])
+    return "" if 0.999 <= ratio <= 1.01 else f"blur {ratio:.4g} times ours"
+
+
 def same_lengths(ours: Arrays, theirs: Arrays) -> str:
     """Every length to rounding."""
     words = (away(name, float(np.abs(ours[name] / theirs[name] - 1).max()), 1e-11) for name in ours)
@@ -214,6 +220,16 @@ def cases(quick: bool) -> list[Case]:
         same_spots,
         note="Radii, conics, distances, thickness, index; RMS spots of three object points, 127 rays each.",
     )
+    bent = Case(
+        "bending",
+        "bending and focus of a singlet for least blur, f held",
+        "",
+        {"here": 1, "optiland": 1},
+        {**spot, "heights": [0.0, 14.0, 28.0], "wavelength_um": GREEN_UM, "focal_length": 100.0},
+        as_sharp,
+        lambda answer: f"rms radius {float(answer['merit']) * 1e3:.1f} um",
+        "Three object points, 127 rays each, from a biconvex start; there three variables, and f an operand.",
+    )
     geometry = Case(
         "geometry",
         "refocus distance, baseline, entrance pupil of 1000 cameras",
@@ -224,7 +240,7 @@ def cases(quick: bool) -> list[Case]:
         note="Here as arrays, as optimiser and tolerances do it; PlenoptiSign takes one camera a call.",
     )
     shape = (600, 800) if quick else (1000, 1400)
-    return [rays, spots, geometry, centres("hexagonal", 0.7, shape), centres("square", 0.95, shape)]
+    return [rays, spots, bent, geometry, centres("hexagonal", 0.7, shape), centres("square", 0.95, shape)]
 
 
 def compare(case: Case, pythons: Mapping[str, Path | str], rounds: int, most_seconds: float) -> Row:

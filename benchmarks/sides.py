@@ -190,6 +190,86 @@ def optiland_spots(inputs):
     return run, lambda: trials_said(nominal, tables)
 
 
+def here_bending(inputs):
+    """The bending and the focus of least blur of three object points, f held: batched builds under SLSQP."""
+    from roslf_design.lenses.glass import find_glass
+    from roslf_design.lenses.manufacture import lens_builds
+    from roslf_design.lenses.prescription import Prescription, Surface
+    from roslf_design.optimization.lens_variables import BENDING, LensVariation
+    from roslf_design.optimization.search import SearchBudget, search
+    from roslf_design.traced.builds import spot_radii
+    from roslf_design.traced.camera import Train
+
+    t, near, far, focal = (float(inputs[name]) for name in ("thickness", "object", "image", "focal_length"))
+    green, rings, r = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"]), float(inputs["radius"])
+    glass = find_glass("N-BK7")
+    lens = Prescription((Surface(1 / r, 15.0, t, glass), Surface(-1 / r, 15.0)), "bent", "", green)
+    variation, state = LensVariation(lens, green, focal), {}
+    circles = [ring / rings * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, rings + 1)]
+    spread = np.concatenate([[0.0], *circles])
+    pupil = np.stack([spread.real, spread.imag], axis=-1)
+    points = np.array([(0.0, -float(y), -near) for y in inputs["heights"]])
+
+    def vector(units):
+        builds = len(units)
+        bent = variation.at({BENDING: 4 * units[:, 0] - 2})
+        plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
+        rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
+        plane[:, 2] = t + far * (0.9 + 0.2 * units[:, 1])
+        train = Train.of(lens_builds(lens, green, bent.places, builds).stack)
+        spots = spot_radii(train, plane, rim, np.zeros((builds, 3)), points, pupil, np.ones(len(pupil)))
+        return np.log(np.sum(spots**2, axis=1))[None]
+
+    def run():
+        state["best"] = search(vector, np.full(2, 0.5), SearchBudget(), 300, 1e-10)
+
+    return run, lambda: {"merit": np.sqrt(np.exp(state["best"].merit) / len(points))}
+
+
+def optiland_bending(inputs):
+    """Both radii and the image's distance by its own least squares, the focal length an operand."""
+    from optiland.optic import Optic
+    from optiland.optimization import LeastSquares, OptimizationProblem
+
+    r, t, near, far, pupil, wave, focal = (
+        float(inputs[name])
+        for name in ("radius", "thickness", "object", "image", "pupil", "wavelength_um", "focal_length")
+    )
+    heights, state = [float(y) for y in inputs["heights"]], {}
+
+    def posed():
+        lens = Optic()
+        lens.surfaces.add(index=0, thickness=near)
+        lens.surfaces.add(index=1, radius=r, thickness=t, material="N-BK7", is_stop=True)
+        lens.surfaces.add(index=2, radius=-r, thickness=far)
+        lens.surfaces.add(index=3)
+        lens.set_aperture(aperture_type="EPD", value=pupil)
+        lens.fields.set_type(field_type="object_height")
+        for y in heights:
+            lens.fields.add(y=y)
+        lens.wavelengths.add(value=wave, is_primary=True)
+        task = OptimizationProblem()
+        for y in heights:
+            asked = {"optic": lens, "surface_number": -1, "Hx": 0, "Hy": y / max(heights), "distribution": "hexapolar"}
+            asked |= {"num_rays": int(inputs["rings"]), "wavelength": wave}
+            task.add_operand("rms_spot_size", target=0, weight=1, input_data=asked)
+        task.add_operand("f2", target=focal, weight=10, input_data={"optic": lens})
+        task.add_variable(lens, "radius", surface_number=1)
+        task.add_variable(lens, "radius", surface_number=2)
+        task.add_variable(lens, "thickness", surface_number=2)
+        return task
+
+    def run():
+        state["task"] = posed()
+        LeastSquares(state["task"]).optimize(tol=1e-9)
+
+    def answer():
+        spots = [float(operand.value) for operand in state["task"].operands.operands[: len(heights)]]
+        return {"merit": np.sqrt(np.mean(np.square(spots)))}
+
+    return run, answer
+
+
 def here_geometry(inputs):
     """Distance in focus for the neighbouring slope, baseline and entrance pupil of many cameras at once."""
     from roslf_design.camera import Camera

@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -34,9 +35,10 @@ class Kernel(Generic[P, R]):
     Divisions by zero must be guarded in the source (interpreted, they raise).
     """
 
-    def __init__(self, function: Callable[P, R], parallel: bool) -> None:
+    def __init__(self, function: Callable[P, R], parallel: bool = False, elementwise: bool = False) -> None:
         self.interpreted = function
         self.parallel = parallel
+        self.elementwise = elementwise
         self.__doc__ = function.__doc__
         self.__name__ = getattr(function, "__name__", "kernel")
         self._compiled: Callable[P, R] | None = None
@@ -86,22 +88,50 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         elif value is prange and kernel.parallel:
             names[name] = numba.prange
     twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
-    # numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
+    # Numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
     # unnoticed and old machine code would run; with the digest in the name it cannot.
     twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
-    compiled: Any = numba.njit(cache=True, fastmath=False, error_model="numpy", parallel=kernel.parallel)(twin)
+    folder = _cache_folder(twin)
+    alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")
+    fast: Callable[P, R]
+    if kernel.elementwise:
+        vectorize: Any = numba.vectorize
+        signature = numba.float64(*[numba.float64] * source.__code__.co_argcount)
+        with alone():
+            try:
+                fast = vectorize([signature], cache=folder is not None)(twin).ufunc
+            except OSError:  # the folder is full: compiled, not kept
+                fast = vectorize([signature])(twin).ufunc
+        return fast
+    compiled: Any = numba.njit(cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel)(
+        twin
+    )
     compile_now, unliteral = compiled.compile, numba.types.unliteral
-    lock = Path(compiled.stats.cache_path) / f"{twin.__qualname__}.lock"
 
     def compile_once(types: tuple[Any, ...]) -> Any:
         # In one process, then among all: who waited reads what the other compiled. Numba would compile twins of callees
         # for each literal argument, without any gain.
-        with _COMPILING, _alone(lock):
-            return compile_now(tuple(map(unliteral, types)))
+        plain = tuple(map(unliteral, types))
+        with _COMPILING, alone():
+            try:
+                return compile_now(plain)
+            except OSError:  # the folder is full: compiled, not kept
+                return compile_now(plain)
 
     compiled.compile = compile_once
-    fast: Callable[P, R] = compiled
+    fast = compiled
     return fast
+
+
+def _cache_folder(function: FunctionType) -> Path | None:
+    """Where numba keeps a function's machine code; None where it may write nowhere."""
+    from numba.core import caching
+
+    cache: Any = caching.FunctionCache
+    try:
+        return Path(cache(function).cache_path)
+    except (RuntimeError, OSError):  # none of its places is there
+        return None
 
 
 @contextlib.contextmanager
@@ -112,17 +142,21 @@ def _alone(path: Path) -> Iterator[None]:
     except ImportError:  # no such locks on Windows: two processes may compile the same
         yield
         return
-    with path.open("w") as file:
-        with contextlib.suppress(OSError):  # file systems without locks
-            fcntl.flock(file, fcntl.LOCK_EX)
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):  # file systems without locks, full, or not to be written to
+            fcntl.flock(held.enter_context(path.open("w")), fcntl.LOCK_EX)
         yield
 
 
-def kernel(*, parallel: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Make a function a `Kernel`; with `parallel`, its `prange` loops run on all threads when compiled."""
+def kernel(*, parallel: bool = False, elementwise: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Make a function a `Kernel`.
+
+    With `parallel`, its `prange` loops run on all threads when compiled. One that is `elementwise` takes and gives
+    floats, or arrays that broadcast; compiled, it takes one pass over them instead of one for each operation.
+    """
 
     def wrap(function: Callable[P, R]) -> Kernel[P, R]:
-        return Kernel(function, parallel)
+        return Kernel(function, parallel, elementwise)
 
     return wrap
 

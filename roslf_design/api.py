@@ -148,6 +148,7 @@ def capture_depth(
     region: tuple[int, int, int, int] | None = None,
     between: str | None = None,
     window: int | None = None,
+    sigma: Mapping[str, str] | None = None,
 ) -> MeasuredCapture:
     """Depth in a raw image that a camera took, or in decoded views, with its standard error.
 
@@ -169,6 +170,9 @@ def capture_depth(
         Distances to look between, as "300 mm, 400 mm".
     window : int, optional
         Microlenses, or pixels of views, that are matched together along each side.
+    sigma : dict, optional
+        How surely lengths of the camera are known that no calibration tells, by their places:
+        ``{"aperture.diameter": "1%"}``.
 
     Returns
     -------
@@ -189,7 +193,7 @@ def capture_depth(
     bright, black, folder, map_ = (None if path is None else Path(path) for path in (white, dark, calibration, truth))
     return captured(
         Path(image), None if design is None else str(design), bright, black, folder,
-        region=region, between=between, window=window, truth=map_,
+        region=region, between=between, window=window, truth=map_, sigma=sigma,
     )  # fmt: skip
 
 

@@ -45,6 +45,8 @@ WORDS = {
     "pixel_electrons": "electrons a pixel",
     "sensor_angle_deg": "steepest ray at the sensor",
     "blur_pitches": "defocus blur",
+    "spot_pitches": "blur of the lens",
+    "main_lens.bending": "bending of the lens",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",
     "views_independent": "independent views",

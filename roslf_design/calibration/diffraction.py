@@ -354,7 +354,7 @@ def view_weights(image: PupilImage, views: Array, points: int | None = None) -> 
     reach = (_RINGS + 1.5) * image.pitch + image.radius
     step = max(_STEP, image.blur / 12)
     count = 2 ** math.ceil(math.log2(2 * reach / step))
-    frequency, half = np.fft.fftfreq(count, step), np.fft.rfftfreq(count, step)
+    frequency, half = (np.asarray(f(count, step), float) for f in (np.fft.fftfreq, np.fft.rfftfreq))
     # The transfer is real and even along either axis.
     spread = np.fft.fftshift(np.fft.irfft2(image.transfer(half[None, :], frequency[:, None]), (count, count)))
     if points is None:

@@ -26,7 +26,7 @@ from ..design.environment import TEMPERATURE, Growth
 from ..design.parts import PATHS, Colours, Layout, Number, Symbols
 from ..design.real_lens import focal_length_at
 from ..lenses.angles import Law, first_order, stretch
-from .frames import Frame, Vector, along, dot, frame, minus, plus, times
+from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
 
 if TYPE_CHECKING:
     from ..lenses.glass import Glass
@@ -688,14 +688,14 @@ class Camera(Symbols[Number]):
 
         (u, us), (v, vs), (n, ns) = (against(axis) for axis in (sensor.x, sensor.y, sensor.z))
         x, y = (
-            tuple(minus(times(own, image), times(n, part)) for own, part in zip(ns, parts, strict=True))
+            tuple(cross(own, image, n, part) for own, part in zip(ns, parts, strict=True))
             for image, parts in ((u, us), (v, vs))
         )
         return x, y, (minus(times(ns[0], weight), n), times(ns[1], weight), times(ns[2], weight))  # type: ignore[return-value]
 
     def chief_point(self, x: Number, y: Number) -> tuple[Number, Number]:
         """Where the ray through the FAP's centre and the array's point (x, y) meets the sensor [mm, own frames]."""
-        u, v, w = (plus(plus(c0, times(cx, x)), times(cy, y)) for c0, cx, cy in self._chief_rays)
+        u, v, w = (total(c0, cx, x, cy, y) for c0, cx, cy in self._chief_rays)
         return np.divide(u, w), np.divide(v, w)
 
     @property

@@ -100,7 +100,7 @@ def diagrams(
         left_out.append("Tilts are left out: jobs are of straight cameras.")
     if loaded.lens is not None:
         left_out.append('The lens counts as thin and ideal in all quantities but "real lens".')
-    groups, scene_text = [], ""
+    groups, scene_text, table = [], "", current_table()  # one that is damaged is told before anything is measured
     with StatusLine("accuracy") as progress:
         for name in (name for name in wanted if name not in unfit):
             alone = axis and {"this field": promises.Job(name, loaded, axis)}
@@ -128,7 +128,7 @@ def diagrams(
         "accuracy", design, accuracy=accuracy, scene=scene, quantity=quantity, field=field, jobs=jobs or None,
         output=output, seed=seed or None,
     )  # fmt: skip
-    report = partial(page.accuracy_report, loaded.name, groups, current_table(), trials, command, accuracy, left_out)
+    report = partial(page.accuracy_report, loaded.name, groups, table, trials, command, accuracy, left_out)
     said = [*left_out, scene_text] if scene_text else left_out[:]
     said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
     finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)

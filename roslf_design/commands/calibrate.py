@@ -49,6 +49,7 @@ from .terminal import (
     check_options,
     json_text,
     listed,
+    parse_sigmas,
     print_blocks,
     refusal,
     typed,
@@ -335,21 +336,6 @@ def _known(design: Design, board: Board, told: Mapping[str, Any]) -> tuple[calib
     except CalibrationError as error:
         raise refusal("--sigma", str(error).removeprefix("sigma of ")) from None
     return sheet, None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
-
-
-def parse_sigmas(told: list[str] | None) -> dict[str, str]:
-    """Read "place=sigma", any number of times; refused where one is not that, or a place stands twice."""
-    sigmas: dict[str, str] = {}
-    for text in told or ():
-        place, between, sigma = (part.strip() for part in text.partition("="))
-        if not (place and between and sigma):
-            raise refusal(
-                "--sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"'
-            )
-        if place in sigmas:
-            raise refusal("--sigma", f"{place} is given twice; drop one")
-        sigmas[place] = sigma
-    return sigmas
 
 
 def _read_distances(file: Path) -> pages.BoardDistances:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.lengths import LengthCovariance
+from ..calibration.model import relative_sigma
 from ..calibration.result import image_pitch
 from ..camera import Camera
 from ..depth.captured import (
@@ -21,6 +22,7 @@ from ..depth.captured import (
     scaled,
     searched,
     truth_of,
+    with_errors_of,
 )  # fmt: skip
 from ..depth.geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from ..depth.measure import LEAST, measure
@@ -37,6 +39,8 @@ from .terminal import refusal
 
 VIEWS_WINDOW, WIDEST = 7, 99
 """Pixels of views that are matched together along each side, unless told otherwise, and the most."""
+LEAST_KNOWN = 0.2
+"""Relative standard error beyond which a length is as good as not known."""
 TRUTH = "gt_disp_lowres.pfm"
 """Disparities of the middle view, in a folder of the 4D Light Field Benchmark."""
 
@@ -52,6 +56,7 @@ def captured(
     between: str | None = None,
     window: int | None = None,
     truth: Path | None = None,
+    sigma: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> MeasuredCapture:
     """Depth in a raw image, or in decoded views; options as on the command line.
@@ -65,11 +70,37 @@ def captured(
         raise refusal("--window", f"{window} is no window; give an odd number from 3 to {WIDEST}")
     is_views = image.is_dir() or image.suffix.lower() == MATLAB
     camera, covariance = _camera(image, design, calibrated, needed=not is_views)
+    known_to = _known_to(camera, covariance, sigma or {})
     read = _views if is_views else _raw
     return read(
         image, camera, covariance, white=white, dark=dark, calibrated=calibrated, region=region, between=between,
-        window=window, truth=truth, progress=progress,
+        window=window, truth=truth, known_to=known_to, progress=progress,
     )  # fmt: skip
+
+
+def _known_to(
+    design: Design | None, covariance: LengthCovariance | None, sigmas: Mapping[str, str]
+) -> dict[str, float]:
+    """Standard errors of lengths [mm], as somebody gives them."""
+    found: dict[str, float] = {}
+    for place, text in sigmas.items():
+        if design is None:
+            raise refusal("--sigma", "is of a camera's length; name the camera with --design")
+        if covariance is not None and place in covariance.places:
+            raise refusal("--sigma", f"{place} is in the calibration, with its error; leave it out")
+        try:
+            value = float(Camera.of(design.thin_twin)[place])
+            relative = relative_sigma(text, value)
+        except (KeyError, TypeError, AttributeError):
+            raise refusal(
+                "--sigma", f'{place} is no length of {design.name}; give one as "aperture.diameter"'
+            ) from None
+        except ValueError as error:
+            raise refusal("--sigma", f"{place}: {error}") from None
+        if not 0 < relative <= LEAST_KNOWN:
+            raise refusal("--sigma", f"{place}={text} is out of range; give more than 0 and {LEAST_KNOWN:.0%} at most")
+        found[place] = relative * value
+    return found
 
 
 def _camera(
@@ -88,7 +119,7 @@ def _camera(
 def _raw(
     image: Path, design: Design | None, covariance: LengthCovariance | None, *, white: Path | None, dark: Path | None,
     calibrated: Path | None, region: tuple[int, int, int, int] | None, between: str | None, window: int | None,
-    truth: Path | None, progress: Callable[[str], None],
+    truth: Path | None, known_to: Mapping[str, float], progress: Callable[[str], None],
 ) -> MeasuredCapture:  # fmt: skip
     assert design is not None
     if truth is not None:
@@ -122,10 +153,12 @@ def _raw(
     if search is None:
         search = searched(field, image_width(camera))
     run = measure(geometry, field, noise.pixel, search=search)
+    if known_to:
+        run = with_errors_of(run, field, noise.pixel, search, known_to)
     warnings = tuple(raw.source.centres.warnings)
     return MeasuredCapture(
         (run,), np.full(run.depth.shape, np.nan), None, image.name, "raw", design.name,
-        "" if calibrated is None else str(calibrated), noise, warnings=warnings,
+        "" if calibrated is None else str(calibrated), noise, known_to=known_to, warnings=warnings,
     )  # fmt: skip
 
 
@@ -149,7 +182,7 @@ def _part(camera: Camera, raw: RawDecoded, region: tuple[int, int, int, int] | N
 def _views(
     image: Path, design: Design | None, covariance: LengthCovariance | None, *, white: Path | None, dark: Path | None,
     calibrated: Path | None, region: tuple[int, int, int, int] | None, between: str | None, window: int | None,
-    truth: Path | None, progress: Callable[[str], None],
+    truth: Path | None, known_to: Mapping[str, float], progress: Callable[[str], None],
 ) -> MeasuredCapture:  # fmt: skip
     idle = {"--white": white, "--dark": dark, "--region": region}
     wrong = [Problem(key, "goes with a raw image, and these are views; leave it out")
@@ -194,10 +227,13 @@ def _views(
     if not float(field.values.max(initial=0.0)) > 0:
         raise InputError((Problem("", "all views are black; check which files they are"),), str(image))
     progress("measuring depth")
-    run = measure(geometry, scaled(field, noise.scale), noise.pixel, search=search)
+    field = scaled(field, noise.scale)
+    run = noise.widened(measure(geometry, field, noise.pixel, search=search))
+    if known_to:
+        run = with_errors_of(run, field, noise.pixel, search, known_to)
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, "" if calibrated is None else str(calibrated), noise, of,
-        tuple(warnings),
+        known_to, tuple(warnings),
     )  # fmt: skip
 
 

@@ -6,9 +6,10 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from ..calibration.frames import SUFFIXES
@@ -33,6 +34,7 @@ from .terminal import (
     check_options,
     json_text,
     listed,
+    parse_sigmas,
     print_blocks,
     typed,
     write_files,
@@ -56,6 +58,7 @@ def depth(
     between: str | None = None,
     window: int | None = None,
     truth: Path | None = None,
+    sigma: Annotated[list[str] | None, Parameter(negative=())] = None,
     json: Flag = False,
 ) -> None:
     """Measure depth: in pictures of a scene, taken as a design would, with noise; or in a picture that a camera took.
@@ -101,13 +104,16 @@ def depth(
     truth
         Of decoded views: disparities from view to view as .pfm [px], to compare with. Default: gt_disp_lowres.pfm of
         the folder, where there is one.
+    sigma
+        How surely a length of the camera is known that no calibration tells, as aperture.diameter=1% or
+        aperture.diameter="20 um"; may be repeated. What that leaves open counts in the errors. Default: as designed.
     json
         Print the JSON object instead of text.
     """
     simulated = {"--scene": scene, "--exposures": exposures, "--believed": believed, "--seed": seed}
     taken = {
         "--design": design, "--white": white, "--dark": dark, "--calibration": calibration, "--between": between,
-        "--window": window, "--truth": truth,
+        "--window": window, "--truth": truth, "--sigma": sigma,
     }  # fmt: skip
     capture = _is_capture(subject) or any(value is not None for value in taken.values())
     wrong = [
@@ -121,14 +127,14 @@ def depth(
     command = typed(
         "depth", subject, scene=scene, region=region, exposures=exposures if exposures != 1 else None,
         believed=believed, seed=seed or None, design=design, white=white, dark=dark, calibration=calibration,
-        between=between, window=window, truth=truth, output=output,
+        between=between, window=window, truth=truth, sigma=sigma, output=output,
     )  # fmt: skip
     result: Measurement
     if capture:
         with StatusLine("depth") as status:
             result = captured(
                 Path(subject), design, white, dark, calibration, region=piece, between=between, window=window,
-                truth=truth, progress=status.tell,
+                truth=truth, sigma=parse_sigmas(sigma), progress=status.tell,
             )  # fmt: skip
         data, told = result.to_dict(), (*capture_answers(result), *capture_basis(result))
         title = f"Depth in {result.source}"

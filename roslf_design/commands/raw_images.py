@@ -64,7 +64,7 @@ def from_raw(
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
         balance = None
-        if design is not None and design.sensor.colours != "mono":
+        if _filtered(design, notes):
             balance = ColourBalance.of(pixels if even is None else even, black)
         frame = grey_frame(pixels, black, image.name)
         if balance is not None:
@@ -89,6 +89,15 @@ def from_raw(
     except CalibrationError as error:
         raise UnfinishedError(str(error), what_there_was(searched, str(error), pitch)) from None
     return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance)
+
+
+def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:
+    """Whether there were colour filters: as the design says, or what `roslf` noted in the file."""
+    if design is not None:
+        return design.sensor.colours != "mono"
+    noted = notes.get("design")
+    sensor = noted.get("sensor") if isinstance(noted, dict) else None
+    return isinstance(sensor, dict) and sensor.get("colours", "mono") != "mono"
 
 
 def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:

@@ -167,3 +167,18 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
         faults.append(Problem("-o", blocked))
     if faults:
         raise InputError(tuple(faults))
+
+
+def parse_sigmas(told: list[str] | None) -> dict[str, str]:
+    """Read "place=sigma", any number of times; refused where one is not that, or a place stands twice."""
+    sigmas: dict[str, str] = {}
+    for text in told or ():
+        place, between, sigma = (part.strip() for part in text.partition("="))
+        if not (place and between and sigma):
+            raise refusal(
+                "--sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"'
+            )
+        if place in sigmas:
+            raise refusal("--sigma", f"{place} is given twice; drop one")
+        sigmas[place] = sigma
+    return sigmas

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,9 @@ from ..imaging.camera import Region
 from ..json_data import plain
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
-from .estimate import PixelNoise
-from .geometry import GridGeometry, ViewGeometry
-from .measure import MARGIN, POINTS, Measurement, lattice_of, measure, sampled
+from .estimate import DisparityMap, PixelNoise
+from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
+from .measure import MARGIN, POINTS, Depths, Measurement, lattice_of, measure, sampled
 
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
@@ -33,6 +33,8 @@ QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
 """That a file is believed to stand for in a pixel."""
+SOME_VIEWS = 12
+"""Of views whose noise is compared with itself, at most."""
 FAINTEST = 1e-4
 """Least noise of such views, against their brightness: what rounding and interpolation leave."""
 
@@ -46,6 +48,14 @@ class CaptureNoise:
     """Value of the samples that is white, 1, to `pixel`."""
     source: str
     """In words."""
+    alike: float = 1.0
+    """Variance of disparities against that of samples whose noise is each its own: more where neighbours' is alike."""
+
+    def widened(self, run: Depths) -> Depths:
+        """Depths measured with it, their errors widened by what is alike."""
+        wider = math.sqrt(self.alike)
+        disparities = replace(run.disparities, sigma=run.disparities.sigma * wider)
+        return replace(run, disparities=disparities, noise_sigma=run.noise_sigma * wider)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +73,9 @@ class MeasuredCapture(Measurement):
     noise: CaptureNoise
     truth: str = ""
     """File that the truth is from."""
+    known_to: Mapping[str, float] = field(default_factory=dict)
+    """Standard errors of lengths by their places, as somebody gave them [mm]; all others are taken as exact, but for
+    those that a calibration told."""
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,6 +92,7 @@ class MeasuredCapture(Measurement):
             "kind": self.kind,
             "design": self.camera or None,
             "calibration": self.calibration or None,
+            "known_to_mm": dict(self.known_to),
             "truth": self.truth or None,
             "unit": unit,
             "microlenses": [self.true.shape[1], self.true.shape[0]],
@@ -192,11 +206,106 @@ def measured_noise(
     level = _brightness(field) or 1.0
     progress("measuring noise")
     guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
-    chi2 = measure(geometry, scaled(field, level), guess, search=search).disparities.chi2
+    run = measure(geometry, scaled(field, level), guess, search=search)
+    chi2 = run.disparities.chi2
     some = chi2[chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
+    alike = noise_alike(run.field, run.pupil, run.disparities)
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
-    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said)
+    if alike > 1.05:
+        said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
+    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike)
+
+
+def noise_alike(field: LightField, pupil: NDArray[np.floating], found: DisparityMap) -> float:
+    """How much more disparities vary than if each sample had noise of its own.
+
+    What is left between views that lie on each other is compared with itself a few samples aside: interpolated and
+    compressed views have noise that neighbours share, which a window does not average out.
+
+    Parameters
+    ----------
+    field : LightField
+    pupil : ndarray
+        As `estimate_disparity` takes it.
+    found : DisparityMap
+        Of them.
+
+    Returns
+    -------
+    float
+        1 or more; 1 where too little is known.
+    """
+    from scipy import ndimage
+
+    known = found.measured
+    if known.sum() < found.window**2:
+        return 1.0
+    disparity = np.where(known, found.disparity, np.median(found.disparity[known]))
+    inner = ndimage.binary_erosion(known, np.ones((3, 3), bool))
+    rows, columns = np.indices(known.shape, dtype=float)
+    along_v, along_u = np.gradient(found.picture)
+    lit = np.argwhere((field.weight > 0).mean(axis=(2, 3)) > 0.5)
+    some = lit[np.linspace(0, len(lit) - 1, min(len(lit), SOME_VIEWS)).astype(int)]
+    middle = [np.nanmean(axis[tuple(lit.T)]) for axis in pupil]
+    left, slopes = [], []
+    for t, s in some:
+        x, y = (np.nan_to_num(axis[t, s]) for axis in pupil)
+        seen = ndimage.map_coordinates(
+            field.values[t, s].astype(float), [rows + disparity * y, columns + disparity * x], order=3, mode="nearest"
+        )
+        left.append(np.where(inner, seen - found.picture, 0.0))
+        slopes.append(np.where(inner, along_u * (x - middle[0]) + along_v * (y - middle[1]), 0.0))
+    noise, slope = np.stack(left), np.stack(slopes)
+    total, width = 0.0, found.window
+    own = float(np.mean(slope**2, axis=(1, 2)) @ np.mean(noise**2, axis=(1, 2)))
+    for b in range(1 - width, width):
+        for a in range(1 - width, width):
+            here, there = ((..., _from(side * b), _from(side * a)) for side in (1, -1))
+            both = [np.mean(part[here] * part[there], axis=(1, 2)) for part in (slope, noise)]
+            total += (1 - abs(a) / width) * (1 - abs(b) / width) * float(both[0] @ both[1])
+    return max(1.0, total / own) if own > 0 else 1.0
+
+
+def with_errors_of(
+    run: Depths, field: LightField, noise: PixelNoise, search: tuple[float, float], known_to: Mapping[str, float]
+) -> Depths:
+    """Depths whose calibration's error counts lengths known to some standard error, to first order.
+
+    Each is moved by its own, and depth measured again: the FAP's diameter, say, tells how much of a sample's light is
+    its neighbours'.
+
+    Parameters
+    ----------
+    run : Depths
+        Of an `ArrayGeometry`.
+    field, noise, search
+        What `measure` made it of.
+    known_to : dict
+        Standard errors [mm] by the lengths' places.
+    """
+    from scipy import ndimage
+
+    assert isinstance(run.geometry, ArrayGeometry)
+    around = 3 * run.disparities.window
+    own = np.zeros(run.depth.shape) if run.calibration_sigma is None else run.calibration_sigma
+    variance = own**2
+    for place, sigma in known_to.items():
+        moved = run.geometry.design.replace({place: float(run.geometry.camera[place]) + sigma})
+        change = measure(replace(run.geometry, design=moved), field, noise, search=search).depth - run.depth
+        known = np.isfinite(change)
+        # A mean over neighbours: texture makes single changes scatter.
+        square, count = (
+            ndimage.uniform_filter(part, around, mode="constant")
+            for part in (np.where(known, change, 0.0) ** 2, known.astype(float))
+        )
+        variance = variance + np.divide(square, count, out=np.zeros_like(square), where=count > 1e-9)
+    return replace(run, calibration_sigma=np.where(run.measured, np.sqrt(variance), np.nan))
+
+
+def _from(step: int) -> slice:
+    """What has a neighbour so many steps back, or on."""
+    return slice(step, None) if step >= 0 else slice(None, step)
 
 
 def scaled(field: LightField, level: float) -> LightField:

@@ -124,6 +124,14 @@ class DisparityMap:
         """Where there is a disparity, shape (v, u)."""
         return np.asarray(self.status == DisparityStatus.MEASURED)
 
+    def within(self, rows: slice, columns: slice) -> DisparityMap:
+        """A part of it."""
+        part = rows, columns
+        return DisparityMap(
+            self.disparity[part], self.sigma[part], self.status[part], self.chi2[part], self.views[part],
+            self.picture[part], self.window, self.search,
+        )  # fmt: skip
+
     def shares(self) -> dict[DisparityStatus, float]:
         """Share of the microlenses by status, those that occur."""
         return {kind: share for kind in DisparityStatus if (share := float(np.mean(self.status == kind))) > 0}
@@ -165,17 +173,21 @@ def epipolar_plane(
 ) -> EpipolarPlane:
     """Epipolar-plane image of a row of microlenses, through the pupil's middle, with its fitted disparities."""
     middle = int(np.abs(field.t).argmin())
-    where = np.asarray(pupil, float)[0, middle]
-    where = where[:, None] if where.ndim == 1 else where[:, row]
-    shape = (len(field.s), len(field.u))
+    where, shape = _in_row(pupil, middle, row), (len(field.s), len(field.u))
     return EpipolarPlane(
         field.values[middle, :, row],
         field.weight[middle, :, row] > 0,
         np.broadcast_to(where, shape),
         field.u,
         disparity.disparity[row],
-        None if aside is None else np.asarray(aside, float)[0, middle, :, row],
+        None if aside is None else np.broadcast_to(_in_row(aside, middle, row), shape),
     )
+
+
+def _in_row(values: ArrayLike, middle: int, row: int) -> Array:
+    """What runs along u, of one row of views and one of microlenses, shape (s, u) or (s, 1)."""
+    along: Array = np.asarray(values, float)[0, middle]
+    return along[:, None] if along.ndim == 1 else along[:, row]
 
 
 def estimate_disparity(
@@ -213,7 +225,7 @@ def estimate_disparity(
         Side of the matching window [microlenses], odd.
     aside : array_like, optional
         How far views see to the side of that, whatever the disparity: the view from s sees at u + B s + aside what the
-        pupil's centre sees at u. Along u and along v [microlens pitches], shape (2, t, s, v, u). None is nothing.
+        pupil's centre sees at u. Along u and along v [microlens pitches], shapes as of `pupil`. None is nothing.
     largest_sigma : float
         Standard error [pitches] above which there is no disparity. Beyond about 0.3 the wrong one of two likely
         disparities would be taken now and then, and no standard error says so.
@@ -304,13 +316,12 @@ class _Views:
             where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
         else:
             known = np.asarray(np.isfinite(where).all(axis=0))
-        if aside is None:
-            beside = np.broadcast_to(np.float32(0), where.shape)
-        else:
-            beside = np.asarray(aside, np.float32)
-            if beside.shape != (2, *grid, *shape):
-                raise ValueError(f"aside of shape {beside.shape}; give (2, t, s, v, u) of {(2, *grid, *shape)}")
-            beside = beside[:, usable]
+        beside = np.zeros((2, *grid), np.float32) if aside is None else np.asarray(aside, np.float32)
+        if beside.shape not in ((2, *grid), (2, *grid, *shape)):
+            raise ValueError(f"aside of shape {beside.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
+        beside = beside[:, usable]
+        if beside.ndim == 2:
+            beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
         full = good & (values * light * np.float32(noise.electrons) >= np.float32(noise.saturation))

@@ -101,7 +101,7 @@ class Depths:
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
     aside: NDArray[np.floating] | None
-    """How far views see to the side by the main lens's faults, likewise."""
+    """How far views see to the side, by faults of lens and elements and past the microlenses' middles, likewise."""
     disparities: DisparityMap
     x_ml: Array
     """Places of the microlenses on the array [mm], or of the views' pixels [px], shape (v, u, 2)."""
@@ -123,20 +123,16 @@ class Depths:
     def within(self, rows: slice, columns: slice) -> Depths:
         """A part of them."""
         part = (..., rows, columns)
-        field, old = self.field, self.disparities
         field = replace(
-            field, values=field.values[part], weight=field.weight[part], u=field.u[columns], v=field.v[rows],
-            hexagonal=None,
+            self.field, values=self.field.values[part], weight=self.field.weight[part], u=self.field.u[columns],
+            v=self.field.v[rows], hexagonal=None,
         )  # fmt: skip
-        disparities = replace(
-            old, **{name: value[part] for name, value in vars(old).items() if isinstance(value, np.ndarray)}
-        )
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
-        aside = None if self.aside is None else self.aside[part]
+        aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]
         calibrated = None if self.calibration_sigma is None else self.calibration_sigma[part]
         return Depths(
-            self.geometry, field, pupil, aside, disparities, self.x_ml[rows, columns], self.depth[part],
-            self.noise_sigma[part], calibrated,
+            self.geometry, field, pupil, aside, self.disparities.within(rows, columns), self.x_ml[rows, columns],
+            self.depth[part], self.noise_sigma[part], calibrated,
         )  # fmt: skip
 
     def flatness(self) -> Flatness | None:
@@ -352,9 +348,9 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        # Rays through elements go as depth has them, however near that is to first order.
+        # Depth sees a defocus of the microlenses that no pixel does, and rays go through elements as it has them.
         exact = ["+plate_aberration"] if design.elements else []
-        lines = plan(design, scene, Budget(), ["-noise", *exact])
+        lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
         wide = _with_margin(Camera.of(design.thin_twin), Region(*region))

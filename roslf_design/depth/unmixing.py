@@ -19,6 +19,8 @@ from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
 from ..theory.colours import mixed
 from ..theory.disparity_error import ImageParts, image_parts
+from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
 
 STEP, MOST = 0.1, 400
@@ -32,6 +34,8 @@ ROUNDS = 8
 """Of taking neighbours' light away: what is left falls to less than a third each time."""
 FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
+FARTHEST = 0.25
+"""Pitches from a microlens's middle beyond which no sample is taken to look."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
@@ -70,7 +74,20 @@ def evened(camera: Camera, field: LightField) -> LightField:
     return _with(field, values, weight)
 
 
-def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.float32]]:
+class OwnLight(NamedTuple):
+    """A light field with each microlens's own light alone, and where that comes from."""
+
+    field: LightField
+    """Weights are those of samples with as much noise."""
+    pupil: NDArray[np.float32]
+    """Where each sample's light passed the FAP, on average, along u and along v [diameters]: shape (2, t, s), or
+    (2, t, s, v, u) where stops cut microlens images."""
+    aside: NDArray[np.float32]
+    """How far from the microlens's middle that light passed it, on average, backwards as `estimate_disparity` takes it
+    [pitches]: of the same shape."""
+
+
+def unmixed(camera: Camera, field: LightField) -> OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -79,12 +96,6 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
         One build, which took it.
     field : LightField
         Its u and v count microlenses from the array's centre.
-
-    Returns
-    -------
-    (field, pupil)
-        Weights are those of samples with as much noise. Where each sample's light passed the FAP, on average, along u
-        and along v [diameters]: shape (2, t, s), or (2, t, s, v, u) where stops cut microlens images.
     """
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
@@ -106,12 +117,34 @@ def unmixed(camera: Camera, field: LightField) -> tuple[LightField, NDArray[np.f
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
     seen = _Map.of(rows, columns, (height, width), (height, width))
-    pupil = np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
-    if rows.size == 1:
-        pupil = pupil[..., 0, 0]
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
-    pupil *= np.float32(side)
-    return _with(field, values, weight), pupil
+    pupil = np.float32(side) * np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
+    aside = seen(_aside(camera, field, rows, columns, parts.light[own]))
+    if rows.size == 1:
+        pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
+    return OwnLight(_with(field, values, weight), pupil, aside)
+
+
+def _aside(
+    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """`OwnLight.aside` at the nodes, shape (2, t, s, nodes).
+
+    Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
+    of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by
+    the microlenses' defocus on the way over one of them, other rims move as they do from microlens to microlens.
+    """
+    variance = 1 / 16 if camera.lens_shape == "circular" else 1 / 12
+    even = light.reshape(rows.size, columns.size, *light.shape[1:])
+    blur = -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
+    slopes = np.stack(
+        [blur * np.gradient(even, at / field.pitch, axis=axis) for axis, at in ((3, field.s), (2, field.t))]
+    )
+    for slope, axis, at in zip(slopes, (1, 0), (field.u[columns], field.v[rows]), strict=True):
+        if at.size > 1:
+            slope += np.gradient(even, at, axis=axis)
+    share = np.divide(slopes, even, out=np.zeros_like(slopes), where=even > DARKEST)
+    return np.moveaxis(np.clip(-variance * share, -FARTHEST, FARTHEST).reshape(2, *light.shape), 1, -1)
 
 
 def _freed(

@@ -233,10 +233,10 @@ def spread_of_zones(
 
 @kernel()
 def _row(line: Samples, i: int, taps: Taps) -> float:
-    total = taps[0] * line[i]
-    for j in range(1, 6):
+    total = 0.0
+    for j in range(6):
         total += taps[j] * line[i + j]
-    return total
+    return float(total)
 
 
 @kernel()

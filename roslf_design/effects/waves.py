@@ -77,10 +77,12 @@ def microlens_defocus(s: Subject) -> Estimate:
     most 1 - sinc(2 W) = 6.6 W^2 of any frequency that diffraction lets pass, which counts for so much of w; beyond a
     wave or so the rays' blur takes over. That holds for incoherent light. A point source's is coherent: fields change
     by the first power of W, intensities by up to pi W of the brightest, the slope 1/w times pi b/8: nothing is hidden.
+    Nor is it where the scene has texture: each side of a microlens then looks through another part of the FAP, which
+    the views show as a depth that is off.
     """
     blur, waves = (float(of(s.camera)) for of in (light.microlens_defocus_blur, light.microlens_defocus_waves))
-    coherent = s.brief.smallest_period == 0
-    hidden = float(light.diffraction_width(s.camera)) if s.brief.diffracts and not coherent else 0.0
+    white = s.brief.smallest_period == math.inf
+    hidden = float(light.diffraction_width(s.camera)) if s.brief.diffracts and white else 0.0
     left = blur * blur / (blur + 10 * hidden) if blur > 0 else 0.0
     note = f"ray blur {blur / s.design.q:.3g} px, {waves:.2g} waves at the microlens edge"
     return Estimate(left / s.design.q, f"{note}, mostly hidden by diffraction" if 10 * hidden > blur else note)

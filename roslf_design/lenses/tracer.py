@@ -169,7 +169,7 @@ class SurfaceStack(NamedTuple):
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         # Writable, as a kernel is compiled once more for arrays that are not.
-        lens = (np.require(part, requirements="CW") for part in (self.table, self.media))
+        lens = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media))
         arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (*lens, *room, *rays)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
         compiled = has_law or pays(kernel, total * count)

@@ -33,7 +33,7 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import AnyLength, Length, Temperature, format_quantity, parse_quantity
+from ..units import AnyLength, Length, Temperature, format_quantity
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
 from .search import FTOL
 from .traces import FieldTraces, clearances
@@ -85,7 +85,8 @@ class Variable(StrictTable):
         if isinstance(value, (list, tuple)) and len(value) == 2:
             return {"min": value[0], "max": value[1]}
         if not isinstance(value, Mapping):
-            raise ValueError(f'{value!r} is no pair of bounds; write e.g. ["0.5 mm", "8 mm"]')
+            example = '["0.5 mm", "8 mm"]' if cls.measured_in else "[-2, 2]"
+            raise ValueError(f"{value!r} is no pair of bounds; write e.g. {example}")
         return value
 
     @model_validator(mode="after")
@@ -236,7 +237,7 @@ class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
     min: float | None = None
-    """Text with a unit for lengths, else a number."""
+    """Text with a unit for lengths, or a number in the unit that the quantity's name ends with."""
     max: float | None = None
     """The same."""
 
@@ -246,13 +247,7 @@ class Constraint(_Asked):
         quantity = info.data.get("quantity")
         if value is None or quantity is None:
             return None
-        if quantity.length:
-            from_file = bool(info.context and info.context.get("from_file"))
-            return parse_quantity(value, "length", unit_required=from_file)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            unit = f" (in {quantity.unit})" if quantity.unit else ""
-            raise ValueError(f"{info.field_name} of {quantity.name} must be a number{unit}, got {value!r}")
-        return float(value)
+        return float(quantity.limit(value, from_file=bool(info.context and info.context.get("from_file"))))
 
     @model_validator(mode="after")
     def _bounded(self) -> Constraint:

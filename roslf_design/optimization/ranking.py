@@ -288,19 +288,21 @@ class Combinations:
         """
         parts = self.chosen(number)
         numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
-        problem, given = self.problem, {**self.problem.given, **numbers}
-        said = {place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()}
+        design, given = self.problem.design, {**self.problem.given, **numbers}
+        if said := {
+            place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()
+        }:
+            design = design.replace(said)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
             given.pop(FOCAL, None)
-        if own or said:
-            problem = replace(problem, design=self._behind({**own, **said}) if own else problem.design.replace(said))
-        return replace(problem, given=given)
+            design = self._behind(own, design)
+        return replace(self.problem, design=design, given=given)
 
-    def _behind(self, own: Mapping[str, Any]) -> Design:
+    def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
         """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
-        base, problem = self.problem.design, self.problem
+        problem = self.problem
         units = sobol_units(problem.n, TRIED, 0)
         numbers = problem.values(units) if problem.n else {}
         numbers = {place: value for place, value in numbers.items() if place != FOCAL}
@@ -560,8 +562,8 @@ def rank(
 ) -> Ranking:
     """Find the `keep` best combinations; where the budget is spent those that are best so far.
 
-    Closed forms lead from the first of two starts that does to a combination's best; behind real lenses, where kinks may
-    stop a search, the best of all `starts` counts.
+    Of closed forms the first of two starts that ends at a design counts; behind real lenses, where kinks may stop a
+    search, the best of all `starts`.
     """
     began = time.monotonic()
     n, count = combinations.problem.n, len(combinations)

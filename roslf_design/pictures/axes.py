@@ -74,9 +74,12 @@ def draw(panel: Panel, ax: Axes, theme: Theme) -> Axes:
         ("x", ax.xaxis, panel.x, x_ticks, panel.x_label, "ink"),
         ("y", ax.yaxis, panel.y, y_ticks, panel.y_label, panel.y_colour),
     ):
-        ax.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": scale[:2]})
+        if scale.log:
+            ax.set(**{f"{name}scale": "log"})
+        ax.set(**{f"{name}lim": scale[:2]})
         axis.set_ticks([value for value, _ in ticks], [label for _, label in ticks])
-        axis.set_ticks([], minor=True)
+        if scale.log:
+            axis.set_ticks([], minor=True)
         axis.set_label_text(_mathtext(label), color=theme.colour(hue))
         axis.set_tick_params(color=theme.grey, labelcolor=theme.colour(hue))
         if name in panel.grid:

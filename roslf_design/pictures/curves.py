@@ -78,9 +78,9 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture tells it"
     words = f"at d_f = {short(design.d_f)} mm: {sharp.partition(',')[0]}"
     width = max(size[0] - 114, 80.0)
-    leftwards = float(across.share(design.d_f)) * width + text_width(words, SMALL) + 16 > width
-    # Between the two curves, which both leave the upper middle free.
-    anchor, dx = ("end", -8.0) if leftwards else ("start", 8.0)
+    # Between the two curves, which both leave the upper middle free; never beyond the panel.
+    at, long = float(across.share(design.d_f)) * width, text_width(words, SMALL)
+    start = max(at - 8 - long if at + long + 16 > width else at + 8, min(4.0, width - long))
     dots: list[Mark] = [*_unknown(distance, known, up)]
     if not known.all():
         keys.append(UNKNOWN)
@@ -90,7 +90,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
         Line([design.d_f] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
         Line(distance[known], sigma[known], "blue", 2.2, testid="sigma-curve"),
         *dots,
-        Text(design.d_f, up.high, words, "ink", SMALL, anchor, dx, 14, halo=True),
+        Text(design.d_f, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
     labels = "object distance from the main lens Z [mm]", "depth precision σ_Z [mm]"
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")

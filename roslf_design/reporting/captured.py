@@ -9,9 +9,9 @@ import numpy as np
 from ..depth.captured import MeasuredCapture
 from ..depth.geometry import ArrayGeometry
 from ..pictures.picture import Picture
-from ..words import number, sentence
-from .blocks import Block, Bullets, Code, Figure, Report, Section, Statement, Statements, Table
-from .depth import FIGURES, RIGHT, known, optics_notes
+from ..words import length, listed, number, sentence
+from .blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
+from .depth import FIGURES, RIGHT, known, measurement_report, optics_notes
 
 CAPTIONS = {
     "map": (
@@ -41,17 +41,14 @@ NOISY = 2.0
 
 def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], command: str) -> Report:
     """The page: what was measured, how sure it is, what that rests on, how to run it again."""
-    figures = [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()]
     rows, columns = measured.true.shape
-    return Report(
+    return measurement_report(
         f"Depth in {measured.source}",
         f"{columns} x {rows} {_places(measured)}",
-        (
-            Section("Answers", (*capture_answers(measured), *figures[:1]), "answers"),
-            Section("What it rests on", capture_basis(measured), "basis"),
-            Section("Evidence", tuple(figures[1:]), "evidence"),
-            Section("How it was done", (Code(command, "Run again"),), "how"),
-        ),
+        capture_answers(measured),
+        capture_basis(measured),
+        [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()],
+        (Code(command, "Run again"),),
     )
 
 
@@ -80,7 +77,11 @@ def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             noise, own = (float(np.median(part[some])) for part in (run.noise_sigma, run.calibration_sigma))
             text += f": {noise:.2g} {unit} from its light, texture and matching, {own:.2g} {unit} from calibration."
             yield Statement("plain", text, "Averaging lessens the former; the latter is the same in all pictures.")
-    if run.calibration_sigma is None and run.geometry.place_unit == "mm":
+    if measured.known_to:
+        lengths = listed([f"{place} to {length(sigma)}" for place, sigma in measured.known_to.items()])
+        rest = "what calibration told and " if measured.calibration else ""
+        yield Statement("plain", f"Is the camera known? {lengths}, as given; but for {rest}these it is as designed.")
+    elif run.calibration_sigma is None and run.geometry.place_unit == "mm":
         text = "Is the camera known? It is taken as designed, without error."
         yield Statement("caution", text, "Calibrate it, and name the folder with --calibration.")
     if unit == "px":
@@ -154,6 +155,11 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
         "At depth steps a window sees two depths: there depth is unknown, or that of the better side.",
     ]
     if isinstance(run.geometry, ArrayGeometry):
+        if "aperture.diameter" not in measured.known_to:
+            notes.append(
+                "The FAP's diameter is taken as designed, without error: what neighbours shine into an image follows "
+                "from it. --sigma aperture.diameter=1% counts what that leaves open."
+            )
         notes += optics_notes(run.geometry.design)
     return Table(tuple(rows), "ll", ("", ""), "Camera, noise, matching"), Bullets(tuple(notes))
 

@@ -95,6 +95,7 @@ def _parameters(designs: Sequence[Design]) -> Table:
         column |= {
             "array": f"{mla.layout}, {mla.lens_shape} lenses",
             "pixels": "{} x {}".format(*design.pixels),
+            "colour filters": "none" if design.sensor.colours == "mono" else design.sensor.colours,
             "main lens": "ideal" if design.lens is None else design.lens.name,
             "further stops": str(len(design.stops)),
         }

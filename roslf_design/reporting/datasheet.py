@@ -87,9 +87,11 @@ class AsBuilt(NamedTuple):
             if line.key in told or not (line.quantity or line.of):
                 continue
             builds, good = many if line.quantity else few
-            if np.count_nonzero(good) > 1:
+            with np.errstate(all="ignore"):  # of builds that are no cameras
                 values = np.asarray(QUANTITIES[line.quantity](builds)) if line.quantity else line.values(builds)
-                told[line.key] = float(np.std(np.broadcast_to(values, good.shape)[good], ddof=1))
+            values = np.broadcast_to(values, good.shape)[good]
+            if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
+                told[line.key] = float(np.std(values, ddof=1))
         return {key: deviation for key, deviation in told.items() if math.isfinite(deviation)}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from ..depth.estimate import epipolar_plane
 from ..depth.measure import REASONS, Measurement, Summary, Trial
@@ -58,15 +58,29 @@ def measurement_pictures(trial: Measurement) -> dict[str, Picture]:
 def depth_report(trial: Trial, pictures: dict[str, Picture], command: str) -> Report:
     """The page: what was measured, how good it is, what that rests on, what is unknown and why, how to run it again."""
     columns, rows = trial.true.shape[::-1]
-    figures = [Figure.of(f"depth-{name}", *FIGURES[name], picture) for name, picture in pictures.items()]
-    return Report(
+    return measurement_report(
         f"Depth that {trial.raw.design.name} measures",
         f"{trial.scene.name or 'a scene'}, seen by {columns} x {rows} microlenses; simulated with noise",
+        answers(trial),
+        basis(trial),
+        [Figure.of(f"depth-{name}", *FIGURES[name], picture) for name, picture in pictures.items()],
+        (Paragraph(_method(trial)), Code(command, "Run again")),
+    )
+
+
+def measurement_report(
+    title: str, about: str, said: Sequence[Block], rests_on: tuple[Block, ...], figures: list[Figure],
+    how: tuple[Block, ...],
+) -> Report:  # fmt: skip
+    """The page of a measurement, simulated or of a capture."""
+    return Report(
+        title,
+        about,
         (
-            Section("Answers", (*answers(trial), *figures[:1]), "answers"),
-            Section("What it rests on", basis(trial), "basis"),
+            Section("Answers", (*said, *figures[:1]), "answers"),
+            Section("What it rests on", rests_on, "basis"),
             Section("Evidence", tuple(figures[1:]), "evidence"),
-            Section("How it was done", (Paragraph(_method(trial)), Code(command, "Run again")), "how"),
+            Section("How it was done", how, "how"),
         ),
     )
 

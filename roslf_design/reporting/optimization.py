@@ -109,6 +109,8 @@ def _statements(result: Result) -> Iterator[Statement]:
             f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
             f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
         )
+        if ranking.best:
+            text += f" {_best_parts(ranking)}"
         if answer.asked.order == "lexicographic":
             text += " They are ranked by the weighted goals, not by their order."
         if result.part_retraces:
@@ -314,6 +316,15 @@ def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
     if len(goals) == 1 and active.goal_gain_per_unit is not None:
         return f"{goals[0].with_unit(size * active.goal_gain_per_unit, 4)} {per}"
     return f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
+
+
+def _best_parts(ranking: Ranking) -> str:
+    """The first of the list in words."""
+    first, combinations = ranking.best[0], ranking.combinations
+    problem = combinations.problem_at(first.number)
+    parts = ", ".join(part.part for part in combinations.chosen(first.number))
+    goals = (f"{goal.label} = {goal.with_unit(problem.number(goal, first.search.unit), 5)}" for goal in problem.goals)
+    return f"Best of them: {parts} with {', '.join(goals)}."
 
 
 def _parts(ranking: Ranking) -> Table:

@@ -67,8 +67,9 @@ class DiscIntersection(NamedTuple):
     @property
     def axis_ratio(self) -> Array:
         """Minor over major axis of the ellipse with the same second moments, shape (...): 1 for a disc, 0 if empty."""
-        xx, xy, yy = np.moveaxis(self.second_moments, -1, 0)
-        major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+        xx, xy, yy = np.ascontiguousarray(np.moveaxis(self.second_moments, -1, 0))
+        half = 0.5 * (xx - yy)
+        major = 0.5 * (xx + yy) + np.sqrt(half * half + xy * xy)
         # Product of the eigenvalues over the larger one: the smaller one without a difference of eigenvalues.
         minor = np.divide(xx * yy - xy * xy, major, out=np.zeros_like(major), where=major > 0)
         return np.asarray(np.sqrt(np.divide(np.maximum(minor, 0.0), major, out=np.zeros_like(major), where=major > 0)))

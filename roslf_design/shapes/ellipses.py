@@ -77,8 +77,6 @@ def crossing(p: Array, slope: Array, left: float, right: float) -> float:
 @kernel()
 def cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
     """Append the angles in [0, 2 pi) where a polynomial is zero; `slope` and `bend` take its derivatives."""
-    if abs(p[0]) > math.sqrt(p[1] * p[1] + p[2] * p[2]) + math.sqrt(p[3] * p[3] + p[4] * p[4]):
-        return count
     slope[0], slope[1], slope[2], slope[3], slope[4] = 0.0, p[2], -p[1], 2 * p[4], -2 * p[3]
     bend[0], bend[1], bend[2], bend[3], bend[4] = 0.0, -p[1], -p[2], -4 * p[3], -4 * p[4]
     left = 0.0
@@ -124,8 +122,8 @@ def to_unit(centres: Array, matrices: Array, unit: Array) -> tuple[float, float,
 
 
 @kernel()
-def outside_of(first: Array, second: Array, poly: Array) -> bool:
-    """Into `poly`, the polynomial on one boundary that is positive outside the other; whether it is so everywhere.
+def side_of(first: Array, second: Array, poly: Array) -> int:
+    """Into `poly`, the polynomial on one boundary that is positive outside the other; 1, -1: everywhere out, in; 0.
 
     ``(p + a cos + b sin)^T Q (p + a cos + b sin) - 1`` with b = (0, b_y): of the second degree in cosine and sine.
     """
@@ -139,7 +137,8 @@ def outside_of(first: Array, second: Array, poly: Array) -> bool:
     poly[2] = 2 * by * (qxy * px + qyy * py)
     poly[3] = 0.5 * (aa - bb)
     poly[4] = qxy * ax * by + qyy * ay * by
-    return bool(poly[0] > math.sqrt(poly[1] ** 2 + poly[2] ** 2) + math.sqrt(poly[3] ** 2 + poly[4] ** 2))
+    most = math.sqrt(poly[1] ** 2 + poly[2] ** 2) + math.sqrt(poly[3] ** 2 + poly[4] ** 2)
+    return 1 if poly[0] > most else -1 if poly[0] < -most else 0
 
 
 @kernel()
@@ -178,14 +177,17 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
     """Add what one ellipse bounds of the common part; 0: nothing, 1: some of its boundary, 2: all of it."""
     rims = len(unit)
     count = 0
-    outside = False
+    outside, within = False, True
     for j in range(rims):
         if j != own:
-            if outside_of(unit[own], unit[j], poly[j]):
+            side = side_of(unit[own], unit[j], poly[j])
+            if side > 0:
                 apart[own, j] = True
                 outside = True
                 continue
-            p = poly[j]
+            if side < 0:
+                continue
+            p, within = poly[j], False
             if abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME:
                 outside = outside or j < own  # the same boundary: the first is kept
             elif not outside:
@@ -193,12 +195,9 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
     if outside:
         return 0
     if count == 0:
-        if not is_kept(poly, rims, own, math.pi):
+        if not within and not is_kept(poly, rims, own, math.pi):
             return 0
-        if own == 0:  # nothing cuts it: one exactly, not to rounding
-            sums[0] = math.pi
-            sums[3] = sums[5] = 0.25 * math.pi
-        else:
+        if own:
             add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
     ordered = np.sort(places[:count])
@@ -213,6 +212,15 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
 
 
 @kernel()
+def whole(centre: Array, matrix: Array, row: Array) -> None:
+    """The row of an ellipse that nothing cuts: kept exactly, not to rounding."""
+    row[0] = math.pi * math.sqrt(matrix[0] * matrix[2] - matrix[1] * matrix[1])
+    row[1], row[2] = 1.0, 0.0
+    row[3], row[4] = centre[0], centre[1]
+    row[5], row[6], row[7] = 0.25 * matrix[0], 0.25 * matrix[1], 0.25 * matrix[2]
+
+
+@kernel()
 def ellipse_shapes(
     centres: Array, matrices: Array, table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_]
 ) -> None:
@@ -222,10 +230,14 @@ def ellipse_shapes(
     places, sums = np.empty(4 * rims + 2), np.empty(6)
     apart = np.empty((rims, rims), np.bool_)
     for n in range(len(centres)):
+        clips[n] = False
+        status[n] = FULL
+        if rims == 1:
+            whole(centres[n, 0], matrices[n, 0], table[n])
+            continue
         lx, ly, lz = to_unit(centres[n], matrices[n], unit)
         sums[:] = 0.0
         apart[:] = False
-        clips[n] = False
         status[n] = EMPTY
         for i in range(rims):
             bounds = add_boundary(unit, i, poly, places, apart, sums)
@@ -235,6 +247,9 @@ def ellipse_shapes(
             if bounds:
                 status[n] = CLIPPED
                 clips[n, i] = i > 0
+        if status[n] == FULL:
+            whole(centres[n, 0], matrices[n, 0], table[n])
+            continue
         area = sums[0]
         if area <= 0.0:
             status[n] = EMPTY

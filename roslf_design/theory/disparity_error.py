@@ -22,6 +22,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,13 +82,37 @@ class Seen(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """What a texture has at some waves, each with its mirror image; shape (..., K), leading axes broadcast."""
+    """What a texture has at some waves, each with its mirror image; shape (..., W), leading axes broadcast."""
 
     x: Array
     """kappa along the lattice's x [periods per microlens pitch]."""
     y: Array
     power: Array
     """Variance of contrast, as single views show it."""
+
+
+class Texture(NamedTuple):
+    """Spectra that differ in how fine and how strong they are, and in nothing else."""
+
+    fine: Array
+    """What `waves` count in [periods per microlens pitch], shape (...)."""
+    strength: Array
+    """What their power counts in, shape (...)."""
+    waves: Spectrum
+    """Shape (W,)."""
+    lens_shape: str | None = None
+    """Of the microlenses whose width is yet to blur them; None: they are as single views show them."""
+
+    def at(self, index: NDArray[np.intp]) -> Texture:
+        """Some of them."""
+        return self._replace(fine=self.fine[index], strength=self.strength[index])
+
+    @property
+    def shown(self) -> Spectrum:
+        """As single views show it, shape (..., W)."""
+        x, y = (self.fine[..., None] * part for part in self.waves[:2])
+        power = self.strength[..., None] * self.waves.power
+        return Spectrum(x, y, power if self.lens_shape is None else power * _footprint(self.lens_shape, x, y) ** 2)
 
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -120,13 +145,11 @@ class _Images(NamedTuple):
     """Centres of the discs that stops cut out from that of the FAP's, shape (N, K, 2), along the lattice [pitches]."""
     radii: Array
     """Shape (N, K) [pitches]."""
-    x: Array
-    """Of the spectrum, shape (N, W)."""
-    y: Array
-    power: Array
+    texture: Texture
 
     def at(self, index: NDArray[np.intp]) -> _Images:
-        return _Images(*(value[index] for value in self))
+        some: Any = [*(value[index] for value in self[:-1]), self.texture.at(index)]
+        return _Images(*some)
 
     @property
     def whole(self) -> NDArray[np.bool_]:
@@ -140,8 +163,8 @@ class _Images(NamedTuple):
         return self.pitch * self.width / (self.wavelength * self.distance)
 
 
-def texture(c: Camera, seen: Seen) -> Spectrum:
-    """Spectrum that single views show of the texture which a design assumes.
+def texture(c: Camera, seen: Seen) -> Texture:
+    """The texture which a design assumes.
 
     Blurred by the microlenses' width; diffraction at the FAP, the same uncertainty of place and direction as that at
     the microlenses, would count twice. Detail finer than two microlenses (in hexagonal arrays root three) is not
@@ -155,7 +178,7 @@ def texture(c: Camera, seen: Seen) -> Spectrum:
 
     Returns
     -------
-    Spectrum
+    Texture
         In a quarter of all directions, for their mirror images in x too. Leading axes are those of builds and of the
         plane.
     """
@@ -163,26 +186,25 @@ def texture(c: Camera, seen: Seen) -> Spectrum:
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(seen.disparity), np.shape(seen.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * seen.scale, period or c.numbers.get("depth.finest", 0.0)), shape)[..., None]
+    finest = np.broadcast_to(ratio(c.d * seen.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
-        at = np.minimum(finest, limit) * (nodes + 1) / 2
         # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
-        radial = weights / (nodes + 1) / math.log(2) + 0 * at
+        at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
+        fine = np.minimum(finest, limit)
     else:
-        at, radial = finest, np.where(finest <= limit, 1.0, 0.0)
+        at = radial = np.ones(1)
+        fine, strength = finest, np.where(finest <= limit, strength, 0.0)
     x, y, power = (
-        (at[..., None] * np.broadcast_to(part, angle.shape)).reshape(*shape, -1)
-        for part, at in ((np.cos(angle), at), (np.sin(angle), at), (turn, radial))
+        np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
     )
-    power = power * np.broadcast_to(np.square(contrast), shape)[..., None] * _footprint(c.lens_shape, x, y) ** 2
-    x, y = (np.broadcast_to(values, power.shape) for values in (x, y))
-    return Spectrum(x, y, power)
+    return Texture(fine, strength, Spectrum(x, y, power), c.lens_shape)
 
 
 def view_gradient(c: Camera, seen: Seen) -> Array:
     """G, the rms gradient that single views show [contrast per microlens pitch]."""
-    waves = texture(c, seen)
+    waves = texture(c, seen).shown
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
@@ -206,7 +228,7 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
         At the fields asked for; their tilts are left out.
     seen : Seen
         The plane looked at; it broadcasts with the builds.
-    waves : Spectrum, optional
+    waves : Spectrum, shape (W,), optional
         Of the texture there, half of each wave's power being that of its mirror image in x. None is `texture`.
 
     Returns
@@ -217,26 +239,27 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     """
     c = images.camera
     if c.colours != "mono":
-        waves = texture(c, seen) if waves is None else waves
         parts = [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]
         return np.asarray(sum(share * disparity_information(part, seen, waves) for share, part in parts))
-    rows = _rows_of(images, seen, texture(c, seen) if waves is None else waves)
+    one = np.ones(())
+    rows = _rows_of(images, seen, texture(c, seen) if waves is None else Texture(one, one, waves))
     builds = _builds(images, seen)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
     fill, whole = 2 * rows.radii[:, 0], rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
-    usable &= np.isfinite(rows.power).all(-1)
+    usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
     even = "sensor.acceptance" not in c.numbers
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
-    for detail, uncut in sorted({(int(a), bool(b)) for a, b in zip(level, whole, strict=True) if a}):
+    for kind in np.flatnonzero(np.bincount(2 * level + whole, minlength=2)[2:]) + 2:
+        detail, uncut = int(kind) // 2, bool(kind % 2)
         mine = np.flatnonzero((level == detail) & (whole == uncut))
         # Whole images of one build are all alike where pixels take light from everywhere.
-        same = uncut and even
-        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if same else (..., ...)
+        several = uncut and even and len(images.fields) > 1
+        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if several else (..., ...)
         found[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
     return found.reshape(shape)
 
@@ -245,7 +268,7 @@ def _builds(images: MicrolensImages, seen: Seen) -> tuple[int, ...]:
     return np.broadcast_shapes(images.camera.shape or (1,), np.shape(seen.disparity), np.shape(seen.scale))
 
 
-def _rows_of(images: MicrolensImages, seen: Seen, waves: Spectrum) -> _Images:
+def _rows_of(images: MicrolensImages, seen: Seen, texture: Texture) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     centres, radii = images.discs
@@ -263,9 +286,10 @@ def _rows_of(images: MicrolensImages, seen: Seen, waves: Spectrum) -> _Images:
     apart = np.stack([apart[..., 0] * cos + apart[..., 1] * sin, apart[..., 1] * cos - apart[..., 0] * sin], -1)
     apart = np.broadcast_to(apart * per_pitch[..., None, None], (*shape, stops, 2))
     across = np.broadcast_to(radii * per_pitch[..., None], (*shape, stops))
-    spectrum = [np.broadcast_to(part, (*shape, part.shape[-1])).reshape(-1, part.shape[-1]) for part in waves]
-    shapes = [apart.reshape(-1, stops, 2), across.reshape(-1, stops)]
-    return _Images(*[np.broadcast_to(np.asarray(value, float), shape).ravel() for value in optics], *shapes, *spectrum)
+    rows: Any = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*optics, *texture[:2])]
+    *rows, fine, strength = rows
+    rows += [apart.reshape(-1, stops, 2), across.reshape(-1, stops), texture._replace(fine=fine, strength=strength)]
+    return _Images(*rows)
 
 
 def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
@@ -280,52 +304,50 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     and the pixel, all against the pitch, and dark noise against light; on how far the plane is out of focus; and on how
     fine the texture is. A few that lie close about the first are taken from tangents there: so are its derivatives.
     """
-    fine = np.hypot(images.x[:, 0], images.y[:, 0])
-    if images.pitch.size < 3 or not (images.power[:, 0] * fine > 0).all():
+    fine, strength, waves, lens_shape = images.texture
+    if images.pitch.size < 3 or not (strength * fine > 0).all():
         return _each(images, c, level, whole)
-    x, y = (part / fine[:, None] for part in (images.x, images.y))
-    power = images.power / _footprint(c.lens_shape, images.x, images.y) ** 2
-    scale = images.light * power[:, 0]
-    power = power / power[:, :1]
-    if not all(np.ptp(part, axis=0).max() < 1e-12 for part in (x, y, power)):
-        return _each(images, c, level, whole)
-    about = np.stack([
-        np.log(2 * images.radii[:, 0]), np.log(images.finest), images.defocus * images.distance * images.width
-        / images.pitch, np.log(images.pixel / images.pitch), np.log(images.dark / images.light + 1e-6), images.bend,
-        np.log(fine),
-    ], -1)  # fmt: skip
-    free = np.flatnonzero(np.ptp(about, axis=0) > 1e-12)
-    spectrum = np.stack([x[0], y[0], power[0]]).tobytes()
+    scale = images.light * strength
+    about = np.log([
+        2 * images.radii[:, 0], images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
+    ])  # fmt: skip
+    about = np.vstack([about, images.defocus * images.distance * images.width / images.pitch, images.bend])
+    free = np.flatnonzero(np.ptp(about, axis=1) > 1e-12)
+    spectrum = np.stack(waves).tobytes()
     if images.pitch.size < NEARLY_ALIKE:
-        away = (about - about[0])[:, free]
+        away = (about - about[:, :1])[free]
         if images.pitch.size < free.size + 2 or np.abs(away).max(initial=0.0) > CLOSE:
             return _each(images, c, level, whole)
-        nodes = np.repeat(about[:1], free.size + 1, axis=0)
-        nodes[1:, free] += STEP * np.eye(free.size)
-        values = _series(c, level, whole, nodes.tobytes(), spectrum)
-        return np.asarray(np.exp(values[0] + away @ ((values[1:] - values[0]) / STEP)) * scale)
-    spread = np.ptp(about, axis=0)[free]
+        nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
+        nodes[free, 1:] += STEP * np.eye(free.size)
+        values = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        return np.asarray(np.exp(values[0] + ((values[1:] - values[0]) / STEP) @ away) * scale)
+    spread = np.ptp(about, axis=1)[free]
     apart = spread.max(initial=0.0) > 2 * CELL
     wide = apart & (spread > CELL / 2)
-    degrees, sides = np.where(wide, WIDE_DEGREE, 1 if apart else 2), np.where(wide, WIDE_CELL, CELL)
-    cells = np.floor(about[:, free] / sides).astype(int)
-    number = np.zeros(len(cells), int)  # of the cell: sorts ten times as fast as its row
-    for column in (cells - cells.min(axis=0)).T:
-        number = number * (column.max() + 1) + column
-    _, one, member, counts = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
-    index, found = cells[one], np.empty(images.pitch.size)
+    degrees, sides = np.where(wide, WIDE_DEGREE, 1 if apart else 2), np.where(wide, WIDE_CELL, CELL)[:, None]
+    cells = np.floor(about[free] / sides).astype(int)
+    number = np.zeros(cells.shape[1], int)  # of the cell: sorts faster than its column, most so where it is small
+    for row in cells - cells.min(axis=1, keepdims=True):
+        number = number * (row.max() + 1) + row
+    order = np.argsort(number.astype(np.uint16) if number.max() < 2**16 else number, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+    found = np.empty(images.pitch.size)
     offsets, terms, inverse = _expansion(tuple(degrees.tolist()))
-    enough = counts >= (0.5 if apart else 2) * len(offsets)
-    alone = np.flatnonzero(~enough[member])
+    few = (0.5 if apart else 2) * len(terms)
+    alone = np.concatenate([order[:0], *(mine for mine in groups if mine.size < few)])
     if alone.size:
         found[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
-    for cell in np.flatnonzero(enough):
-        mine = np.flatnonzero(member == cell)
-        nodes, middle = np.repeat(about[mine[:1]], len(offsets), axis=0), (index[cell] + 0.5) * sides
-        nodes[:, free] = middle + offsets * sides / 2
-        values = _series(c, level, whole, nodes.tobytes(), spectrum)
-        away = 2 * (about[mine][:, free] - middle) / sides
-        found[mine] = np.exp(_powers(away, terms) @ (inverse @ values))
+    for mine in groups:
+        if mine.size < few:
+            continue
+        nodes, middle = np.repeat(about[:, mine[:1]], len(terms), axis=1), (cells[:, mine[:1]] + 0.5) * sides
+        nodes[free] = middle + offsets * sides / 2
+        values = inverse @ _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        total = np.zeros(mine.size)
+        for value, power in zip(values, _powers(2 * (about[free][:, mine] - middle) / sides, terms), strict=True):
+            total += value * power
+        found[mine] = np.exp(total)
     return found * scale
 
 
@@ -339,30 +361,29 @@ def _expansion(degrees: tuple[int, ...]) -> tuple[Array, NDArray[np.intp], Array
     whole = max(degrees, default=0)
     terms = np.array([t for t in itertools.product(*(range(d + 1) for d in degrees)) if sum(t) <= whole], np.intp)
     terms = terms.reshape(-1, len(degrees))
-    offsets = NESTED[terms]
-    return offsets, terms, np.asarray(np.linalg.inv(_powers(offsets, terms)), np.float64)
+    offsets = NESTED[terms].T
+    return offsets, terms, np.asarray(np.linalg.inv(np.stack(list(_powers(offsets, terms)), -1)), np.float64)
 
 
-def _powers(away: Array, terms: NDArray[np.intp]) -> Array:
-    """Chebyshev polynomials of each place, multiplied as the terms say; shape (places, terms)."""
-    made = np.ones((len(away), len(terms)))
-    for axis in range(terms.shape[1]):
-        made *= np.polynomial.chebyshev.chebvander(away[:, axis], WIDE_DEGREE)[:, terms[:, axis]]
-    return made
+def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
+    """Chebyshev polynomials of places, shape (axes, places), multiplied as each of the terms says."""
+    single = [np.ones_like(away), away]
+    for _ in range(1, terms.max(initial=0)):
+        single.append(2 * away * single[-1] - single[-2])
+    for term in terms:
+        factors = [single[degree][axis] for axis, degree in enumerate(term) if degree]
+        yield functools.reduce(np.multiply, factors, np.ones(away.shape[1]))
 
 
 @functools.lru_cache(maxsize=4096)
-def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -> Array:
+def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, lens_shape: str | None) -> Array:
     """Logarithm of information at places of an expansion, for a pitch of 1, one electron and full contrast."""
-    about = np.frombuffer(nodes).reshape(-1, 7)
-    wide, sharp, blurred, pixel, dark, bend, fine = about.T
-    one = np.ones(len(about))
-    x, y, power = np.frombuffer(spectrum).reshape(3, -1)
-    x, y = (np.exp(fine)[:, None] * part for part in (x, y))
-    power = power * _footprint(c.lens_shape, x, y) ** 2
+    wide, sharp, pixel, dark, fine, blurred, bend = np.frombuffer(nodes).reshape(7, -1)
+    one = np.ones(wide.size)
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
-    apart, radii = np.zeros((len(about), 1, 2)), np.exp(wide)[:, None] / 2
-    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, x, y, power)
+    apart, radii = np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2
+    waves = Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
+    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, waves)
     values = np.log(_each(_Images(*own), c, level, whole))
     values.setflags(write=False)
     return values
@@ -370,12 +391,11 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes) -
 
 def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
-    finest = images.finest
+    finest, waves = images.finest, images.texture.shown
     if not whole:  # whole images are as they are in a mirror
-        x, y, power = images.x, images.y, images.power / 2
-        x, y, power = (np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power)))
-        images = images._replace(x=x, y=y, power=power)
-    spectra = _spectra(images, c, min(level, SHARPEST), whole)
+        x, y, power = waves.x, waves.y, waves.power / 2
+        waves = Spectrum(*(np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power))))
+    spectra = _spectra(images, waves, c, min(level, SHARPEST), whole)
     if level <= SHARPEST:
         return _information(images, c, spectra)
     at = np.array([1.0, 1.5, 2.25]) / SHARPEST
@@ -396,19 +416,21 @@ class _Spectra(NamedTuple):
     fy: Array
     cell: float
     parts: Spectra
+    power: Array
+    """Of the texture's waves, shape (N, W)."""
 
 
-def _spectra(images: _Images, c: _Array, level: int, whole: bool) -> _Spectra:
+def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: bool) -> _Spectra:
     count = len(images.pitch)
-    kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in (images.x, images.y))
+    kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in waves[:2])
     x, y, cell = _orders(c, level)
     fx, fy, bend = kx + x, ky + y, images.bend[:, None, None, None]
     form = _whole if whole and (c.many or count >= MANY) else _cut
-    return _Spectra(kx, ky, fx, fy, cell, form(images, fx - bend * kx, fy - bend * ky))
+    return _Spectra(kx, ky, fx, fy, cell, form(images, fx - bend * kx, fy - bend * ky), waves.power)
 
 
 def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
-    kx, ky, fx, fy, cell, parts = spectra
+    kx, ky, fx, fy, cell, parts, power = spectra
     side = fx.shape[-1]
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
     light, along, across = (np.fft.ifft2(part * passed) for part in parts)
@@ -420,7 +442,7 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     light = light[:, 1:]
     own, free = ((weight * (part.real**2 + part.imag**2)).sum((2, 3)) for part in (turned, light))
     mixed = np.abs((weight * turned * light.conj()).sum((2, 3))) ** 2
-    return np.asarray(((own - ratio(mixed, free)) * images.power).sum(1))
+    return np.asarray(((own - ratio(mixed, free)) * power).sum(1))
 
 
 def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
@@ -458,15 +480,20 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
     x = 2 * math.pi * fx[..., :1]
     middle, half, at = (value[:, None, None, :] for value in ((left + right) / 2, (right - left) / 2, y))
-    phase = x * half
-    turn = np.exp(-1j * (x * middle + 2 * math.pi * fy[..., :1] * at)) * weight[:, None, None, :]
-    size = np.abs(phase)
-    safe = np.where(size > 0.02, phase, 1.0)
-    flat = 2 * half * np.where(size > 0.02, np.sin(safe) / safe, 1 - phase**2 / 6)
-    bent = np.where(size > 0.02, (np.sin(safe) - safe * np.cos(safe)) / safe**2, phase / 3 - phase**3 / 30)
-    moment = middle * flat - 2j * half**2 * bent
-    steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])[:, None]
-    return (turn * flat) @ steps, (turn * moment) @ steps, (turn * flat * at) @ steps
+    phase, angle = x * half, x * middle + 2 * math.pi * fy[..., :1] * at
+    # exp(-i angle), in half the time.
+    turn = np.empty(angle.shape, complex)
+    turn.real, turn.imag = np.cos(angle) * weight[:, None, None, :], np.sin(angle) * -weight[:, None, None, :]
+    square, large = phase * phase, np.abs(phase) > 0.02
+    safe = np.where(large, phase, 1.0)
+    sine = np.sin(safe) / safe
+    flat = 2 * half * np.where(large, sine, 1 - square / 6)
+    bent = np.where(large, (sine - np.cos(safe)) / safe, phase * (1 / 3 - square / 30))
+    lit = turn * flat
+    moment = lit * middle - 2j * (turn * (half**2 * bent))
+    steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])
+    along, over = steps[:, None], (steps * y[..., None])[:, None]
+    return lit @ along, moment @ along, lit @ over
 
 
 def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
@@ -521,8 +548,8 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     slow, count = 1 / (4 * FAR), first.size
     first, second = np.append(first, [slow, 0.0]), np.append(second, [0.0, slow])
     kx, ky = first, (2 * second - first) / math.sqrt(3) if array.layout == "hexagonal" else second
-    none = np.zeros(1)
-    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Spectrum(none, none, none))
+    none, one = np.zeros(1), np.ones(())
+    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Texture(one, one, Spectrum(none, none, none)))
     sharp = rows.finest > FINEST_PLACES
     rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
     *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))

@@ -18,6 +18,7 @@ from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
+from ..units import parse_quantity
 from . import (
     depth_of_field,
     exit_pupil,
@@ -108,6 +109,22 @@ class Quantity:
     def length(self) -> bool:
         """Whether limits are lengths."""
         return self.unit == "mm"
+
+    def limit(self, value: Any, *, from_file: bool = True) -> float:
+        """A limit on it as a study writes it: a length with its unit, or a number in the unit that its name tells.
+
+        Raises
+        ------
+        ValueError
+            Neither; a number where nothing tells the unit.
+        """
+        if self.length:
+            told = self.name.endswith("_mm")
+            return parse_quantity(value, "length", unit_required=from_file and not told)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            unit = f" (in {self.unit})" if self.unit else ""
+            raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
+        return float(value)
 
 
 QUANTITIES: dict[str, Quantity] = {}
@@ -560,6 +577,15 @@ register(
         positive=False,
         at="needed",
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
+    ),
+    Quantity(
+        "spot_pitches",
+        "pitches",
+        "rms radius on the array of the light of the point in focus that the chief ray comes from; of rays alone, none "
+        "behind an ideal lens",
+        None,
+        lambda images: images.spot_pitches,
+        positive=False,
     ),
     Quantity(
         "lateral_samples",

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product
 from ..camera import Camera, Frame, Number, Rim, Vector
-from ..camera.frames import dot, minus, plus, times
+from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection, intersect
 from ..shapes.ellipses import intersect_ellipses
 from .exit_pupil import stop_angle
@@ -40,7 +40,7 @@ class Ellipse(NamedTuple):
     @property
     def determinant(self) -> Number:
         """Determinant of S [mm^4]; the area is pi times its root."""
-        return minus(times(self.xx, self.yy), times(self.xy, self.xy))
+        return cross(self.xx, self.yy, self.xy, self.xy)
 
 
 class Projected(NamedTuple):
@@ -72,10 +72,9 @@ class Projected(NamedTuple):
         ga, gb = times(self.w[1], scale), times(self.w[2], scale)
         ja, jb = (times(minus(self.u[k], times(bu, self.w[k])), scale) for k in (1, 2))
         ka, kb = (times(minus(self.v[k], times(bv, self.w[k])), scale) for k in (1, 2))
-        xx, yy = plus(times(ja, ja), times(jb, jb)), plus(times(ka, ka), times(kb, kb))
-        xy = plus(times(ja, ka), times(jb, kb))
+        xx, yy, xy = total(0.0, ja, ja, jb, jb), total(0.0, ka, ka, kb, kb), total(0.0, ja, ka, jb, kb)
         square = times(radius, radius)
-        slant = plus(times(ga, ga), times(gb, gb))
+        slant = total(0.0, ga, ga, gb, gb)
         if isinstance(slant, float) and slant == 0.0:
             return Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
         # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
@@ -85,7 +84,7 @@ class Projected(NamedTuple):
             upright = np.where(beyond, 0.0, 1.0)
             ga, gb, left = times(ga, upright), times(gb, upright), np.where(beyond, 1.0, left)
         size = square / left[()]
-        vu, vv = plus(times(ja, ga), times(jb, gb)), plus(times(ka, ga), times(kb, gb))
+        vu, vv = total(0.0, ja, ga, jb, gb), total(0.0, ka, ga, kb, gb)
         return Ellipse(
             bu - size * vu,
             bv - size * vv,
@@ -106,8 +105,7 @@ def lens_point(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     pose = c.pose(rim.part)
     columns = []
     for own, (ax, ay, az) in zip((cz, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
-        x, y = minus(times(cz, ax), times(az, cx)), minus(times(cz, ay), times(az, cy))
-        columns.append((x, y, minus(own, times(az, bend))))
+        columns.append((cross(cz, ax, az, cx), cross(cz, ay, az, cy), minus(own, times(az, bend))))
     return Projected(*zip(*columns, strict=True))
 
 
@@ -124,18 +122,16 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
         Results are in its coordinates.
     """
 
-    def against(axis: Vector) -> tuple[Number, Number]:
-        offset = dot(axis, plane.origin)
-        return offset, minus(dot(axis, through), times(weight, offset))
+    def against(axis: Vector) -> tuple[Vector, Number]:
+        """What gives a homogeneous point's coordinate along an axis of the plane, and that of the centre."""
+        offset = minus(0.0, dot(axis, plane.origin))
+        return (axis[0], axis[1], offset), plus(dot(axis, through), times(weight, offset))
 
-    (ox, cx), (oy, cy), (oz, cz) = against(plane.x), against(plane.y), against(plane.z)
+    (x, cx), (y, cy), (z, cz) = against(plane.x), against(plane.y), against(plane.z)
     columns = []
-    for lx, ly, lw in zip(*point, strict=True):
-        e = minus(plus(times(plane.x[0], lx), times(plane.x[1], ly)), times(ox, lw))
-        h = minus(plus(times(plane.y[0], lx), times(plane.y[1], ly)), times(oy, lw))
-        n = minus(plus(times(plane.z[0], lx), times(plane.z[1], ly)), times(oz, lw))
-        u, v = minus(times(e, cz), times(n, cx)), minus(times(h, cz), times(n, cy))
-        columns.append((u, v, minus(times(cz, lw), times(weight, n))))
+    for column in zip(*point, strict=True):
+        e, h, n = dot(x, column), dot(y, column), dot(z, column)
+        columns.append((cross(e, cz, n, cx), cross(h, cz, n, cy), cross(cz, column[2], weight, n)))
     return Projected(*zip(*columns, strict=True))
 
 
@@ -242,6 +238,11 @@ class MicrolensImages:
         x, y = self.fields.T
         return np.stack([x * cos - y * sin + e_x, x * sin + y * cos + e_y], -1)
 
+    @property
+    def spot_pitches(self) -> Number:
+        """Rms radius of a point in focus on the array [microlens pitches]: 0, of an ideal lens's rays."""
+        return np.zeros((len(self.fields), *(self.camera.shape or (1,))))
+
     @cached_property
     def discs(self) -> tuple[Array, Array]:
         """Images of the FAP and the rims where nothing is tilted, as `stop_discs` gives them."""
@@ -250,9 +251,15 @@ class MicrolensImages:
         return stop_discs(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
 
     @cached_property
+    def _through_fap(self) -> Projected:
+        """Where the rays of the FAP's plane cross the main lens."""
+        return lens_point(self.camera, self.camera.fap, self.microlens)
+
+    @cached_property
     def outline(self) -> Ellipse:
         """The FAP's image, as if nothing cut it."""
-        return stop_image(self.camera, self.camera.fap, self.microlens).ellipse(self.camera.fap.radius)
+        image = project(self._through_fap, self.microlens, 1.0, self.camera.pose("sensor"))
+        return image.ellipse(self.camera.fap.radius)
 
     @cached_property
     def diameter(self) -> Number:
@@ -275,7 +282,7 @@ class MicrolensImages:
         Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
         plane); with tilts the pencil's reach is taken along the direction of its centre, right to first order.
         """
-        c, point = self.camera, lens_point(self.camera, self.camera.fap, self.microlens)
+        c, point = self.camera, self._through_fap
         bend = 1.0 - self.microlens[2] / c.f
         rooms = []
         for rim in c.rims:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,9 +179,15 @@ def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
     """Points `start` to ``start + count - 1`` of a scrambled Sobol sequence, shape (dimensions, count)."""
     from scipy.stats import qmc
 
-    engine = qmc.Sobol(max(dimensions, 1), scramble=True, bits=BITS, rng=np.random.default_rng(seed))
+    engine: Any = qmc.Sobol(max(dimensions, 1), scramble=True, bits=BITS, rng=np.random.default_rng(seed))
     if start:
-        engine.fast_forward(start)
+        # As `fast_forward`, which walks there point by point: the engine stands at its last point, whose bits are
+        # those of the direction numbers that the Gray code of its number names.
+        last = start - 1
+        for bit in range(BITS):
+            if (last ^ last >> 1) >> bit & 1:
+                engine._quasi ^= engine._sv[:, bit]
+        engine.num_generated = start
     with warnings.catch_warnings():
         # A piece of a run need not be a power of two; the whole run is asked for that where it is set up.
         warnings.simplefilter("ignore", UserWarning)

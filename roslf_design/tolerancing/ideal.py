@@ -8,14 +8,14 @@ and turns that into a depth by the design it believes in.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera, Number, Vector
-from ..camera.frames import along, dot, minus, plus, times
+from ..camera.frames import along, cross, dot, minus, times, total
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import outer_slope
 from ..theory.stop_images import MicrolensImages
@@ -114,7 +114,7 @@ class IdealBuilds(MicrolensImages):
 
     def believed_centre(self, u: Number, v: Number) -> Place:
         """Image centre of a microlens that the decoder believes in [px]."""
-        x, y = (plus(o, plus(times(a, u), times(b, v))) for o, a, b in zip(*self.lattice, strict=True))
+        x, y = (total(o, a, u, b, v) for o, a, b in zip(*self.lattice, strict=True))
         return x, y
 
     @cached_property
@@ -156,51 +156,67 @@ class IdealBuilds(MicrolensImages):
         """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
         cos, sin = azimuth
         ends = []
-        for sign in (1.0, -1.0):
-            px, py, u, v = self._landing(self._seen(x, y, z, sign * cos, sign * sin), sign * cos, sign * sin)
+        for (px, py), (u, v) in self._landings(x, y, z, ((cos, sin), (-cos, -sin))):
             s, t = self.believed_centre(u, v)
             ends.append((minus(px, s), minus(py, t), u, v))
         ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
-        return plus(times(du, cos), times(dv, sin)) / plus(times(ds, cos), times(dt, sin))
+        return total(0.0, du, cos, dv, sin) / total(0.0, ds, cos, dt, sin)
 
     @cached_property
     def blur_pitches(self) -> Number:
         """Root-mean-square radius on the array of the targets' light, of rays that fill the FAP [microlens pitches]."""
         x, y = self.targets
         ways = [(rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
-        points = [self._landing(self._seen(x, y, self.object_distance, *way), *way) for way in ways]
+        points = [microlens for _, microlens in self._landings(x, y, self.object_distance, ways)]
         weight = np.array([share for *_, share in DISC_RULE])[:, None, None]
         total: Number = 0.0
-        for axis in (2, 3):
+        for axis in (0, 1):
             at = np.stack(np.broadcast_arrays(*(point[axis] for point in points)))
             total = total + np.sum(weight * (at - np.sum(weight * at, axis=0)) ** 2, axis=0)
         return np.sqrt(total)
 
-    def _seen(self, x: Array, y: Array, z: float, a: Array | float, b: Array | float) -> Vector:
-        """Where the main lens sees an object point through a point of the FAP, in units of its radius."""
-        radius = self.camera.fap.radius
-        return self.camera.see(x, y, z, (times(radius, a), times(radius, b)))
+    def _landings(
+        self, x: Array, y: Array, z: float, ways: Iterable[tuple[Array | float, Array | float]]
+    ) -> Iterator[tuple[Place, Place]]:
+        """Pixel [pixels] and microlens [indices] that object points reach through points of the FAP.
 
-    def _landing(self, point: Vector, a: Array | float, b: Array | float) -> tuple[Number, Number, Number, Number]:
-        """Pixel (x, y) [pixels] and microlens (u, v) [indices] that object points reach through a point of the FAP.
-
-        Object points are as the main lens sees them, (x, y, distance before it); that of the FAP is given in units of
-        its radius, in its own coordinates.
+        Those are given in units of its radius, in its own coordinates.
         """
-        c, fap, world, (x, y, z) = self.camera, self.camera.pose("aperture"), self.camera.world, point
+        c, fap, radius = self.camera, self.camera.pose("aperture"), self.camera.fap.radius
+        point = None
+        for way in ways:
+            a, b = (times(radius, part) for part in way)
+            if point is None or c.law is not None:  # then each point of the FAP sees the object elsewhere
+                point = self._before_lens(c.see(x, y, z, (a, b)))
+            yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))
+
+    def _before_lens(self, seen: Vector) -> Vector:
+        """An object point, as the main lens sees it (x, y, distance before it), in the main lens's frame."""
+        world, (x, y, z) = self.camera.world, seen
         at = along(world.origin, x, world.x, y, world.y)
-        px, py, pz = along(at, -1.0 * z, world.z, 0.0, world.z)
-        ax, ay, az = along(fap.origin, times(c.fap.radius, a), fap.x, times(c.fap.radius, b), fap.y)
-        span = minus(pz, az)
-        lx, ly = (times(ax, pz) - times(px, az)) / span, (times(ay, pz) - times(py, az)) / span
-        ray: Vector = ((px - lx) / pz - lx / c.f, (py - ly) / pz - ly / c.f, 1.0)
-        met: list[Number] = []
-        for element in (c.pose("microlens_array"), c.pose("sensor")):
-            offset: Vector = (minus(lx, element.origin[0]), minus(ly, element.origin[1]), minus(0.0, element.origin[2]))
-            hit = along(offset, -dot(element.z, offset) / dot(element.z, ray), ray, 0.0, ray)
-            met += [dot(element.x, hit), dot(element.y, hit)]
-        u, v, s, t = met
-        return s / c.q, t / c.q, u / c.d, v / c.d
+        return along(at, -1.0 * z, world.z, 0.0, world.z)
+
+    def _landing(self, point: Vector, through: Vector) -> tuple[Place, Place]:
+        """Where the ray of one point through another, both in the main lens's frame, meets sensor and array."""
+        c, (px, py, pz), (ax, ay, az) = self.camera, point, through
+        span, bend = minus(pz, az), -(1 / pz + 1 / c.f)
+        lx, ly = cross(ax, pz, px, az) / span, cross(ay, pz, py, az) / span
+        rx, ry = total(px / pz, bend, lx), total(py / pz, bend, ly)
+        met: list[Place] = []
+        for unit, axes in self._planes:
+            (x, vx), (y, vy), (z, vz) = [
+                (total(offset, u, lx, v, ly), total(w, u, rx, v, ry)) for (u, v, w), offset in axes
+            ]
+            reach = -z / vz
+            met.append((total(x, reach, vx) / unit, total(y, reach, vy) / unit))
+        return met[0], met[1]
+
+    @cached_property
+    def _planes(self) -> list[tuple[Number, list[tuple[Vector, Number]]]]:
+        """Sensor and array: what places on them are counted in, their axes, and where the lens lies along those."""
+        c = self.camera
+        poses = (c.q, c.pose("sensor")), (c.d, c.pose("microlens_array"))
+        return [(unit, [(axis, -dot(axis, pose.origin)) for axis in pose[1:]]) for unit, pose in poses]
 
 
 def fractional(x: Number, known: Sequence[Number], images: Sequence[Number]) -> Number:

@@ -113,8 +113,11 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
             rows = 1 if metric.local is None else len(question.fields)
             results[row : row + rows] = metric(builds.camera) if metric.local is None else metric.local(builds)
             row += rows
-    results[:, ~valid] = np.nan
-    results[~np.isfinite(results)] = np.nan
+    if not valid.all():
+        results[:, ~valid] = np.nan
+    finite = np.isfinite(results)
+    if not finite.all():
+        results[~finite] = np.nan
     return results
 
 

@@ -378,8 +378,7 @@ class Grades:
         lines = [line for line in self.lines if place in _covered(design, line.place)]
         if not lines:
             return None
-        line, kind, nominal = lines[-1], perturbable(design)[place], nominal_values(design)[place]
-        return line, tuple(parse_tolerance(text, kind, nominal) for text in line.tolerances)
+        return lines[-1], tuple(tolerance_at(design, place, text) for text in lines[-1].tolerances)
 
     def tolerances(self, grade: str, design: Design) -> dict[str, float]:
         """Half-widths, to one of the grades, at every place of a design that the table speaks of.

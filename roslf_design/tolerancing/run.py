@@ -50,11 +50,19 @@ ATTEMPTS = 4
 """Deaths of workers in a row, no chunk finished between them, after which a run is given up."""
 PATIENCE = 3.0
 """How long nothing may come from a pool before its workers are looked after [s]."""
+WORKER_ENVIRONMENT = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "MKL", "OPENBLAS")} | {
+    "MALLOC_MMAP_THRESHOLD_": 2**20,
+    "MALLOC_TRIM_THRESHOLD_": 2**26,
+}
+"""Of Dask workers that are started here. Dask's own has freed memory handed back at once: fetching it anew for every
+array takes as long as the arithmetic. What a block's arrays took is kept for the next, longer ones are handed back."""
 CONNECT = 2
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
 SCHEMA = "roslf.tolerance-run/1"
 
+TILE = 2048
+"""Trials whose deviations are multiplied with all columns at once: they stay in a processor's cache."""
 SPLIT_BITS = 7
 SPLIT = 2**SPLIT_BITS
 SMALLEST, LARGEST = -50, 30
@@ -168,13 +176,10 @@ def run_chunk(plan: TolerancePlan, index: int) -> bytes:
 
 def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
     """Run one chunk of a plan, a stretch at a time: a worker's memory holds no more, however long the chunk."""
-    draws, size, first = plan.draws, plan.chunk_trials(index), index * plan.chunk
-    # A Sobol sequence is slow to enter in its midst: its points are drawn together.
-    whole = draws.uniforms(index, plan.chunk, 0, size) if draws.sampling == "sobol" else None
+    size, first = plan.chunk_trials(index), index * plan.chunk
 
     def stretch(start: int) -> Tally:
-        stop = min(start + STRETCH, size)
-        drawn = draws.uniforms(index, plan.chunk, start, stop) if whole is None else whole[:, start:stop]
+        drawn = plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, size))
         return counted(plan, measure_uniforms(plan, drawn), first + start)
 
     return merged(stretch(start) for start in range(0, size, STRETCH))
@@ -265,6 +270,31 @@ def _end_with_parent() -> None:
     threading.Thread(target=wait_for_it, daemon=True).start()
 
 
+@contextlib.contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """A Dask cluster of so many single-threaded processes on this machine."""
+    import dask
+    import distributed
+
+    untyped: Any = distributed
+    with (
+        dask.config.set(
+            {
+                "distributed.nanny.pre-spawn-environ": WORKER_ENVIRONMENT,
+                "distributed.worker.profile.enabled": False,  # it gathers memory for an hour
+            }
+        ),
+        untyped.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # beside other clusters
+        ) as cluster,
+    ):
+        yield cluster
+
+
 def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) -> Iterator[tuple[int, bytes]]:
     """Dask runs a dead worker's chunks again; `workers` are of a local cluster, stopped at the end."""
     try:
@@ -282,10 +312,7 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
         stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS}))
         cluster: Any = address
         if address == "local":
-            cluster = untyped.LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
-            )
-            stack.enter_context(cluster)
+            cluster = stack.enter_context(local_cluster(workers))
         else:
             _ask(address)
         client = stack.enter_context(untyped.Client(cluster, set_as_default=False))
@@ -375,16 +402,18 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     undefined = np.zeros((variants, columns), np.int64)
     for sums in zip(off, counts, total, square, low, high, undefined, strict=True):
         add_up.compiled(sums[0], sums[0].view(np.int64), *sums[1:])
-    x, xx, xy = np.empty((3, columns, len(drawn)))
-    whole = drawn.sum(axis=1), np.einsum("pt,pt->p", drawn, drawn)
-    for c in range(columns):
-        row, part = off[-1, c], drawn
-        x[c], xx[c] = whole
-        if undefined[-1, c]:
-            good = ~np.isnan(row)
-            row, part = row[good], drawn[:, good]
-            x[c], xx[c] = part.sum(axis=1), np.einsum("pt,pt->p", part, part)
-        xy[c] = np.einsum("pt,t->p", part, row)
+    x, xx, xy = np.zeros((3, columns, len(drawn)))
+    for start in range(0, size, TILE):
+        some, ends = drawn[:, start : start + TILE], off[-1, :, start : start + TILE]
+        good = ~np.isnan(ends)
+        if good.all():
+            x += some.sum(axis=1)
+            xx += np.einsum("pt,pt->p", some, some)
+        else:
+            known, ends = good.astype(float), np.where(good, ends, 0.0)
+            x += np.einsum("ct,pt->cp", known, some)
+            xx += np.einsum("ct,pt->cp", known, some * some)
+        xy += np.einsum("ct,pt->cp", ends, some)
     scores = plan.used_room(trials.variants[-1])
     worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
     kept = max(0, min(plan.keep_trials - first, size))

@@ -51,7 +51,7 @@ MOST_TRIALS = 10**10
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 5
+FORMAT = 6
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -146,9 +146,15 @@ class MetricGoal(StrictTable):
     metric: Annotated[str, AfterValidator(_metric)]
     min: float | None = None
     max: float | None = None
-    """In the unit of the metric's name."""
+    """In the unit of the metric's name; of lengths also text with a unit."""
     fields: tuple[int, ...] | None = None
     """Indices into the study's fields; all where left out."""
+
+    @field_validator("min", "max", mode="before")
+    @classmethod
+    def _read(cls, value: Any, info: ValidationInfo) -> float | None:
+        metric = info.data.get("metric")
+        return value if value is None or metric is None else METRICS[metric].limit(value)
 
     @model_validator(mode="after")
     def _bounded(self) -> MetricGoal:

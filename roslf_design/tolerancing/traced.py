@@ -40,6 +40,7 @@ FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25
 """Between the places that tell how image centres move over the array [mm]."""
 MIDDLE = np.zeros((1, 2))
+ORIGIN = np.zeros((1, 3))
 CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 STENCIL = np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
 ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
@@ -522,12 +523,39 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def blur_pitches(self) -> Number:
         """Root-mean-square radius on the array of the targets' light [microlens pitches]."""
+        return self._spot_radii(self.known.points, self.mount.world) / self.camera.d
+
+    @cached_property
+    def spot_pitches(self) -> Number:
+        """The same of the points in each build's focus that its own chief rays come from."""
+        points = self.points_in_focus
+        known = np.asarray(np.isfinite(points).all(axis=-1))
+        rows = [self._spot_radii(ORIGIN, point)[0] for point in np.where(known[..., None], points, 0.0)]
+        return np.where(known, np.stack(rows), np.nan) / self.camera.d
+
+    @cached_property
+    def points_in_focus(self) -> Array:
+        """Where chief rays, traced, meet each build's own plane in focus, in the lens's frame [mm], (fields, T, 3)."""
+        array, sensor, fap = self.mount.planes.array, self.mount.planes.sensor, self.mount.planes.rims[:, 0, 2]
+        px, py = self.chief
+        start = np.stack([(array[:, k] + self.x * array[:, 3 + k] + self.y * array[:, 6 + k]).T for k in range(3)])
+        end = np.stack([(sensor[:, k] + px * sensor[:, 3 + k] + py * sensor[:, 6 + k]).T for k in range(3)])
+        run, (lens, beyond) = start - end, self.mount.train
+        rays = lens.through(start[:2], run[:2] / run[2], start=start[2], end=fap)
+        if beyond.table.size:
+            rays = beyond.through(rays.height, rays.slope, start=fap[:, None], end=fap)
+        z = np.broadcast_to(self.mount.lens.front_principal - np.asarray(self.camera[PLANE]), fap.shape)[:, None]
+        x, y = rays.height + rays.slope * (z - fap[:, None])
+        return np.stack(np.broadcast_arrays(x, y, z), axis=-1).swapaxes(0, 1)
+
+    def _spot_radii(self, points: Array, world: Array) -> Array:
+        """Of object points (n, 3) in frames shifted by `world`, (n, T) [mm]."""
         nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
         radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
         pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
-        train, planes, world = self.mount.train, self.mount.planes, self.mount.world
-        return spot_radii(train, planes.array, planes.rims, world, self.known.points, pupil, weight).T / self.camera.d
+        planes = self.mount.planes
+        return spot_radii(self.mount.train, planes.array, planes.rims, world, points, pupil, weight).T
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ PILOT, NEAR, SMALL = 64, 1.25, 0.01
 """The first builds, by which prediction is judged: its squares, in limits' rooms, against Newton's; ratio and sum."""
 ITERATIONS = 3
 """Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
-CONVERGED = 1e-3
-"""Part of its squares by which a step must lower a build's residual for another one."""
+CONVERGED = 2e-3
+"""Part of a build's squares: what a step must promise to lower them by, and keep of it for no other to follow."""
 DAMPING = 1e-10
 """Of the largest curvature, against adjusters that do the same."""
 
@@ -71,7 +71,7 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) 
 
 def measure_uniforms(plan: TolerancePlan, uniforms: Array) -> MeasuredTrials:
     """Trials given by their independent uniform numbers, shape (factors, trials)."""
-    return measure(plan, plan.draws.deviations(np.ascontiguousarray(uniforms)))
+    return measure(plan, plan.draws.deviations(uniforms))
 
 
 def _in_blocks(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
@@ -240,11 +240,18 @@ class Compensator:
                 nudged = here.copy()
                 nudged[row] += step
                 slopes.append((self.left(some, nudged) - left) / step)
-            change = _least_squares(slopes, left, self.steps)
+            end = np.clip(here + _least_squares(slopes, left, self.steps), -self.reach, self.reach)
             before = cost[going]
+            promised = _cost(left + np.einsum("act,at->ct", slopes, end - here))
+            trying = np.flatnonzero(promised < (1 - CONVERGED) * before)
+            if not trying.size:
+                break
+            going, before, promised = going[trying], before[trying], promised[trying]
+            here, end = here[:, trying], end[:, trying]
+            some = {place: numbers[trying] for place, numbers in some.items()}
             trying = np.arange(going.size)
             for fraction in (1.0, 0.5):
-                tried = np.clip(here[:, trying] + fraction * change[:, trying], -self.reach, self.reach)
+                tried = (1 - fraction) * here[:, trying] + fraction * end[:, trying]
                 found = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
                 lower = _cost(found)
                 better = lower < cost[going[trying]]
@@ -253,7 +260,9 @@ class Compensator:
                 trying = trying[~better]
                 if not trying.size:
                     break
-            going = going[cost[going] < (1 - CONVERGED) * before]
+            # Done: what did not fall, and what came where a linear response leads.
+            fallen, kept = before - cost[going], np.abs(cost[going] - promised) <= CONVERGED * before
+            going = going[(fallen > CONVERGED * before) & ~kept]
             if not going.size:
                 break
         changed = np.flatnonzero(cost < start)

@@ -33,8 +33,8 @@ DEGREE, TERMS = 5, 21
 """Of the polynomials over the FAP's disc: products x^a y^b with a + b <= 5, b running fastest."""
 POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 MISFIT = 3e-3
-"""Of polynomials at the rays that they are laid through, in image widths and squared heights: shares of the FAP are then
-right to 1e-3; beyond, no polynomials are taken."""
+"""Of polynomials at the rays that they are laid through, in image widths and squared heights: up to that shares of the
+FAP are right to 1e-3, beyond it no polynomials are taken."""
 SCAN = 32
 """Directions in which the nearest rim is asked for, before corners are looked for between them."""
 HALVINGS = 12

@@ -1,7 +1,8 @@
 """A large tolerance run on a Dask cluster of two workers, with a worker and the run itself killed on the way.
 
 Measures what a plan for a larger cluster needs: processor time a trial, bytes a chunk, the memory of workers and driver
-over the run. Chunks taken at random are computed again in this process and compared byte by byte.
+over the run. Then the same run undisturbed: every chunk must be the same bytes. `--once` leaves that out, and computes
+some chunks taken at random again in this process instead. A study that was stopped goes on where its folder says.
 
     python studies/tolerance-cluster/cluster_study.py out/cluster --trials 10000000
 """
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +26,17 @@ import distributed
 import numpy as np
 import tomli_w
 
-from roslf_design.tolerancing.run import run_chunk
-from roslf_design.tolerancing.study import load_plan
+from roslf_design.tolerancing.run import local_cluster, run_chunk
+from roslf_design.tolerancing.study import TolerancePlan, load_plan
 
 HERE = Path(__file__).parent
 STUDY = HERE.parent / "tolerance-paper" / "study.toml"
 CHECKED = 5
-"""Chunks that are computed again."""
+"""Chunks that are computed again where there is no second run."""
+EACH, TOLD = 1.0, 20.0
+"""Seconds between two looks at the processes, and between two rows that are kept of them."""
+WORKER_DIES, DRIVER_DIES = 0.2, 0.4
+"""Shares of the chunks that are left to do after which they are killed."""
 
 
 def resident(pid: int) -> float:
@@ -51,59 +57,74 @@ def processor(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def run(folder: Path, study: Path, trials: int, workers: int) -> dict[str, object]:
-    """The run, killed and resumed; what was measured."""
-    out = folder / "run"
-    command = [sys.executable, "-m", "roslf_design", "tolerance", str(study), "-o", str(out), "--trials", str(trials)]
-    plan, _, _ = load_plan(study, trials=trials)
-    memory: dict[str, list[float]] = {"worker": [], "driver": []}
-    started, spent = time.perf_counter(), 0.0
+def chunks(out: Path) -> list[Path]:
+    """Files of the chunks that are done."""
+    return sorted((out / "chunks").glob("*.npz"))
+
+
+def run(plan: TolerancePlan, study: Path, out: Path, workers: int, disturbed: bool) -> dict[str, object]:
+    """One run; what was measured. Rows of what was measured on the way go to a file beside it."""
+    command = [sys.executable, "-m", "roslf_design", "tolerance", str(study), "-o", str(out)]
+    command += ["--trials", str(plan.trials), "--resume"]
+    started, begun = time.perf_counter(), len(chunks(out))
+    killed: list[str] = []
+    rows: list[dict[str, float]] = []
     dask: Any = distributed
-    local = dask.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
-    )
-    with local as cluster, dask.Client(cluster, set_as_default=False) as client:
+    with local_cluster(workers) as cluster, dask.Client(cluster, set_as_default=False) as client:
         command += ["--scheduler", cluster.scheduler_address]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        killed: list[str] = []
         last: dict[int, float] = {}
-        while process.poll() is None:
-            time.sleep(0.5)
-            here = client.run(os.getpid).values()
-            done = len(list((out / "chunks").glob("*.npz"))) / plan.chunks
-            memory["worker"].append(max(map(resident, here), default=0.0))
-            memory["driver"].append(resident(process.pid))
-            last |= {pid: processor(pid) for pid in here}
-            if done > 0.2 and not killed:
-                killed.append("worker")
-                os.kill(next(iter(here)), signal.SIGKILL)
-            elif done > 0.4 and killed == ["worker"]:
-                killed.append("driver")
-                process.kill()
-                process.wait()
-                process = subprocess.Popen([*command, "--resume"], stdout=subprocess.DEVNULL)
+        with out.with_suffix(".jsonl").open("w") as log:
+            while process.poll() is None:
+                time.sleep(EACH)
+                here = list(client.run(os.getpid, on_error="ignore").values())
+                done = len(chunks(out))
+                last |= {pid: processor(pid) for pid in here}
+                row = {
+                    "seconds": round(time.perf_counter() - started, 1),
+                    "chunks": done,
+                    "worker_MB": round(max(map(resident, here), default=0.0)),
+                    "driver_MB": round(resident(process.pid)),
+                    "processor_seconds": round(sum(last.values()), 1),
+                }
+                if not rows or row["seconds"] >= rows[-1]["seconds"] + TOLD:
+                    rows.append(row)
+                    print(json.dumps(row), file=log, flush=True)
+                share = (done - begun) / max(1, plan.chunks - begun)
+                if disturbed and share > WORKER_DIES and not killed:
+                    killed.append("worker")
+                    os.kill(here[0], signal.SIGKILL)
+                elif disturbed and share > DRIVER_DIES and killed == ["worker"]:
+                    killed.append("driver")
+                    process.kill()
+                    process.wait()
+                    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         spent = sum(last.values())
-    paths = sorted((out / "chunks").glob("*.npz"))
-    sample = np.random.default_rng(0).choice(len(paths), min(CHECKED, len(paths)), replace=False)
-    same = [paths[k].read_bytes() == run_chunk(plan, int(k)) for k in sample]
-    results = json.loads((out / "results.json").read_text())
-    half = len(memory["worker"]) // 2
+    sizes = [path.stat().st_size for path in chunks(out)]
+    at_work = [row for row in rows if 0 < row["chunks"] < plan.chunks] or rows
     return {
-        "trials": trials,
-        "chunks": len(paths),
-        "chunk_trials": plan.chunk,
-        "chunk_kB": round(sum(path.stat().st_size for path in paths) / len(paths) / 1e3, 1),
         "killed": killed,
         "exit": process.returncode,
-        "seconds": round(time.perf_counter() - started, 1),
+        "chunks": len(sizes),
+        "chunks_of_earlier_runs": begun,
+        "MB_of_chunks": round(sum(sizes) / 1e6, 1),
+        "seconds": rows[-1]["seconds"],
         "processor_seconds_of_workers": round(spent, 1),
-        "us_a_trial_and_worker": round(1e6 * spent / trials, 2),
-        "worker_MB": {"first_half": max(memory["worker"][:half]), "second_half": max(memory["worker"][half:])},
-        "driver_MB": {"first_half": max(memory["driver"][:half]), "second_half": max(memory["driver"][half:])},
-        "chunks_computed_again_the_same": f"{sum(same)} of {len(same)}",
-        "yield": results["yield"]["value"],
-        "bytes": hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16],
+        "us_a_trial_and_worker": round(1e6 * spent / max(1, plan.trials - begun * plan.chunk), 2),
+        "worker_MB_over_the_run": spread(row["worker_MB"] for row in at_work),
+        "driver_MB_over_the_run": spread(row["driver_MB"] for row in at_work),
+        "yield": json.loads((out / "results.json").read_text())["yield"]["value"],
     }
+
+
+def spread(values: Iterator[float]) -> list[float]:
+    """Largest in each tenth of a run."""
+    return [float(part.max()) for part in np.array_split(np.array(list(values)), 10) if part.size]
+
+
+def digest(out: Path) -> str:
+    """Of all chunks' bytes."""
+    return hashlib.sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in chunks(out))).hexdigest()[:16]
 
 
 def main() -> int:
@@ -113,6 +134,7 @@ def main() -> int:
     parser.add_argument("--trials", type=int, default=10_000_000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--adjusted", action="store_true", help="with the study's compensators")
+    parser.add_argument("--once", action="store_true", help="no second, undisturbed run")
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     data = tomllib.loads(STUDY.read_text()) | {"sobol_samples": 0, "keep_worst": 0}
@@ -120,11 +142,24 @@ def main() -> int:
         data.pop("compensators", None)
     study = given.output / "study.toml"
     study.write_bytes(tomli_w.dumps(data).encode())
-    measured = run(given.output, study, given.trials, given.workers)
+    plan, _, _ = load_plan(study, trials=given.trials)
+    out, again = given.output / "run", given.output / "undisturbed"
+    measured: dict[str, Any] = {"trials": given.trials, "chunk_trials": plan.chunk}
+    measured["run"] = run(plan, study, out, given.workers, disturbed=True)
+    same = False
+    if given.once:
+        paths = chunks(out)
+        sample = np.random.default_rng(0).choice(len(paths), min(CHECKED, len(paths)), replace=False)
+        equal = [paths[k].read_bytes() == run_chunk(plan, int(k)) for k in sample]
+        measured["chunks_computed_again_the_same"], same = f"{sum(equal)} of {len(equal)}", all(equal)
+    else:
+        measured["undisturbed"] = run(plan, study, again, given.workers, disturbed=False)
+        digests = [digest(out), digest(again)]
+        measured["digests_of_all_chunks"], same = digests, len(set(digests)) == 1
     text = json.dumps(measured, indent=1) + "\n"
     (given.output / "measured.json").write_text(text)
     print(text, end="")
-    return 0 if measured["exit"] == 0 else 1
+    return 0 if same and measured["run"]["exit"] == 0 else 1
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ def test_diagram_of_one_quantity_at_a_field(tmp_path, capsys):
     assert "closed form" in page
 
 
-def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch):
+def test_scene_of_a_users_own(tmp_path, capsys, monkeypatch, near_light):
     monkeypatch.setattr(promises, "SCENE_RAYS", (64, 256, 1024))
     monkeypatch.setattr(promises, "REFERENCE_RAYS", 4096)
     monkeypatch.setattr(promises, "PATCH", 12)

@@ -27,7 +27,7 @@ SHARP = ("-microlens_diffraction", "-microlens_defocus")
 
 
 @pytest.mark.parametrize(("accuracy", "overrides"), [(0.1, SHARP), (0.03, SHARP), (0.03, ())])
-def test_pixels_are_within_what_was_promised(accuracy, overrides):
+def test_pixels_are_within_what_was_promised(accuracy, overrides, near_light):
     """Reference: 4096 rays a pixel (512 under diffraction) of another seed, some times better than what is judged."""
     way = settle(PAPER, BOARD, accuracy, overrides, region=REGION)
     image = render(PAPER, BOARD, effects=way.plan, budget=way.budget, sampling=way.sampling, region=REGION)
@@ -67,7 +67,7 @@ def test_series_in_single_precision_is_within_its_rounding():
     assert np.abs(image - exact).max() < 3e-6
 
 
-def test_a_real_lens_takes_more_samples_for_more_accuracy():
+def test_a_real_lens_takes_more_samples_for_more_accuracy(near_light):
     singlet = roslf.load("paper-singlet")
     way = settle(singlet, WHITE_FIELD, 0.02, SHARP, region=REGION)
     assert way.sampling.side >= 4
@@ -76,7 +76,7 @@ def test_a_real_lens_takes_more_samples_for_more_accuracy():
     assert np.quantile(np.abs(image.pixels.astype(float) - fine.pixels), 0.99) <= way.expected_error <= 0.02
 
 
-def test_the_command_tells_it_and_writes_the_same_bytes(tmp_path, capsys):
+def test_the_command_tells_it_and_writes_the_same_bytes(tmp_path, capsys, near_light):
     scene = tmp_path / "scene.toml"
     scene.write_text(
         'name = "grating"\n[[objects]]\nkind = "plane"\ndistance = "300 mm"\n'
@@ -133,7 +133,7 @@ def test_out_of_reach_is_said_before_anything_is_done(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("fill", "percent"), [(1.0, "2.1 %"), (3.0, "15 %")])
-def test_what_incoherent_light_misses_of_a_texture_is_told_of_each_camera(fill, percent):
+def test_what_incoherent_light_misses_of_a_texture_is_told_of_each_camera(fill, percent, near_light):
     """0.04/sqrt(3.61) = 0.021; three images on one another, 3 (0.021 + 0.1/3.61) = 0.146."""
     design = PAPER.replace(d_3=100.0, D_F=3.15 * fill)
     scene = Scene(objects=(Plane(texture=Sinusoid(period=0.63)),))

@@ -159,6 +159,22 @@ def test_parts_that_fit_none_and_a_time_that_is_up(few):
     assert (late.best, late.optimised, late.open) == ((), 0, 3)
 
 
+def test_what_is_known_of_some_sensors_counts_in_their_designs():
+    """Half at 1.76 times the chief-ray angle (24 degrees), where 80 % are taken: a Gaussian."""
+    parts = load_catalogue()
+    problem = posed({"d_2": (0.2, 20.0)}, (), goal("sigma_z_mm", "min"))
+    combinations = Combinations.of(problem, parts, ("sensors",))
+    designs = [combinations.problem_at(number).design_at(np.array([0.5])) for number in range(len(combinations))]
+    sensors = {part.part: design.sensor for part, design in zip(parts.sensors, designs, strict=True)}
+    told = sensors["OV5647"]
+    assert (told.colours, told.pixel) == ("BGGR", pytest.approx(1.4e-3))
+    assert 2.0 ** -((np.radians(24.0) / told.acceptance) ** 2) == pytest.approx(0.8, abs=0.005)
+    assert (sensors["IMX250"].colours, sensors["IMX250"].acceptance) == ("mono", None)
+    for text in ("acceptance>=30 deg", "colours=BGGR"):
+        condition = read_condition(text)
+        assert [row["part"] for row in rows(parts, ("sensors",)) if condition(row)] == ["OV5647"]
+
+
 def test_the_shipped_catalogue():
     every = list(rows(load_catalogue()))
     assert len(every) > 40

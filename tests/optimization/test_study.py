@@ -126,7 +126,7 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ('direction = "min"', "", "goals.1.direction: is missing; add it"),
         ('direction = "min"', 'direction = "down"', 'goals.1.direction: "down" is not known; write'),
         ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
-        ('min = "0 mm"', "min = 0.1", "0.1 has no unit"),
+        ('quantity = "non_distortion_room_mm"\nmin = "0 mm"', 'quantity = "d_1"\nmin = 0.1', "0.1 has no unit"),
         ('min = "0 mm"', "min = false", "expected a length"),
         ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
         ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.1.colour: is not a known key"),

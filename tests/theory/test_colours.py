@@ -26,7 +26,7 @@ from studies.depth.prediction_proof import rendered_information
 
 PAPER = roslf.load("paper")
 BAYER = PAPER.replace({"sensor.colours": "GRBG"})
-REGION = (2201, 1440, 91, 80)
+REGION = (2201, 1440, 78, 66)
 COARSE = {"region": REGION, "sampling": RaySampling(16, 16, 0.0)}
 WALL = Scene(objects=(Plane(texture=Noise(finest=0.4, contrast=0.15, seed=3)),))
 
@@ -129,12 +129,12 @@ def test_the_white_image_makes_colours_equal():
 
 
 def test_depth_of_a_mosaic():
-    """Errors told are those made, up to what 13 x 13 microlenses say of them; predicted ones are not far below."""
-    trial = simulate(BAYER, region=(2200, 1440, 200, 200), seed=1, exposures=2, rays=64)
+    """Errors told are those made, up to what ten by ten microlenses say of them; predicted ones are not far below."""
+    trial = simulate(BAYER, region=(2200, 1440, 130, 130), seed=1, exposures=2, rays=48)
     summary = trial.summary()
     assert summary.measured > 0.9
-    assert abs(summary.bias_mm) < 0.6 * summary.told_mm
-    assert 0.55 < summary.inside_68 < 0.85
+    assert abs(summary.bias_mm) < 0.7 * summary.told_mm
+    assert 0.5 < summary.inside_68 < 0.9
     assert summary.spread_mm < 2.5 * summary.predicted_mm
 
 
@@ -173,5 +173,8 @@ def test_bad_input():
         PAPER.replace({"sensor.colours": "bayer"})
     with pytest.raises(SceneError, match="white light"):
         render(BAYER, WALL.in_light((550e-6,)), region=REGION)
+    singlet = roslf.load("paper-singlet").replace({"sensor.colours": "RGGB"})
+    with pytest.raises(roslf.InputError, match="pitches apart on the axis"):
+        simulate(singlet, region=REGION)
     with pytest.raises(ValueError, match="no light"):
         ColourBalance.of(np.tile(np.array([[1, 0], [1, 1]]), (8, 8)))

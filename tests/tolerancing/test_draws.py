@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate, stats
+from scipy.stats import qmc
 
 from roslf_design.tolerancing.draws import (
     Distribution,
@@ -99,8 +100,28 @@ def test_every_chunk_has_its_own_draws_and_always_the_same():
 
 def test_sobol_chunks_are_pieces_of_one_sequence_and_fill_space_evenly():
     whole = sobol_points(5, 0, 4096, 3)
-    np.testing.assert_array_equal(whole[:, 1024:2048], sobol_points(5, 1024, 1024, 3))
+    for start, count in ((1, 7), (1000, 1024), (1024, 1024), (4095, 1)):
+        np.testing.assert_array_equal(whole[:, start : start + count], sobol_points(5, start, count, 3))
     assert (whole > 0).all()
     assert (whole < 1).all()
     for row in whole:
         assert np.array_equal(np.bincount((row * 4096).astype(int), minlength=4096), np.ones(4096, int))
+
+
+@pytest.mark.parametrize("start", [2**24, 10**9 // 2**20 * 2**20, 2**32 - 2**10])
+def test_sobol_points_far_on_come_at_once_and_are_those_of_the_sequence(start):
+    """In the order of the Gray code, 2^k points from a multiple of 2^k on are the first, their bits turned alike."""
+
+    def digits(points):
+        return ((points - 2.0**-33) * 2.0**32).astype(np.int64)
+
+    first, there = digits(sobol_points(19, 0, 2**10, 3)), digits(sobol_points(19, start, 2**10, 3))
+    turned = first ^ there
+    np.testing.assert_array_equal(turned, np.broadcast_to(turned[:, :1], turned.shape))
+    assert (turned[:, 0] > 0).all()
+
+
+def test_sobol_points_far_on_are_those_of_a_walk():
+    engine = qmc.Sobol(3, scramble=True, bits=32, rng=np.random.default_rng(7))
+    engine.fast_forward(10**6 + 12345)
+    np.testing.assert_array_equal(sobol_points(3, 10**6 + 12345, 64, 7), engine.random(64).T + 2.0**-33)

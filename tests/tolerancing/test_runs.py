@@ -27,6 +27,7 @@ from roslf_design.tolerancing.run import (
     ChunkLostError,
     Where,
     anywhere,
+    local_cluster,
     merged,
     pack,
     run_trials,
@@ -52,7 +53,7 @@ tolerance = "0.5 %"
 def plan():
     goals = [{"metric": "fill_factor", "min": 0.99, "max": 1.02}, {"metric": "depth_error_mm", "max": 5.0}]
     whole = plan_from({"name": "s", "design": "paper", "grade": "precision", "goals": goals, "keep_trials": 500})
-    return replace(whole, chunk=8192, trials=8192 * 9 + 77)
+    return replace(whole, chunk=4096, trials=4096 * 9 + 77)
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +132,7 @@ def test_a_worker_that_dies_in_the_midst_of_its_answer_is_made_good(tmp_path):
 
 def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, tmp_path):
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
-    cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
-    )
-    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+    with local_cluster(2) as cluster, distributed.Client(cluster, set_as_default=False) as client:
         progress, killed = kill_once(lambda: next(iter(client.run(os.getpid).values())))
         run_trials(plan, tmp_path, Where(2, cluster.scheduler_address), progress=progress)
         assert killed

@@ -6,6 +6,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import load, preset_path
 from roslf_design.errors import InputError
+from roslf_design.optimization.problem import Constraint
 from roslf_design.tolerancing.places import (
     SHIPPED,
     display,
@@ -16,7 +17,7 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.study import chunk_size, load_plan, plan_from
+from roslf_design.tolerancing.study import MetricGoal, chunk_size, load_plan, plan_from
 
 GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
 
@@ -248,3 +249,21 @@ def test_a_table_of_grades_of_the_wrong_kind_is_told_in_one_line(old, new, said,
     assert said in err
     assert len(err.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("written", [6.0, "6 mm", "6000 um"])
+def test_limits_are_written_alike_in_tolerance_and_optimise_studies(written):
+    goal = MetricGoal.model_validate({"metric": "sigma_z_mm", "max": written})
+    held = Constraint.model_validate({"quantity": "sigma_z_mm", "max": written}, context={"from_file": True})
+    assert goal.max == held.max == 6.0
+    for wrong in ("6 deg", "6", True):
+        for model, name in ((MetricGoal, "metric"), (Constraint, "quantity")):
+            with pytest.raises(ValueError, match=r"unit|expected a length"):
+                model.model_validate({name: "sigma_z_mm", "max": wrong}, context={"from_file": True})
+
+
+def test_more_trials_than_a_sobol_sequence_has_points_are_refused():
+    data = {"design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "max": 1.1}], "sampling": "sobol"}
+    assert plan_from({**data, "name": "s", "trials": 2**32}).chunks == 4096
+    with pytest.raises(InputError, match="trials: a Sobol sequence has 4294967296 points; ask for fewer"):
+        plan_from({**data, "name": "s", "trials": 10**10})
