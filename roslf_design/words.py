@@ -46,6 +46,7 @@ WORDS = {
     "sensor_angle_deg": "steepest ray at the sensor",
     "blur_pitches": "defocus blur",
     "spot_pitches": "blur of the lens",
+    "main_lens.bending": "bending of the lens",
     "lateral_samples": "microlenses across",
     "views_geometric": "pixels across a microlens image",
     "views_independent": "independent views",

@@ -54,13 +54,10 @@ def minus(a: Number, b: Number) -> Number:
 
 def _long(values: tuple[Number, ...]) -> bool:
     """Whether there is a long array among them, and no complex number."""
-    longest = 0
     for value in values:
-        if isinstance(value, np.ndarray):
-            if value.dtype is not REAL:
-                return False
-            longest = max(longest, value.size)
-    return longest >= LONG
+        if isinstance(value, np.ndarray) and value.size >= LONG:
+            return all(not isinstance(each, np.ndarray) or each.dtype is REAL for each in values)
+    return False
 
 
 @kernel(elementwise=True)
@@ -99,6 +96,11 @@ SUMS: dict[tuple[bool, int], Kernel[..., Number]] = {
 
 def total(o: Number, *factors: Number) -> Number:
     """``o + a b + c d`` and so on."""
+    if not _long((o, *factors)):
+        some = times(factors[0], factors[1])
+        for k in range(2, len(factors), 2):
+            some = plus(some, times(factors[k], factors[k + 1]))
+        return plus(o, some)
     live: tuple[Number, ...] = ()
     for a, b in zip(factors[::2], factors[1::2], strict=True):
         if isinstance(a, float) and (a == 0.0 or a == 1.0):
@@ -110,7 +112,7 @@ def total(o: Number, *factors: Number) -> Number:
     alone = isinstance(o, float) and o == 0.0
     form = SUMS.get((not alone, len(live) // 2))
     if form is not None:
-        return (form.compiled if _long((o, *live)) else form)(*(live if alone else (o, *live)))
+        return form.compiled(*(live if alone else (o, *live)))
     if not live:
         return o
     return plus(o, live[0] * live[1] if len(live) == 2 else total(0.0, *live))
@@ -118,9 +120,9 @@ def total(o: Number, *factors: Number) -> Number:
 
 def cross(a: Number, b: Number, c: Number, d: Number) -> Number:
     """``a b - c d``."""
-    if any(isinstance(value, float) for value in (a, b, c, d)):
+    if any(isinstance(value, float) for value in (a, b, c, d)) or not _long((a, b, c, d)):
         return minus(times(a, b), times(c, d))
-    return (_cross.compiled if _long((a, b, c, d)) else _cross)(a, b, c, d)
+    return _cross.compiled(a, b, c, d)
 
 
 def dot(a: Vector, b: Vector) -> Number:

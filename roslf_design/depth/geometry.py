@@ -14,12 +14,17 @@ from ..calibration.decoding import LightField
 from ..calibration.lengths import LengthCovariance
 from ..camera import Camera
 from ..design import Design
+from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
+from ..theory.colours import filters
 from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
 from .traced_views import TracedViews
 from .unmixing import places_on_array, unmixed
 from .view_files import CameraGrid
 
+COLOURS_APART = 0.1
+"""Disparity between colours by a real lens's focus beyond which depth is not computed behind colour filters [pitches];
+half of it at most is a bias."""
 Array = NDArray[np.float64]
 Unit = Literal["mm", "px"]
 
@@ -30,12 +35,20 @@ def first_order(design: Design) -> Camera:
     Raises
     ------
     InputError
-        Its objective maps angles otherwise than f tan.
+        Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart.
     """
     camera = Camera.of(design.thin_twin)
     if camera.chain is not None and camera.chain.mapped is not None:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
         raise InputError((Problem(f"elements.{camera.chain.mapped + 1}.mapping", message),), design.name)
+    if design.lens is not None and (colours := tuple(one.wavelength for one in filters(design.sensor.colours))):
+        apart = colour_spread(design, colours, 0.0) / design.d
+        if apart > COLOURS_APART:
+            message = (
+                f"{design.lens.name} focuses the colours of the filters {apart:.2g} pitches apart on the axis, which "
+                "depth does not take off; use an achromatic lens, or mono"
+            )
+            raise InputError((Problem("sensor.colours", message),), design.name)
     return camera
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -352,10 +353,10 @@ class Unexposed(NamedTuple):
         lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus", *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
-        region = _with_margin(Camera.of(design.thin_twin), Region(*region))
+        wide = _with_margin(Camera.of(design.thin_twin), Region(*region))
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
-        picture = render(design, quiet, effects=lines, seed=seed, region=region, sampling=sampling, progress=progress)
-        return cls(picture, render(design, None, effects=lines, seed=seed, region=region, sampling=sampling))
+        shown = partial(render, design, effects=lines, seed=seed, region=wide, inner=region, sampling=sampling)
+        return cls(shown(quiet, progress=progress), shown(None))
 
 
 def default_scene(design: Design) -> Scene:

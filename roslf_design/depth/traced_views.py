@@ -23,6 +23,7 @@ from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..lenses.tracer import KEPT
+from ..theory.colours import mixed
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
@@ -179,7 +180,7 @@ class TracedViews:
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(
             float(camera.d), float(camera.d_2), float(-microlens_defocus(camera) / camera.d_2),
-            (self.mounted.wavelength,), camera.lens_shape == "circular",
+            (float(mixed(camera).wavelength),), camera.lens_shape == "circular",
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)

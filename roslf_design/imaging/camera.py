@@ -65,6 +65,17 @@ class Region(NamedTuple):
     rows: int
     """How many rows."""
 
+    def grown(self, by: int) -> Region:
+        """With so many pixels more on each side."""
+        return Region(self.column - by, self.row - by, self.columns + 2 * by, self.rows + 2 * by)
+
+    def common(self, other: Region) -> Region:
+        """What both have; of none rows or columns are not above 0."""
+        left, top = max(self.column, other.column), max(self.row, other.row)
+        right = min(self.column + self.columns, other.column + other.columns)
+        bottom = min(self.row + self.rows, other.row + other.rows)
+        return Region(left, top, right - left, bottom - top)
+
     @classmethod
     def checked(cls, camera: Camera, region: tuple[int, int, int, int] | None) -> Region:
         """A region of the sensor; None is all of it.

@@ -25,7 +25,7 @@ from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, 
 from .lens_rays import real_camera
 from .points import PointSource, point_image
 from .trace import RaySampling, Tracer
-from .transfer import CORE, Geometry, bands
+from .transfer import CORE, Geometry, bands, halo
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 
@@ -75,6 +75,7 @@ def render(
     overrides: Iterable[str] = (),
     seed: int = 0,
     region: tuple[int, int, int, int] | None = None,
+    inner: tuple[int, int, int, int] | None = None,
     threads: int | None = None,
     sampling: RaySampling | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -96,6 +97,9 @@ def render(
         Of sampling and noise. The same seed gives the same bytes, with any number of threads.
     region : (column, row, columns, rows), optional
         Part of the sensor; None is all of it.
+    inner : (column, row, columns, rows), optional
+        What of it has to be right: a textured scene's light that diffracts from so far away that none of this gets it
+        is left out, which takes some of what pixels around it get. None is all of the region.
     threads : int, optional
         None is one for each processor.
     sampling : Sampling, optional
@@ -119,7 +123,8 @@ def render(
     if sampling is None:
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region)
-    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1)
+    core = None if inner is None else Region.checked(Camera.of(design), inner)
+    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1, core)
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
@@ -149,13 +154,19 @@ def method_of(design: Design, scene: Scene, effects: Plan) -> str:
 
 
 def _jobs(
-    design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: RaySampling, threads: int
+    design: Design,
+    scene: Scene,
+    effects: Plan,
+    budget: Budget,
+    sampling: RaySampling,
+    threads: int,
+    inner: Region | None = None,
 ) -> list[tuple[ColourFilter | None, _Job]]:
     """Renderings that a raw image is put together from: one, or one a colour of the sensor's filters."""
     seen: list[tuple[ColourFilter | None, Scene]] = [
         (one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)
     ] or [(None, scene)]
-    return [(one, _Job(design, each, effects, budget, sampling, threads)) for one, each in seen]
+    return [(one, _Job(design, each, effects, budget, sampling, threads, inner)) for one, each in seen]
 
 
 def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design: Design, region: Region) -> None:
@@ -172,7 +183,14 @@ class _Job:
     """One rendering: chooses the way that is exact for the scene, and counts rays."""
 
     def __init__(
-        self, design: Design, scene: Scene, effects: Plan, budget: Budget, sampling: RaySampling, threads: int
+        self,
+        design: Design,
+        scene: Scene,
+        effects: Plan,
+        budget: Budget,
+        sampling: RaySampling,
+        threads: int,
+        inner: Region | None = None,
     ) -> None:
         self.design, self.scene, self.plan = design, scene, effects
         self.budget, self.sampling, self.threads = budget, sampling, threads
@@ -184,6 +202,9 @@ class _Job:
         self.white = self._white(exact) if scene.white is not None and real is None and not self.camera.tilted else ()
         self.traced |= scene.white is not None and not self.white
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
+        self.lit = None
+        if inner is not None and not self.transfer.trivial:
+            self.lit = inner.grown(halo(self.transfer, float(self.camera.q), budget.intensity))
         self.series = self._series()
         ways = {
             "points": scene.white is None and not self.traced,
@@ -235,8 +256,13 @@ class _Job:
         tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene)
 
         def traced(region: Region, fine: int) -> Image:
-            image, rays = tracer.image(region, self.sampling, fine)
-            self.rays += rays
+            part = region if self.lit is None else region.common(self.lit)
+            image = np.zeros((region.rows * fine, region.columns * fine), np.float32)
+            if part.rows > 0 and part.columns > 0:
+                light, rays = tracer.image(part, self.sampling, fine)
+                self.rays += rays
+                top, left = (part.row - region.row) * fine, (part.column - region.column) * fine
+                image[top : top + light.shape[0], left : left + light.shape[1]] = light
             return image
 
         return traced, tracer.finite

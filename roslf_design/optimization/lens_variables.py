@@ -41,6 +41,12 @@ def varies_lens(place: str) -> bool:
     return place in (BENDING, FOCAL) or OWN.fullmatch(place) is not None
 
 
+def places_that_vary(lens: Prescription) -> tuple[str, ...]:
+    """Names of variables of a lens itself, whether or not all go with it (`lens_faults`)."""
+    numbers = range(1, len(lens.surfaces) + 1)
+    return (BENDING, *(f"{LENS}surfaces.{k}.{what}" for k in numbers for what in ("radius", "thickness")))
+
+
 def why_not_bent(lens: Prescription) -> str | None:
     """What makes a lens no singlet or cemented doublet of spheres; None where it is one."""
     pieces, surfaces = len(lens.elements), len(lens.surfaces)
@@ -58,10 +64,9 @@ def lens_faults(lens: Prescription, names: Collection[str]) -> Iterator[str]:
     own, shaped = sorted(n for n in names if in_lens(n)), sorted({BENDING, FOCAL} & set(names))
     for name in own:
         number, what = int(name.split(".")[2]), name.rpartition(".")[2]
-        last = len(lens.surfaces) - (what == "thickness")
-        if not 1 <= number <= last:
-            yield f"'{name}': {lens.name} has {what}s of surfaces 1 to {last}"
-        elif what == "radius" and not lens.surfaces[number - 1].curvature:
+        if what == "thickness" and number == len(lens.surfaces):
+            yield f"'{name}' is of the last surface, behind which nothing follows; drop it"
+        elif what == "radius" and number <= len(lens.surfaces) and not lens.surfaces[number - 1].curvature:
             yield f"'{name}' is of a plane, which has no radius to vary; bend the lens instead"
     wrong = why_not_bent(lens) if shaped else None
     if wrong is not None:

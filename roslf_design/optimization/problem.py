@@ -85,7 +85,8 @@ class Variable(StrictTable):
         if isinstance(value, (list, tuple)) and len(value) == 2:
             return {"min": value[0], "max": value[1]}
         if not isinstance(value, Mapping):
-            raise ValueError(f'{value!r} is no pair of bounds; write e.g. ["0.5 mm", "8 mm"]')
+            example = '["0.5 mm", "8 mm"]' if cls.measured_in else "[-2, 2]"
+            raise ValueError(f"{value!r} is no pair of bounds; write e.g. {example}")
         return value
 
     @model_validator(mode="after")

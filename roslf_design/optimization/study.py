@@ -22,14 +22,12 @@ from ..design.parts import Stop
 from ..errors import InputError, Problem
 from ..json_data import plain
 from ..lenses.glass import find_glass
-from ..lenses.manufacture import lens_places
 from ..lenses.prescription import Prescription
-from ..tolerancing.places import LENS
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
-from .lens_variables import BENDING, lens_faults, varies_lens
+from .lens_variables import BENDING, lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
 from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults
 from .ranking import CatalogueTable, Combinations, Ranking, rank
@@ -97,7 +95,7 @@ class StudyTable(StrictTable):
     def faults(self, design: Design) -> Iterator[Problem]:
         """What does not go together, in a study of a design."""
         names, numbers = tuple(self.variables), Camera.of(design).numbers
-        own = () if design.lens is None else (BENDING, *(f"{LENS}{place}" for place in lens_places(design.lens)))
+        own = () if design.lens is None else places_that_vary(design.lens)
         yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
         for name, variable in self.variables.items():
             if name in NUMBERS:
@@ -192,8 +190,9 @@ def _number_bounds(name: str, value: Any) -> Variable:
     try:
         return NumberVariable.model_validate(value, context={"from_file": True})
     except ValidationError as error:
-        problem = problems_of(error, NumberVariable)[0]
-        raise ValueError(f"{name}: {problem.message}; it has no unit, write e.g. [-2, 2]") from None
+        said = problems_of(error, NumberVariable)[0].message
+        remedy = "" if "; " in said else "; it has no unit, write e.g. [-2, 2]"
+        raise ValueError(f"{name}: {said}{remedy}") from None
 
 
 @dataclass(frozen=True)
@@ -432,7 +431,8 @@ def _conflict(conflict: Conflict) -> dict[str, Any]:
 
 def _front(front: Front) -> dict[str, Any]:
     goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals]
-    return {**plain(front), "goals": goals}
+    points = [{"goals": point.goals, **_variables(point.variables_mm)} for point in front.points]
+    return {**plain(front), "goals": goals, "points": plain(points)}
 
 
 def _robust(result: Result) -> dict[str, Any] | None:

@@ -203,15 +203,20 @@ class IdealBuilds(MicrolensImages):
         lx, ly = cross(ax, pz, px, az) / span, cross(ay, pz, py, az) / span
         rx, ry = total(px / pz, bend, lx), total(py / pz, bend, ly)
         met: list[Place] = []
-        for part, unit in (("sensor", c.q), ("microlens_array", c.d)):
-            pose = c.pose(part)
-            (x, vx), (y, vy), (z, vz) = (
-                (total(-dot(axis, pose.origin), axis[0], lx, axis[1], ly), total(axis[2], axis[0], rx, axis[1], ry))
-                for axis in (pose.x, pose.y, pose.z)
-            )
+        for unit, axes in self._planes:
+            (x, vx), (y, vy), (z, vz) = [
+                (total(offset, u, lx, v, ly), total(w, u, rx, v, ry)) for (u, v, w), offset in axes
+            ]
             reach = -z / vz
             met.append((total(x, reach, vx) / unit, total(y, reach, vy) / unit))
         return met[0], met[1]
+
+    @cached_property
+    def _planes(self) -> list[tuple[Number, list[tuple[Vector, Number]]]]:
+        """Sensor and array: what places on them are counted in, their axes, and where the lens lies along those."""
+        c = self.camera
+        poses = (c.q, c.pose("sensor")), (c.d, c.pose("microlens_array"))
+        return [(unit, [(axis, -dot(axis, pose.origin)) for axis in pose[1:]]) for unit, pose in poses]
 
 
 def fractional(x: Number, known: Sequence[Number], images: Sequence[Number]) -> Number:

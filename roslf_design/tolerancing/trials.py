@@ -246,6 +246,10 @@ class Compensator:
             trying = np.flatnonzero(promised < (1 - CONVERGED) * before)
             if not trying.size:
                 break
+            going, before, promised = going[trying], before[trying], promised[trying]
+            here, end = here[:, trying], end[:, trying]
+            some = {place: numbers[trying] for place, numbers in some.items()}
+            trying = np.arange(going.size)
             for fraction in (1.0, 0.5):
                 tried = (1 - fraction) * here[:, trying] + fraction * end[:, trying]
                 found = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
@@ -256,7 +260,7 @@ class Compensator:
                 trying = trying[~better]
                 if not trying.size:
                     break
-            # Done: what was not tried or did not fall, and what came where a linear response leads.
+            # Done: what did not fall, and what came where a linear response leads.
             fallen, kept = before - cost[going], np.abs(cost[going] - promised) <= CONVERGED * before
             going = going[(fallen > CONVERGED * before) & ~kept]
             if not going.size:

@@ -337,7 +337,7 @@ def main() -> None:
         for light, trial in trials(case, look, lights, exposures=given.exposures):
             one = judged(trial)
             # The few windows have more texture than the whole of it, or less: best seen in bright light.
-            bright = results.get(names["bright"], one)
+            bright = one if light == "bright" else results.get(names["bright"], one)
             results[names[light]] = plain(one | {"expected": one["predicted"] / bright["texture"], "rays": RAYS})
             store.write_text(json.dumps(results, allow_nan=False, indent=1) + "\n")
             print(names[light], results[names[light]], flush=True)

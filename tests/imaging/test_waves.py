@@ -325,3 +325,13 @@ def test_tails_where_the_array_ends_are_as_wide_as_was_asked(asked):
     part = render(design, region=region._replace(column=column, columns=6), budget=Budget(intensity=asked))
     whole = render(design, region=region, budget=Budget(intensity=asked))
     np.testing.assert_allclose(part.pixels, whole.pixels[:, 10:16], atol=2e-6)  # of the transforms, in single precision
+
+
+def test_what_only_pixels_beside_would_get_is_not_traced():
+    scene = Scene(objects=(Plane(texture=Sinusoid(period=3.0)),))
+    given = {"region": (2000, 1500, 120, 40), "sampling": RaySampling(4, 4, 1e-6)}
+    whole = render(PAPER, scene, **given)
+    part = render(PAPER, scene, inner=(2040, 1510, 40, 20), **given)
+    assert part.rays < 0.8 * whole.rays
+    # Fourier transforms round.
+    np.testing.assert_allclose(part.pixels[10:30, 40:80], whole.pixels[10:30, 40:80], atol=1e-6)

@@ -290,7 +290,7 @@ def test_an_air_gap_moves_the_lens_and_its_focus(air_spaced, tmp_path, capsys):
         (
             "D_F = [",
             '"main_lens.surfaces.2.thickness" = [',
-            "'main_lens.surfaces.2.thickness' is nothing that can vary",
+            "is of the last surface, behind which nothing follows",
         ),
         ('"paper-singlet"', '"paper"', "'main_lens.bending' is nothing that can vary"),
         (

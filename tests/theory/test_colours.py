@@ -173,5 +173,8 @@ def test_bad_input():
         PAPER.replace({"sensor.colours": "bayer"})
     with pytest.raises(SceneError, match="white light"):
         render(BAYER, WALL.in_light((550e-6,)), region=REGION)
+    singlet = roslf.load("paper-singlet").replace({"sensor.colours": "RGGB"})
+    with pytest.raises(roslf.InputError, match="pitches apart on the axis"):
+        simulate(singlet, region=REGION)
     with pytest.raises(ValueError, match="no light"):
         ColourBalance.of(np.tile(np.array([[1, 0], [1, 1]]), (8, 8)))

@@ -260,3 +260,10 @@ def test_limits_are_written_alike_in_tolerance_and_optimise_studies(written):
         for model, name in ((MetricGoal, "metric"), (Constraint, "quantity")):
             with pytest.raises(ValueError, match=r"unit|expected a length"):
                 model.model_validate({name: "sigma_z_mm", "max": wrong}, context={"from_file": True})
+
+
+def test_more_trials_than_a_sobol_sequence_has_points_are_refused():
+    data = {"design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "max": 1.1}], "sampling": "sobol"}
+    assert plan_from({**data, "name": "s", "trials": 2**32}).chunks == 4096
+    with pytest.raises(InputError, match="trials: a Sobol sequence has 4294967296 points; ask for fewer"):
+        plan_from({**data, "name": "s", "trials": 10**10})
