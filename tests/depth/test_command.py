@@ -166,7 +166,7 @@ def test_microlenses_out_of_focus_on_the_fap_put_nothing_into_depths():
 def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
     """The light's edge cuts images to nothing within 30 microlenses; errors told hold on both sides."""
     cut = roslf.load("paper").replace({"main_lens.diameter": 24.0})
-    trial = roslf.measure_depth(cut, region=(250, 1320, 650, 260), seed=1, rays=32)
+    trial = roslf.measure_depth(cut, region=(250, 1320, 650, 260), seed=1, rays=64)
     assert trial.unknown().get(DisparityStatus.INCONSISTENT.reason, 0) < 0.02
     scores = (trial.errors / trial.first.sigma)[0]
     kept = MicrolensImages(Camera.of(cut), trial.first.x_ml[10]).shapes.kept_fraction[:, 0]

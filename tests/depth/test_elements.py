@@ -98,7 +98,7 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least):
     scene = Scene(objects=(Plane(distance=z, texture=Noise(finest=finest * sample, contrast=0.2, seed=1)),))
     width, height = camera.pixels
     region = (width // 2 - 60 + aside, height // 2 - 60, 120, 120)
-    first = roslf.measure_depth(design, scene, region=region, rays=24).first
+    first = roslf.measure_depth(design, scene, region=region, rays=96).first
     assert first.measured.mean() > least
     # Four windows and more of 0.015 pitches each.
     assert abs(float((first.disparities.disparity[first.measured] - disparity).mean())) < 0.03
