@@ -172,8 +172,7 @@ class ArrayGeometry:
 
     def prepared(self, field: LightField) -> PreparedViews:
         """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
-        # Pictures of a cystoscope do not show its microlenses' defocus on the FAP; why is not known.
-        own = unmixed(self.camera, field, any(element.kind == "lens" for element in self.design.elements))
+        own = unmixed(self.camera, field)
         if self.traced is None:
             return PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)

@@ -38,10 +38,10 @@ from .unmixing import places_on_array
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-RAYS, RAYS_FOR = 128, 5000.0
-"""For each pixel of a textured scene whose pixels hold so many electrons: they scatter by a twentieth of the noise.
-Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 32, 2048
+RAYS, RAYS_FOR = 256, 5000.0
+"""For each pixel of a textured scene whose pixels hold so many electrons: errors of depth scatter by a twentieth more
+than without their scatter. Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
+LEAST_RAYS, MOST_RAYS = 64, 2048
 SCATTER = 0.85
 """Power of the number of rays that what they scatter falls with."""
 DETAIL = 2.5
@@ -53,6 +53,8 @@ MARGIN = 0.5
 BESIDE = 3
 """Microlenses beyond each side of the region that are measured as well and left out: those at its border then have the
 neighbours and windows of all others."""
+SHIFTING = "+microlens_defocus", "+finite_microlens_aperture", "+object_defocus"
+"""Effects that depth sees where no pixel does: what each side of a microlens shows is another place and direction."""
 STRIP = 32
 """Microlenses across the strip that is looked at where no part of the sensor is named."""
 RENDERING = 0.6
@@ -348,9 +350,9 @@ class Unexposed(NamedTuple):
         progress: Callable[[float], None] = lambda share: None,
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
-        # Depth sees a defocus of the microlenses that no pixel does, and rays go through elements as it has them.
+        # Rays through elements go as depth has them, however near that is to first order.
         exact = ["+plate_aberration"] if design.elements else []
-        lines = plan(design, scene, Budget(), ["-noise", "+microlens_defocus", *exact])
+        lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
         wide = _with_margin(Camera.of(design.thin_twin), Region(*region))

@@ -87,7 +87,7 @@ class OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def unmixed(camera: Camera, field: LightField, sharp_fap: bool = False) -> OwnLight:
+def unmixed(camera: Camera, field: LightField) -> OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -96,8 +96,6 @@ def unmixed(camera: Camera, field: LightField, sharp_fap: bool = False) -> OwnLi
         One build, which took it.
     field : LightField
         Its u and v count microlenses from the array's centre.
-    sharp_fap : bool
-        Whether the FAP is taken as what the microlenses have in focus on the sensor.
     """
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
@@ -121,16 +119,15 @@ def unmixed(camera: Camera, field: LightField, sharp_fap: bool = False) -> OwnLi
     seen = _Map.of(rows, columns, (height, width), (height, width))
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
     pupil = np.float32(side) * np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
-    aside = seen(_aside(camera, field, rows, columns, parts.light[own], sharp_fap))
+    aside = seen(_aside(camera, field, rows, columns, parts.light[own]))
     if rows.size == 1:
         pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
     return OwnLight(_with(field, values, weight), pupil, aside)
 
 
 def _aside(
-    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64],
-    sharp_fap: bool,
-) -> NDArray[np.float64]:  # fmt: skip
+    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """`OwnLight.aside` at the nodes, shape (2, t, s, nodes).
 
     Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
@@ -139,7 +136,7 @@ def _aside(
     """
     variance = 1 / 16 if camera.lens_shape == "circular" else 1 / 12
     even = light.reshape(rows.size, columns.size, *light.shape[1:])
-    blur = 0.0 if sharp_fap else -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
+    blur = -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
     slopes = np.stack(
         [blur * np.gradient(even, at / field.pitch, axis=axis) for axis, at in ((3, field.s), (2, field.t))]
     )

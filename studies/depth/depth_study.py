@@ -44,7 +44,7 @@ STRIP = (0, 1436, 4600, 208)
 """Part of the sensor: all of its width, some sixteen microlenses high."""
 BINS = 24
 """Places along x at which bias and spread are told."""
-EXPOSURES, RAYS, SEED = 3, 64, 1
+EXPOSURES, RAYS, SEED = 3, 256, 1
 SMALL_LENS = 24.0
 """Diameter of the main lens of the camera that is used beyond its bound [mm]."""
 SHORT_BORE = 20.0

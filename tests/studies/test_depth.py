@@ -14,6 +14,8 @@ import pytest
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.theory.disparity_error import image_parts
+from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.stop_images import MicrolensImages
 
 FOLDER = Path(__file__).parents[2] / "studies" / "depth"
@@ -33,18 +35,26 @@ def test_a_forgotten_bore_bends_depth_as_the_formulas_say():
     z = np.array([np.nanmean(found.trial.true)])
     # Pixels believed to look through other places of the FAP, diffraction included, take disparity for less than it is.
     pixels = np.arange(-5, 6.0) / found.trial.first.field.pitch
-    (where, _), (taken, weight) = (places_of(camera, pixels) for camera in (true, believed))
-    told = depth_of(believed, disparity_of(true, z) * (weight * where * taken).sum() / (weight * taken**2).sum())
+    (where, aside, _), (taken, believed_aside, weight) = (places_of(camera, pixels) for camera in (true, believed))
+    # The believed FAP is out of the microlenses' focus, so that views are believed to look past their middles.
+    seen = disparity_of(true, z) * where + aside - believed_aside
+    told = depth_of(believed, (weight * taken * seen).sum() / (weight * taken**2).sum())
     assert abs(told - z) > 1
     # The bias's own standard error is some 0.1 mm: some five windows stand side by side.
     assert found.bias == pytest.approx(told - z, abs=0.4)
 
 
 def places_of(camera, pixels):
-    """Where on the FAP the pixels' own light comes from along x, and how much of it there is, squared over all."""
+    """Where on the FAP the pixels' own light comes from along x, how far beside the microlens's middle, and weights.
+
+    Defocus moves the FAP's rim over the image as the light's place on a square microlens moves, of variance 1/12.
+    """
     parts = image_parts(MicrolensImages(camera, [(0.0, 0.0)]), pixels, pixels)
     own = parts.steps.index((0, 0))
-    return parts.x[own, 0], parts.light[own, 0] ** 2 / parts.light[:, 0].sum(0)
+    light = parts.light[own, 0]
+    moved = microlens_defocus(camera) * camera.d / microlens_image_pitch(camera)
+    aside = moved / 12 * np.gradient(light, pixels, axis=1) / light
+    return parts.x[own, 0], aside, light**2 / parts.light[:, 0].sum(0)
 
 
 def test_the_readme_tells_the_numbers_that_were_written():
