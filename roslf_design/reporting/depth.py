@@ -113,7 +113,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
     bias, spread = found.bias_mm, found.spread_mm
     windows = max(1.0, trial.compared.sum() * len(trial.runs) / trial.first.disparities.window**2)
     if windows < ENOUGH:
-        text = f"Only {windows:.0f} windows without common microlenses are compared: much below is chance."
+        text = f"Compared are few windows without common microlenses ({windows:.0f}): much below is chance."
         yield Statement("caution", text, "Name a larger --region, or more --exposures.")
     text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
     yield Statement("plain", text)
