@@ -22,7 +22,7 @@ from ..theory.quantities import Quantity
 from ..tolerancing.ideal import IdealBuilds
 from ..tolerancing.metrics import Question, builds_of
 from ..tolerancing.places import LENS
-from ..tolerancing.traced import TraceCheck, TracedBuilds, check_traced
+from ..tolerancing.traced import AS_IF_THIN, TraceCheck, TracedBuilds, check_traced
 from .lens_variables import VariedLens
 
 Array = NDArray[np.float64]
@@ -31,14 +31,6 @@ Field = tuple[float, float]
 
 AHEAD = ("aperture", "stops.", "elements.")
 """What begins the places of all that stands before the lens."""
-AS_IF_THIN = {
-    "distortion_percent": "the lens's distortion",
-    "local_magnification": "how the lens's magnification changes over the field",
-    "undistorted_field_mm": "what the lens's aberrations cut; hold non_distortion_room_mm at a field instead",
-    "relative_illumination": "how the lens's aberrations widen images; take image_area_mm2 at a field instead",
-    "centre_shift_px_per_microlens": "how it differs over the field; take centre_shift_px at a field instead",
-}
-"""Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
 
 
 def is_traced(quantity: Quantity) -> bool:

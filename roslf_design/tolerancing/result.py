@@ -40,7 +40,7 @@ from .metrics import METRICS, builds_of
 from .places import Grades
 from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
-from .traced import CHECKED, TraceCheck, TracedBuilds, check_traced
+from .traced import AS_IF_THIN, CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
 
 Array = NDArray[np.float64]
@@ -320,6 +320,10 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
+    if plan.question.design.lens is not None:
+        for name in plan.question.metrics:
+            if name in AS_IF_THIN:
+                yield f"{name} is not traced behind the real lens: its formula leaves out {AS_IF_THIN[name]}"
     axial = [name for name in plan.question.metrics if METRICS[name].local is None]
     if axial and tilts:
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"

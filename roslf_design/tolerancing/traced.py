@@ -56,6 +56,15 @@ METHOD = (
     "rim, and by polynomials of the fifth degree where rims cut them."
 )
 
+AS_IF_THIN = {
+    "distortion_percent": "the lens's distortion",
+    "local_magnification": "how the lens's magnification changes over the field",
+    "undistorted_field_mm": "what the lens's aberrations cut; hold non_distortion_room_mm at a field instead",
+    "relative_illumination": "how the lens's aberrations widen images; take image_area_mm2 at a field instead",
+    "centre_shift_px_per_microlens": "how it differs over the field; take centre_shift_px at a field instead",
+}
+"""Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
+
 
 class Mounted(NamedTuple):
     """T builds of a camera behind a real lens."""

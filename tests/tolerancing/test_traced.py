@@ -11,6 +11,7 @@ from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.tracer import Rays
+from roslf_design.reporting.story import run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.result import trace_check
@@ -261,6 +262,14 @@ def test_a_study_says_how_exactly_it_traced():
     assert found.largest["image_diameter_share"] < 1e-8
     assert "builds traced one at a time differ by up to" in found.notes()[0]
     assert trace_check(plan_from({**data, "design": "paper"})) is None
+
+
+def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
+    moved = {"place": "aperture.distance", "tolerance": "10 um"}
+    data = {"name": "n", "trials": 64, "perturb": [moved], "goals": [{"metric": "relative_illumination", "min": 0.5}]}
+    for design, behind in (("paper-singlet", True), ("paper", False)):
+        warnings = run_tolerances({**data, "design": design}, budgets=False).warnings
+        assert any("relative_illumination is not traced behind the real lens" in w for w in warnings) == behind
 
 
 def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():
