@@ -163,7 +163,8 @@ def within_reach(value: float, dimension: str, text: object = None) -> float:
 def _about_unit(unit: str, dimension: str) -> str:
     for other, known in UNITS.items():
         if unit in known and other != dimension:
-            return f"'{unit}' is a unit of {other}, but this takes one of {dimension}"
+            article = "an" if dimension[0] in "aeiou" else "a"
+            return f"'{unit}' is a unit of {other}, but this is {article} {dimension}"
     near = difflib.get_close_matches(unit, UNITS[dimension], 1, 0.5)
     remedy = f"did you mean '{near[0]}'?" if near else f"use one of {', '.join(UNITS[dimension])}"
     return f"'{unit}' is not a known unit of {dimension}; {remedy}"
