@@ -1,4 +1,4 @@
-"""Is the standard error of depth right? Ten cameras, three textures, three lights.
+"""Is the standard error of depth right? Twelve cameras, three textures, three lights.
 
 Run from the project's root: python studies/depth/depth_proof.py [-o FOLDER]. Interrupted, it goes on where it was; with
 --again NAME ... --exposures N some combinations are measured anew, with more exposures where few leave it open.
@@ -55,11 +55,14 @@ class Case(NamedTuple):
 def cases() -> dict[str, Case]:
     """The cameras."""
     paper = load("paper")
+    small = paper.replace({"main_lens.diameter": 24.0})
     return {
         "matched": Case(paper),
         "gaps": Case(load("paper-mismatched")),
         "overlap": Case(paper.replace(D_F=3.3)),
-        "cut": Case(paper.replace({"main_lens.diameter": 24.0}), 560),
+        "cut": Case(small, 560),
+        "cut to two fifths": Case(small, 361),
+        "cut to a fifth": Case(small, 248),
         "hexagonal": Case(paper.replace({"microlens_array.layout": "hexagonal"})),
         "tilted array": Case(paper.replace({"microlens_array.tilt": (0.002, 0.003), "microlens_array.rotation": 0.01})),
         "real lens": Case(load("paper-singlet")),
