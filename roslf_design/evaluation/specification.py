@@ -18,6 +18,7 @@ from ..theory.photometry import behind
 from ..theory.quantities import QUANTITIES, depth_error, image_rate
 from ..theory.resolution import FieldTransfer, Kind
 from ..theory.stop_images import MicrolensImages
+from ..traced.fields import images_of
 from .fields import default_fields
 
 Place = tuple[float, float]
@@ -230,8 +231,9 @@ def specification(design: Design) -> Specification:
     >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
     [218.2, 243.2]
     """
-    camera, axes = Camera.of(design), default_fields(design)
-    images = MicrolensImages(camera, axes)
+    axes = default_fields(design)
+    images = images_of(design, axes)
+    camera = images.camera
     distances = planes(camera)
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]

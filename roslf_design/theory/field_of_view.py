@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, magnitude, product, ratio
+from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..design.elements import Prism
 from ..design.parts import PATHS
@@ -139,14 +139,3 @@ def stretch_of(c: Camera, place: Place) -> tuple[Number, Number]:
     """How much larger than on the axis the object field of a microlens is, along the field's radius and across it."""
     p = np.hypot(*outer_slopes(c, place))
     return c.stretch_along(p), c.stretch(p)
-
-
-def distortion(c: Camera, place: Place) -> Array:
-    """Image height against that of a flat object drawn without distortion [%]; below 0 is barrel-shaped."""
-    return np.asarray(100 * (ratio(1.0, np.asarray(stretch_of(c, place)[1], float)) - 1))
-
-
-def local_magnification(c: Camera, place: Place) -> Array:
-    """Millimetres on the array per millimetre at the focal plane, along the field's radius."""
-    straight = ratio(1.0, product(c.inverse_m, magnitude(c.focus.magnification)))
-    return np.asarray(ratio(straight, np.asarray(stretch_of(c, place)[0], float)))
