@@ -7,6 +7,7 @@ scene sees it), or those of the same field seen from the middle of the bore's ti
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -80,26 +81,27 @@ def on_plane(c: Camera, place: Place, ahead: Number) -> Place:
 
 
 def between(first: Array, second: Array) -> Array:
-    """Angle between vectors, shape (..., 3) [rad]."""
+    """Angle between vectors, shape (..., 3) [degrees]."""
     crossed = np.linalg.norm(np.cross(first, second), axis=-1)
-    return np.asarray(np.arctan2(crossed, (first * second).sum(-1)))
+    return np.asarray(np.rad2deg(np.arctan2(crossed, (first * second).sum(-1))))
 
 
-def _ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
-    """Opposite ends of the field: left and right, below and above, of both diagonals."""
+def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
+    """Opposite ends of the field from the lens's axis: left and right, below and above, of both diagonals [mm]."""
     (x0, y0), (x1, y1) = field
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     return ((x0, y), (x1, y)), ((x, y0), (x, y1)), ((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))
 
 
-def _widest(angles: list[Array]) -> Across:
-    width, height, up, down = (np.rad2deg(angle) for angle in angles)
+def widest(values: Sequence[Array]) -> Across:
+    """Of values between those ends."""
+    width, height, up, down = values
     return Across(width, height, np.maximum(up, down))
 
 
 def field_of_view(c: Camera, field: SensorField) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return _widest([between(directions(c, a), directions(c, b)) for a, b in _ends(field)])
+    return widest([between(directions(c, a), directions(c, b)) for a, b in ends(field)])
 
 
 def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
@@ -112,7 +114,7 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     def seen(place: Place) -> Array:
         return np.stack(np.broadcast_arrays(*on_plane(c, place, away), away), axis=-1)
 
-    return _widest([between(seen(a), seen(b)) for a, b in _ends(field)])
+    return widest([between(seen(a), seen(b)) for a, b in ends(field)])
 
 
 def focus_ahead(c: Camera) -> Array:

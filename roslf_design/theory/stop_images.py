@@ -21,7 +21,7 @@ from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection, intersect
 from ..shapes.ellipses import intersect_ellipses
 from .exit_pupil import stop_angle
-from .field_of_view import outer_slopes, stretch_of
+from .field_of_view import directions, on_plane, outer_slopes, stretch_of
 from .light import falloff
 
 Linear = tuple[Number, Number, Number]
@@ -249,6 +249,15 @@ class MicrolensImages:
     def stretch(self) -> tuple[Number, Number]:
         """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
         return stretch_of(self.camera, (self.microlens[0], self.microlens[1]))
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors of chief rays away from the bore, in the medium of the scene; shape (..., 3), the axis last."""
+        return directions(self.camera, (self.microlens[0], self.microlens[1]))
+
+    def on_plane(self, ahead: Number) -> tuple[Number, Number]:
+        """Where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
+        return on_plane(self.camera, (self.microlens[0], self.microlens[1]), ahead)
 
     @cached_property
     def illumination(self) -> Number:

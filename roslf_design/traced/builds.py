@@ -378,7 +378,7 @@ def received(shape: Array, base: Array, array: Array, sensor: Array) -> Array:
         run = lifted(sensor, x + wide * u, y + lean * u + high * v) - start
         leans = [np.sum(run * plane[..., 9:12], axis=-1) for plane in (array, sensor)]
         mean += weight * leans[0] * leans[1] / np.sum(run * run, axis=-1) ** 2
-    return area * mean
+    return np.asarray(area * mean)
 
 
 def spot_radii(
