@@ -245,6 +245,8 @@ def specification(design: Design) -> Specification:
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
+    if design.lens is not None:  # whose views, too, are less sharp off the axis
+        rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _points(images, distances[1])
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
