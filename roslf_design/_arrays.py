@@ -71,6 +71,10 @@ def sunflower(count: int) -> Array:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
+DISC_RULE = ((0.0, 0.0, 0.25), *((math.sqrt(2 / 3), k * math.pi / 3, 0.125) for k in range(6)))
+"""Radius, angle and weight of points that average polynomials up to the fifth degree over the unit disc exactly."""
+
+
 def recurrence(count: int, dimensions: int, shift: Array | float = 0.5) -> Array:
     """Points of the additive recurrence whose steps are powers of the generalised golden ratio.
 
