@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .._arrays import sunflower
+from .._arrays import Array, sunflower
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
@@ -27,7 +27,6 @@ from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
 from .result import Field, NonDistortion, RayBudget, RealLens, RealLensField, Share
 
-Array = NDArray[np.float64]
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
 """Of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the cell."""

@@ -15,15 +15,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..design.conjugates import CONJUGATES
 from ..lenses.glass import AIR, Glass
 from ..lenses.manufacture import HEIGHTS, as_made
 from ..lenses.prescription import Prescription, abcd, sag
 from ..tolerancing.places import LENS, in_lens
-
-Array = NDArray[np.float64]
 
 BENDING = "main_lens.bending"
 """Shape factor (R_2 + R_1)/(R_2 - R_1) of the outer surfaces, as the lens stands in the camera, scene first."""

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from .marks import (
     Area,
     Disc,
     Dots,
-    Floats,
     Image,
     Key,
     Line,
@@ -198,14 +198,14 @@ def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
     )
 
 
-def _histogram(values: Floats, heights: Floats, edges: Floats, top: float) -> tuple[Mark, ...]:
+def _histogram(values: Array, heights: Array, edges: Array, top: float) -> tuple[Mark, ...]:
     x, y = stairs(edges, heights)
     low, middle, high = (float(q) for q in np.quantile(values, (0.16, 0.5, 0.84)))
     lines = [Line([at, at], [0.0, top], "ink", 1.0, dash) for at, dash in ((low, "4 3"), (middle, ""), (high, "4 3"))]
     return (Area(x, y, "blue", 0.35), Line(x, y, "blue", 1.2), *lines)
 
 
-def _regions(x: Floats, y: Floats, across: Scale, up: Scale) -> tuple[Mark, ...]:
+def _regions(x: Array, y: Array, across: Scale, up: Scale) -> tuple[Mark, ...]:
     """Regions of highest density that hold 68 and 95 % of the draws."""
     from scipy.ndimage import gaussian_filter
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..evaluation import default_fields
 from ..evaluation.fields import field_discs
@@ -24,7 +25,6 @@ from .marks import (
     Area,
     Disc,
     Dots,
-    Floats,
     Image,
     Key,
     Line,
@@ -63,13 +63,13 @@ KEPT_KEYS = (
 class ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
 
-    x: Floats
+    x: Array
     """Places on the MLA [mm], shape (N,)."""
-    y: Floats
+    y: Array
     """Shape (M,)."""
-    kept: Floats
+    kept: Array
     """Kept fraction, shape (M, N)."""
-    offset_px: Floats
+    offset_px: Array
     """Centroid relative to the microlens's axis [px], shape (M, N, 2); NaN where dark."""
 
     @property
@@ -172,7 +172,7 @@ def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     return x, y, field_limit(Camera.of(design)).mla_radius
 
 
-def on_mla(design: Design, points: ArrayLike) -> Floats:
+def on_mla(design: Design, points: ArrayLike) -> Array:
     """Points against the optical axis in the MLA's own axes [mm]; shape (..., 2)."""
     return on_array(Camera.of(design), np.subtract(points, design.main_lens.decentre))
 
@@ -229,23 +229,23 @@ def _frame_keys(design: Design) -> list[Key]:
 class LensCurves(NamedTuple):
     """Along x from the axis to the distance of the sensor's corner; NaN where there is no light to tell it by."""
 
-    x: Floats
+    x: Array
     """Microlens [mm], shape (N,)."""
-    shift_px: Floats
+    shift_px: Array
     """Image centre against the thin twin's, outwards positive."""
-    diameter_px: Floats
+    diameter_px: Array
     """Of the disc with the image's area; NaN where the image is folded."""
     thin_diameter_px: float
-    axis_ratio: Floats
-    kept: Floats
+    axis_ratio: Array
+    kept: Array
     """Part of the FAP that is seen."""
     folded: NDArray[np.bool_]
-    tangential: Floats
+    tangential: Array
     """Blur on the array from the tangential focus [pitches], signed like the focus."""
-    sagittal: Floats
-    distortion: Floats
+    sagittal: Array
+    distortion: Array
     """[%]."""
-    colour: Floats
+    colour: Array
     """F to C [pitches]."""
     bound: float
     """Measured non-distortion bound on the array [mm]."""
@@ -260,7 +260,7 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     maps, images = found.maps, found.images
     traced, folded = maps.status == KEPT, images.status == FOLDED
 
-    def where(condition: NDArray[np.bool_], values: Floats) -> Floats:
+    def where(condition: NDArray[np.bool_], values: Array) -> Array:
         return np.where(condition, values, np.nan)
 
     return LensCurves(
@@ -349,7 +349,7 @@ def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], s
     return tuple(marks), ("dark", f"cut, {kept:.3g} % kept", "whole", f"folded, {kept:.3g} % kept")[status]
 
 
-def _folded(design: Design, place: Point, centre: Floats) -> Floats:
+def _folded(design: Design, place: Point, centre: Array) -> Array:
     """Outline of what is lit, on a grid: a folded image has no single one."""
     camera = camera_of(design)
     (c,) = microlenses(design, [place])

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._arrays import Array
 from . import axes, svg
-from .marks import Box, Floats, Image, Key, Line, Mark, Point, Text, shifted
+from .marks import Box, Image, Key, Line, Mark, Point, Text, shifted
 from .theme import SMALL, ThemeName, short, text_width, theme_named
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ class Panel:
         across, up = self.per_px
         return self.x.low + (px - self.box[0]) * across, self.y.high - (py - self.box[1]) * up
 
-    def all_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
+    def all_at(self, x: ArrayLike, y: ArrayLike) -> Array:
         """The same for arrays, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
         left, _, width, height = self.box
         with np.errstate(over="ignore", invalid="ignore"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, Prism, element_name, made_of
 from ..design.material import material_told
@@ -17,7 +18,7 @@ from ..evaluation import default_fields
 from ..lenses.glass import AIR
 from ..rays import PASSED, fans, glass_shares, trace_pupil
 from ..words import length
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
+from .marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, one_panel
 from .theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 
@@ -50,9 +51,9 @@ class LabelledFan(NamedTuple):
     label: str
     kept: NDArray[np.bool_]
     """Shape (N,)."""
-    z: Floats
+    z: Array
     """Corners of each ray [mm], light's way, shape (N, V); a blocked ray repeats the point where it ends."""
-    x: Floats
+    x: Array
     """Heights there [mm]."""
 
 
@@ -272,7 +273,7 @@ def name_of_drawn(element: AnyElement, number: int) -> str:
     return element_name(element, number) + told
 
 
-def _cut(fan: LabelledFan, half: float) -> tuple[Floats, Floats]:
+def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
     """Corners of the blocked rays, those that leave the picture as far as they are in it."""
     z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
     for k in range(1, x.shape[1]):
@@ -397,7 +398,7 @@ def _thick(radius: float, section: SectionLayout) -> float:
     return min(max(0.18 * radius / up, 4.0), 14.0) * mm
 
 
-def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Floats, Floats]]:
+def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Array, Array]]:
     """Left and right faces of each piece of an element in the plane x-z, points (z, x) from the lower to the upper end.
 
     Parameters
@@ -412,7 +413,7 @@ def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> li
     t = np.linspace(-1, 1, 25)
     middle, radius = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
 
-    def face(z: ArrayLike, half: float = radius) -> Floats:
+    def face(z: ArrayLike, half: float = radius) -> Array:
         return np.stack([np.broadcast_to(z, t.shape), middle + half * t], -1)
 
     if isinstance(element, FieldLens):

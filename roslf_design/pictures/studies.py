@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs
+from .._arrays import Array
+from .marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs
 from .picture import (
     Panel,
     Picture,
@@ -246,7 +247,7 @@ def _ways(row: LimitSpread) -> tuple[float, float]:
     return share(row.low), share(row.high)
 
 
-def ranked_moves(names: Sequence[str], plus: Floats, minus: Floats, limits: Sequence[float], label: str) -> Picture:
+def ranked_moves(names: Sequence[str], plus: Array, minus: Array, limits: Sequence[float], label: str) -> Picture:
     """Draw how far each perturbation alone moves a number, ranked, at both ends of its tolerance.
 
     `plus` and `minus` have shape (N,) for N `names`; `limits` are moves that reach a limit, drawn where they are near;
@@ -265,7 +266,7 @@ def ranked_moves(names: Sequence[str], plus: Floats, minus: Floats, limits: Sequ
     return _ranked("sensitivity", names, scale, marks, f"change of {label}", keys)
 
 
-def ranked_correlations(names: Sequence[str], values: Floats, noise: float, label: str) -> Picture:
+def ranked_correlations(names: Sequence[str], values: Array, noise: float, label: str) -> Picture:
     """Draw the correlation of each perturbation with a number over all trials, ranked; `noise` is what chance may give.
 
     `values` has shape (N,); the others are as for `ranked_moves`.
@@ -290,7 +291,7 @@ def _ranked(
 
 
 def distributions(
-    variants: Sequence[tuple[str, Floats, Floats]], nominal: float, limits: Sequence[float], span: Point, label: str
+    variants: Sequence[tuple[str, Array, Array]], nominal: float, limits: Sequence[float], span: Point, label: str
 ) -> Picture:  # fmt: skip
     """Draw the distribution of a number over the builds, as built and, where anything is adjusted, afterwards.
 
@@ -457,7 +458,7 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
 
 
 def goal_front(
-    points: Floats, labels: Sequence[str], *, log: Sequence[bool] = (False, False, False), title: str = "Goals",
+    points: Array, labels: Sequence[str], *, log: Sequence[bool] = (False, False, False), title: str = "Goals",
     answer: Point | None = None, words: str = "", also: Sequence[float] = (), size: Point = (560, 360),
 ) -> Picture:  # fmt: skip
     """Draw designs by what they reach of two goals, and of a third by shade.
@@ -510,7 +511,7 @@ def goal_front(
     return picture.with_panels(bar)
 
 
-def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats) -> Picture:
+def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> Picture:
     """Draw the kept light over the field, through a bore and through the one stop that stands for it.
 
     `field` is of microlenses from the axis [mm], shape (N,); the others are shares of the stop's light: through all

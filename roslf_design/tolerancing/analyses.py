@@ -14,6 +14,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from .draws import Draws, sobol_points
@@ -21,8 +22,6 @@ from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
 from .trials import BLOCK, differences, measure, measure_finally
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 """Of every interval."""

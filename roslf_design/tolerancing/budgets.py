@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._arrays import Array
 from .analyses import Yield, curve_trials, first_draws
 from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
 
-Array = NDArray[np.float64]
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024

@@ -12,15 +12,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, cross, dot, minus, times, total
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import outer_slope
 from ..theory.stop_images import MicrolensImages
 
-Array = NDArray[np.float64]
 Place = tuple[Number, Number]
 
 DISC_RULE = ((0.0, 0.0, 0.25), *((np.sqrt(2 / 3), k * np.pi / 3, 0.125) for k in range(6)))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -42,8 +43,6 @@ from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .traced import AS_IF_THIN, CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
-
-Array = NDArray[np.float64]
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5

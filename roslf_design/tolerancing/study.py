@@ -29,6 +29,7 @@ from pydantic import (
     model_validator,
 )
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
@@ -41,8 +42,6 @@ from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
-
-Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""

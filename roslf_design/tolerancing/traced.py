@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
@@ -33,8 +34,6 @@ from ..traced.images import FOLDED, real_images
 from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points, seen_shapes
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
-
-Array = NDArray[np.float64]
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25

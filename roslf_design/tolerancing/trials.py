@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from .metrics import Question, builds_of, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
-
-Array = NDArray[np.float64]
 
 BLOCK = 8192
 """Trials evaluated at once: their arrays stay in a processor's cache."""
