@@ -302,7 +302,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
     twin = Camera.of(design)
     cone = float(twin.D_F / twin.A) / design.d
-    seen = maps.status == KEPT
+    kept = maps.status == KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),
         "widening_px": diameter * traced.widening / design.q,
@@ -316,7 +316,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
         "lateral_colour_pitches": traced.lateral_colour / design.d,
     }
     known: list[dict[str, Any]] = [
-        {name: float(column[i]) if seen[i] and not math.isnan(column[i]) else None for name, column in columns.items()}
+        {name: float(column[i]) if kept[i] and not math.isnan(column[i]) else None for name, column in columns.items()}
         for i in range(len(axes))
     ]
     return tuple(
@@ -325,9 +325,9 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
             status=TRACED_STATUS[int(images.status[i])],
             chief_ray=traced.chief[i],
             kept_fraction=float(images.kept_fraction[i]),
-            centre_mm=_pair(images.chief[i]) if seen[i] else None,
+            centre_mm=_pair(images.chief[i]) if kept[i] else None,
             axis_ratio=float(images.axis_ratio[i]) if images.status[i] else None,
-            shift_px=_pair(traced.shift[i] / design.q) if seen[i] else None,
+            shift_px=_pair(traced.shift[i] / design.q) if kept[i] else None,
             **known[i],
         )
         for i, axis in enumerate(axes)

@@ -442,7 +442,7 @@ def _robust(result: Result) -> dict[str, Any] | None:
 
     applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
 
-    def told(builds: BuildStatistics) -> dict[str, Any]:
+    def of_builds(builds: BuildStatistics) -> dict[str, Any]:
         return {
             "yield": builds.yield_.value,
             "interval_95": builds.yield_.interval,
@@ -462,8 +462,8 @@ def _robust(result: Result) -> dict[str, Any] | None:
             }
             for p in robust.scatter.perturbations
         ],
-        "nominal": told(robust.nominal),
-        "robust": told(robust.robust),
+        "nominal": of_builds(robust.nominal),
+        "robust": of_builds(robust.robust),
         "robust_variables_mm": result.answer.problem.named(robust.unit),
         "price": robust.robust.goal_nominal / robust.nominal.goal_nominal - 1 if robust.nominal.goal_nominal else None,
         "constraints": [{"constraint": name, "nominal": a, "robust": b} for name, a, b in robust.constraint_yields],
@@ -493,11 +493,11 @@ def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> 
                 **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
             }
         )
-    told = {
+    data = {
         "combinations": len(ranking.combinations),
         "ruled_out_by_bounds": ranking.ruled_out,
         "optimised": ranking.optimised,
         "open": ranking.open,
         "best": rows,
     }
-    return told | {"seconds": ranking.seconds} if timings else told
+    return data | {"seconds": ranking.seconds} if timings else data

@@ -255,9 +255,9 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     """Trace a design's real lens along x."""
     camera = Camera.of(design)
     x = np.linspace(0.0, float(sensor_field(camera).radius), points)
-    found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
+    real = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
     cone = float(pupil_angle(camera)) / design.d
-    maps, images = found.maps, found.images
+    maps, images = real.maps, real.images
     traced, folded = maps.status == KEPT, images.status == FOLDED
 
     def where(condition: NDArray[np.bool_], values: Array) -> Array:
@@ -265,16 +265,16 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
 
     return LensCurves(
         x=x,
-        shift_px=found.shift[:, 0] / design.q,
-        diameter_px=where(~folded, found.thin_diameter * (1 + found.widening) / design.q),
-        thin_diameter_px=found.thin_diameter / design.q,
+        shift_px=real.shift[:, 0] / design.q,
+        diameter_px=where(~folded, real.thin_diameter * (1 + real.widening) / design.q),
+        thin_diameter_px=real.thin_diameter / design.q,
         axis_ratio=where(images.kept_fraction > 0, images.axis_ratio),
         kept=images.kept_fraction,
         folded=folded,
         tangential=where(traced, maps.tangential_focus * cone),
         sagittal=where(traced, maps.sagittal_focus * cone),
         distortion=where(traced, 100 * maps.distortion),
-        colour=found.lateral_colour / design.d,
+        colour=real.lateral_colour / design.d,
         bound=measured_bound(design)[1],
     )
 
@@ -337,15 +337,15 @@ def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE
 
 def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
     """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
-    found = real_field(design, [place])
-    centre, radius = found.thin_centre[0], found.thin_diameter / 2 / design.q
+    traced = real_field(design, [place])
+    centre, radius = traced.thin_centre[0], traced.thin_diameter / 2 / design.q
     turn = np.linspace(0, 2 * np.pi, 181)
     marks: list[Line | Area] = [Line(radius * np.cos(turn), radius * np.sin(turn), "grey", 1.4, "6 4")]
-    status = int(found.images.status[0])
+    status = int(traced.images.status[0])
     if status:
-        edge = (found.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
+        edge = (traced.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
         marks.append(Area(edge[:, 0], edge[:, 1], "blue", 0.25, "blue", 2.0))
-    kept = 100 * float(found.images.kept_fraction[0])
+    kept = 100 * float(traced.images.kept_fraction[0])
     return tuple(marks), ("dark", f"cut, {kept:.3g} % kept", "whole", f"folded, {kept:.3g} % kept")[status]
 
 

@@ -94,8 +94,8 @@ def no_lattice(raw: Pixels, spectrum: Pixels, corner: Sequence[float], reason: s
     zoom = _shown(crop, (318.0, top, side, side), "its lit middle", (int(x - half), int(y - half)), (), window)
     shifted = np.log10(np.maximum(np.fft.fftshift(spectrum), 1e-12 * max(float(spectrum.max()), 1e-300)))
     frequencies = [np.fft.fftshift(np.fft.fftfreq(n)) for n in spectrum.shape]
-    seen = [np.abs(axis) <= 0.25 for axis in frequencies]
-    shades = _thinned(shifted[np.ix_(*seen)])
+    bands = [np.abs(axis) <= 0.25 for axis in frequencies]
+    shades = _thinned(shifted[np.ix_(*bands)])
     low, high = (float(v) for v in np.quantile(shades, (0.3, 1.0)))
     marks: list[Mark] = [Image(shades, (-0.25, 0.25, -0.25, 0.25), "grey", low, max(high, low + 1e-9))]
     keys: list[Key] = []

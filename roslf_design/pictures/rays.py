@@ -259,18 +259,18 @@ def _diameter(design: Design, symbol: str) -> str:
 
 def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
-    told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
-    names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
+    openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
+    names = [(-stop.distance, f"stop {k}" if k else f"FAP{openings['D_F']}") for k, stop in enumerate(design.all_stops)]
     names += [(-e.distance - e.length / 2, name_of_drawn(e, k)) for k, e in enumerate(design.elements, 1)]
-    names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
 def name_of_drawn(element: AnyElement, number: int) -> str:
     """What an element is called in a picture; of a prism that it is drawn unfolded."""
     turns = isinstance(element, Prism) and element.deviation
-    told = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
-    return element_name(element, number) + told
+    unfolded = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
+    return element_name(element, number) + unfolded
 
 
 def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
@@ -293,9 +293,9 @@ def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
         marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
     if not fan.kept.all():
         z, x = _cut(fan, half)
-        seen = np.abs(x[:, -1]) < half
+        inside = np.abs(x[:, -1]) < half
         marks.append(Line(parted(z), parted(x), "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
-        marks.append(Dots(z[seen, -1], x[seen, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
+        marks.append(Dots(z[inside, -1], x[inside, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
     return marks
 
 
@@ -612,14 +612,14 @@ def dimensions(design: Design) -> Picture:
             marks += _view(element.glass, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
-    for told, start, stop_at in _dimension_lines(design):
-        a, b = far[start] if told.startswith("overall") else near[start], near[stop_at]
+    for text, start, stop_at in _dimension_lines(design):
+        a, b = far[start] if text.startswith("overall") else near[start], near[stop_at]
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
         marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-        inside = (b - a) * unit > text_width(told, SMALL) + 24
+        inside = (b - a) * unit > text_width(text, SMALL) + 24
         at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
-        marks.append(Text(at, level, told, "ink", SMALL, anchor, dx, 4, plate=True))
+        marks.append(Text(at, level, text, "ink", SMALL, anchor, dx, 4, plate=True))
         level -= 0.36
     y = Scale(level + 0.05, highest)
     size = PAGE, 0.86 * unit * (y.high - y.low)

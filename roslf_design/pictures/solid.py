@@ -247,8 +247,8 @@ def _view(corners: Array) -> View:
     right = np.cross([0.0, 1.0, 0.0], toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right), toward])
-    seen = corners @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    turned_corners = corners @ axes.T
+    low, high = turned_corners.min(axis=0), turned_corners.max(axis=0)
     size = high - low
     height = round(min(max(WIDTH * 1.3 * size[1] / size[0], 0.3 * WIDTH), 0.5 * WIDTH))
     # Room above for the names.
@@ -308,14 +308,14 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
     view = scene.view
     height = width * view.window[1] / view.window[0]
 
-    def seen(points: ArrayLike) -> tuple[Array, Array]:
+    def projected(points: ArrayLike) -> tuple[Array, Array]:
         """Places in the picture [px], and how near the viewer they are [mm]."""
         turned = np.subtract(points, view.focus) @ view.axes.T
         return np.array([width / 2, height / 2]) + 0.5 * height / view.scale * turned[:, :2], turned[:, 2]
 
     drawn: list[tuple[float, Mark]] = []
     for part in scene.parts:
-        flat, near = seen(part.points)
+        flat, near = projected(part.points)
         if part.kind == "lines":
             loops = [flat[line] for line in _split(part.cells)]
         else:
@@ -325,7 +325,7 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
         drawn.append((float(near.mean()), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
     marks = [mark for _, mark in sorted(drawn, key=lambda one: one[0])]
     above = [name for name in scene.names if name.at[1] > 0]
-    tops, _ = seen([name.at for name in above])
+    tops, _ = projected([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
     places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
     head = 0.0

@@ -118,8 +118,8 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     bold = f"{result.grade} grade"
     label = f"builds that hold every limit [% of {_builds(shares)}]"
     panel = rows_panel(box, Scale(0, 100), names, marks, label, bold=bold)
-    told = (f"{100 * share.value:.1f} % {name}" for name, share in zip(names, shares, strict=True))
-    return as_tall("yield", f"Yield by grade: {', '.join(told)}", panel, size=size)
+    words = (f"{100 * share.value:.1f} % {name}" for name, share in zip(names, shares, strict=True))
+    return as_tall("yield", f"Yield by grade: {', '.join(words)}", panel, size=size)
 
 
 def _builds(shares: Sequence[YieldShare]) -> str:
@@ -159,8 +159,8 @@ def yield_curve(
         f"yield [% of {_builds([share for _, share in result.curve])} builds]",
         x_ticks=named_ticks(ticks.tolist()),
     )  # fmt: skip
-    told = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))
-    title = f"Yield over a common factor on all tolerances: {', '.join(told)}"
+    points = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))
+    title = f"Yield over a common factor on all tolerances: {', '.join(points)}"
     dot = Dots((0.0,), (0.0,), "blue", size=3.5)
     keys = [line_key("yield", "blue", 2.2, "", dot), box_key("95 % interval", "blue", 0.22)]
     return one_panel("yield-curve", title, size, panel, keys, left=56)
@@ -173,7 +173,7 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
     width, tall = max(size[0] - 2 * SIDE, 100.0), TALL_ROW * max(len(shown), 1)
     marks: list[Mark] = []
     words: list[Mark] = []
-    told = []
+    descriptions = []
     for k, row in enumerate(shown):
         y, end, colour = k * TALL_ROW, 100 * min(row.used, high), "vermillion" if row.used > 1 else "blue"
         marks.append(bars(0.0, end, y + 25, 10, fill=colour, testid=f"offender-{k}"))
@@ -184,13 +184,13 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
         note = next((note for note in notes if text_width(f"{name} {note}", SMALL) + 12 < width), notes[-1])
         words.append(Text(0.0, y + 14, name, plate=True))
         words.append(Text(100 * high, y + 14, note, anchor="end", plate=True))
-        told.append(f"{name} uses {notes[0]}")
+        descriptions.append(f"{name} uses {notes[0]}")
     marks += [*threshold(100.0, tall, "limit"), *words]
     if not shown:
         marks.append(Text(50 * high, 16.0, "no tolerance matters", "ink", PLAIN, "middle"))
     label = "part of the way to a limit that it uses alone [%]"
     panel = rows_panel((SIDE, 24, width, tall), Scale(0, 100 * high), (), marks, label)
-    return as_tall("offenders", f"Worst offenders: {'; '.join(told)}", panel, size=size)
+    return as_tall("offenders", f"Worst offenders: {'; '.join(descriptions)}", panel, size=size)
 
 
 def _used(row: Offender) -> tuple[str, ...]:
@@ -313,8 +313,8 @@ def distributions(
         density = counts / counts.sum() / np.diff(cuts)
         x, y = stairs(cuts, density)
         marks.append(Area(x, y, "sky", 0.6) if filled else Line(x, y, "blue", 1.8))
-        told = f"{name}, {counts.sum():,.0f} builds"
-        keys.append(box_key(told, "sky", 0.6) if filled else line_key(told, "blue", 1.8))
+        legend = f"{name}, {counts.sum():,.0f} builds"
+        keys.append(box_key(legend, "sky", 0.6) if filled else line_key(legend, "blue", 1.8))
         ends += [float(cuts[0]), float(cuts[-1])]
         top = max(top, float(density.max()))
     reach = max([span[1] - span[0], *(abs(edge - nominal) for edge in limits)])

@@ -189,9 +189,9 @@ class IdealBuilds(MicrolensImages):
                 point = self._before_lens(c.see(x, y, z, (a, b)))
             yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))
 
-    def _before_lens(self, seen: Vector) -> Vector:
+    def _before_lens(self, apparent: Vector) -> Vector:
         """An object point, as the main lens sees it (x, y, distance before it), in the main lens's frame."""
-        world, (x, y, z) = self.camera.world, seen
+        world, (x, y, z) = self.camera.world, apparent
         at = along(world.origin, x, world.x, y, world.y)
         return along(at, -1.0 * z, world.z, 0.0, world.z)
 

@@ -193,9 +193,9 @@ def _yield(result: Yield) -> dict[str, Any]:
     return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
 
 
-def _budget(found: ToleranceBudget) -> dict[str, Any]:
+def _budget(budget: ToleranceBudget) -> dict[str, Any]:
     return {
-        "target": found.target,
+        "target": budget.target,
         "changes": [
             {
                 "kind": change.kind,
@@ -203,10 +203,10 @@ def _budget(found: ToleranceBudget) -> dict[str, Any]:
                 "cost": change.cost,
                 **_yield(change.result),
             }
-            for change in found.changes
+            for change in budget.changes
         ],
-        "looser": found.looser,
-        "together": {"cost": found.cost, **_yield(found.result)},
+        "looser": budget.looser,
+        "together": {"cost": budget.cost, **_yield(budget.result)},
     }
 
 
