@@ -20,7 +20,7 @@ from ..theory.quantities import QUANTITIES, depth_at, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
 from .marks import Area, Dots, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
-from .picture import Panel, Picture, Scale, legend_height, one_panel
+from .picture import PAGE, Panel, Picture, Scale, legend_height, one_panel
 from .theme import SMALL, short, text_width
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
+FIELDS = 21
+"""From the centre of the field to its corner."""
 POINTS = 121
 """Along each axis of the plane of D_F and d_3."""
 
@@ -115,13 +117,13 @@ class FieldCurve(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def field_curve(design: Design, points: int = 21) -> FieldCurve:
+def field_curve(design: Design) -> FieldCurve:
     """Depth precision at the focal plane from the centre of what the sensor sees to its corner."""
     centre, _, corner = np.array(default_fields(design))
-    share = np.linspace(0.0, 1.0, points)
+    share = np.linspace(0.0, 1.0, FIELDS)
     images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
     sigma = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
-    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (points, 1))[:, 0])
+    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (FIELDS, 1))[:, 0])
 
 
 def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
@@ -151,7 +153,7 @@ def _unknown(x: Array, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
     )
 
 
-def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) -> Picture:
+def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     """Draw sigma_Z of up to three named designs over the distance from the FAP, Z_F; both axes are logarithmic."""
     marks: list[Mark] = []
     keys: list[Key] = []
@@ -170,7 +172,7 @@ def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) ->
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
     title = f"Depth precision of {', '.join(design.name for design in designs.values())}"
-    return one_panel("depth-comparison", title, (size[0], size[1] + legend_height(keys, size[0] - 24)), panel, keys)
+    return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 
 
 class MatchingPlane(NamedTuple):

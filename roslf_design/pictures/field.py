@@ -120,8 +120,8 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))
 
 
-def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture:
-    """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives; `width` in px."""
+def field_maps(design: Design, fields: ArrayMap) -> Picture:
+    """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives."""
     lowest = float(fields.kept.min())
     length = np.hypot(fields.offset_px[..., 0], fields.offset_px[..., 1])
     top = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
@@ -136,7 +136,7 @@ def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture
             if math.isfinite(u):
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#000000", 2.6, opacity=0.6))
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#ffffff", 1.3, ends=">"))
-    size, pictures = (width / 2, 300.0), []
+    size, pictures = (PAGE / 2, 300.0), []
     for name, title, values, high, ramp, label, marks in (
         ("kept", f"kept fraction: {'1 everywhere' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
          "kept", "kept fraction [1]", []),
@@ -279,8 +279,8 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     )
 
 
-def lens_over_field(design: Design, curves: LensCurves | None = None, width: float = PAGE) -> Picture:
-    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion; `width` in px.
+def lens_over_field(design: Design, curves: LensCurves | None = None) -> Picture:
+    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion.
 
     `curves` are those of `lens_curves` where they are known already.
     """
@@ -297,7 +297,7 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
         ("distortion", "image height against first order [%]"): [("distortion", c.distortion, "orange", "")],
     }  # fmt: skip
     keys = [line_key("thin twin", "grey", 1.2, "6 4")]
-    each = (width / 3, 290.0)
+    each = (PAGE / 3, 290.0)
     pictures = []
     for (title, label), lines in parts.items():
         values = np.concatenate([[0.0], *(line for _, line, *_ in lines)])
@@ -320,11 +320,11 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
     return beside("lens-field", f"The real lens of {design.name} over the field", pictures, keys)
 
 
-def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE) -> Picture:
+def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
     """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
     drawn = {label: lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
-    scale, each = Scale(-1.06 * reach, 1.06 * reach), width / max(len(drawn), 1)
+    scale, each = Scale(-1.06 * reach, 1.06 * reach), PAGE / max(len(drawn), 1)
     side = min(each - 68, 240.0)
     pictures = []
     for label, (marks, words) in drawn.items():

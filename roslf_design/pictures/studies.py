@@ -281,10 +281,9 @@ def ranked_correlations(names: Sequence[str], values: Array, noise: float, label
 
 
 def _ranked(
-    name: str, names: Sequence[str], scale: Scale, marks: Sequence[Mark], label: str, keys: Sequence[Key],
-    width: float = 540,
+    name: str, names: Sequence[str], scale: Scale, marks: Sequence[Mark], label: str, keys: Sequence[Key]
 ) -> Picture:  # fmt: skip
-    left, tall = 16 + names_width(names), ROW * len(names)
+    width, left, tall = 540, 16 + names_width(names), ROW * len(names)
     zero = Line([0.0, 0.0], [0.0, tall], "ink", 0.9)
     panel = rows_panel((left, 20.0, width - left - RIGHT, tall), scale, names, (*marks, zero), label)
     return as_tall(name, f"Ranked: {label}", panel, keys, size=(width, 0.0))
@@ -532,9 +531,9 @@ def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> P
     return one_panel("bore", "Light through the bore and through its equivalent stop", (576, 310), panel, keys)
 
 
-def robust_yields(rows: Sequence[tuple[str, float, float]], width: float = 672) -> Picture:
+def robust_yields(rows: Sequence[tuple[str, float, float]]) -> Picture:
     """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design."""
-    each, names = 38.0, [name for name, *_ in rows]
+    width, each, names = 672, 38.0, [name for name, *_ in rows]
     marks: list[Mark] = []
     for k, (_, *shares) in enumerate(rows):
         for share, shift, colour in zip(shares, (-0.2, 0.2), ("grey", "blue"), strict=True):
