@@ -78,12 +78,6 @@ def lens_faults(lens: Prescription, names: Collection[str]) -> Iterator[str]:
         yield f"'{shaped[0]}' sets every radius, and '{radii[0]}' varies too; drop one of them"
 
 
-def shape_factor(lens: Prescription) -> float:
-    """(R_2 + R_1)/(R_2 - R_1) of a lens's outer surfaces."""
-    first, last = lens.surfaces[0].curvature, lens.surfaces[-1].curvature
-    return (first + last) / (first - last)
-
-
 class VariedLens(NamedTuple):
     """Builds of a lens, numbers or arrays of any one shape; lengths along z from the first vertex [mm]."""
 

@@ -16,7 +16,6 @@ from .marks import Box, Image, Key, Line, Mark, Point, Text, shifted
 from .theme import SMALL, ThemeName, short, text_width, theme_named
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAGE = 768.0
@@ -226,19 +225,6 @@ class Picture:
     def to_png(self, dpi: int = 144, theme: ThemeName = "light") -> bytes:
         """As PNG bytes; 96 dots an inch are a dot a pixel."""
         return axes.to_png(self.figure(theme), dpi)
-
-    def on_axes(self, ax: Axes | None = None, theme: ThemeName = "light") -> Axes:
-        """The first panel and the legend on Axes, a new figure's where none are given."""
-        if ax is None:
-            from matplotlib.figure import Figure
-
-            ax = Figure(figsize=(self.size[0] / 96, self.size[1] / 96), layout="constrained").subplots()
-        colours = theme_named(theme)
-        with axes.drawing():
-            axes.draw(self.panels[0], ax, colours)
-            if self.keys:
-                ax.legend(handles=axes.handles(self.keys, colours), loc="best")
-        return ax
 
     def _repr_svg_(self) -> str:
         return self.svg()

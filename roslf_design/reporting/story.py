@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
@@ -31,7 +31,7 @@ from ..tolerancing.analyses import summarise
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import Tally, run_trials
 from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
-from ..toml_files import problems_of, read_toml
+from ..toml_files import read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibration import (
     Calibrated,
@@ -138,10 +138,7 @@ def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
 
 def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> Story:
     """The same as `load_story` from nested values, with `folder` for the files they name."""
-    try:
-        table = StoryTable.model_validate(data, context={"from_file": True})
-    except ValidationError as error:
-        raise InputError(problems_of(error, StoryTable), origin) from None
+    table = validated(StoryTable, data, origin)
     faults: list[Problem] = []
     studies: dict[int, Mapping[str, Any]] = {}
     calibrations: dict[int, Calibrated] = {}
