@@ -36,7 +36,7 @@ from ..pictures.calibration import what_was_seen
 from ..reporting import calibration as pages
 from ..reporting.printers import page_files
 from ..toml_files import nearest, read_toml, validated
-from .failures import UnfinishedError, refused, what_there_was
+from .raw_images import UnfinishedError, refused, what_there_was
 from .terminal import (
     Flag,
     OptionalOutput,

@@ -33,8 +33,7 @@ from ..errors import InputError, Problem
 from ..imaging.camera import Region
 from ..reporting.calibration import calibrated_camera
 from ..units import parse_quantity
-from .failures import UnfinishedError, refused
-from .raw_images import OTHER_CAMERA, RawDecoded, from_raw
+from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal
 
 VIEWS_WINDOW, WIDEST = 7, 99

@@ -26,8 +26,7 @@ from ..reporting import decoding as pages
 from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html, render_tables
 from ..units import parse_quantity
-from .failures import UnfinishedError, refused
-from .raw_images import OTHER_CAMERA, from_raw
+from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (
     Flag,
     OptionalOutput,
