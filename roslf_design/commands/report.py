@@ -23,7 +23,7 @@ from ..pictures.solid import NoPictureError, picture, vtp_bytes
 from ..pictures.svg import file_of
 from ..reporting.calibration import read_calibration
 from ..reporting.compare import comparison_report
-from ..reporting.printers import page_files, render_pdf
+from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
 from .terminal import (
     Flag,
@@ -121,7 +121,8 @@ def report(
     with StatusLine("report") as progress:
         content = make(command=command, stamp=stamp_lines(made) if stamp else (), progress=progress.tell)
         files = figure_files(content, [name for name in wanted if name not in SOLID])
-        files |= page_files(content)
+        files[PAGE] = render_html(content).encode()
+        files |= render_tables(content)
         if "model" in solid:
             files[SOLID["model"]] = vtp_bytes(load(design))
         if "3d" in solid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import shlex
@@ -9,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -206,7 +206,7 @@ def check_target(target: Path, kinds: Sequence[str]) -> str:
 
 def check_typst(option: str) -> None:
     """Refuse an option that asks for a PDF where nothing sets one."""
-    if find_spec("typst") is None:
+    if importlib.util.find_spec("typst") is None:
         raise refusal(option, "a PDF needs the typst package; install it: pip install typst")
 
 
