@@ -17,9 +17,9 @@ from operator import itemgetter
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
 
+from .._arrays import Array
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
@@ -37,8 +37,6 @@ from ..units import AnyLength, Length, Temperature, format_quantity
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
 from .search import FTOL
 from .traces import FieldTraces, clearances
-
-Array = NDArray[np.float64]
 
 Side = Literal["min", "max", "equal"]
 SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}

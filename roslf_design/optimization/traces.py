@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
@@ -25,7 +26,6 @@ from ..tolerancing.places import LENS
 from ..tolerancing.traced import AS_IF_THIN, TraceCheck, TracedBuilds, check_traced
 from .lens_variables import VariedLens
 
-Array = NDArray[np.float64]
 Field = tuple[float, float]
 """A microlens's place on the array [mm]."""
 

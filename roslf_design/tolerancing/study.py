@@ -29,10 +29,11 @@ from pydantic import (
     model_validator,
 )
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
-from ..design.files import expect_kind, load_beside
+from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..toml_files import nearest, problems_of, read_toml
@@ -41,8 +42,6 @@ from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
-
-Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
@@ -240,14 +239,7 @@ def read_study(
     """A study from the nested values of its file, with its design and its grades; arguments as for `tolerance_plan`."""
     problems: list[Problem] = []
     grades = study = None
-    if design is not None:
-        data = {**data, "design": design.name}
-    name = data.get("design")
-    if design is None and isinstance(name, str):  # else the study's own check says so
-        try:
-            design = load_beside(name, folder)
-        except InputError as error:
-            problems += [Problem("design", f"{name}: {fault}") for fault in error.problems]
+    data, design = studied(data, folder, design, problems)
     table = folder / str(data["grades"]) if data.get("grades") else SHIPPED
     try:
         grades = load_grades(table)
