@@ -179,7 +179,7 @@ def _fits(camera: Intrinsics, pupil: float, captures: Captures) -> bool:
     """Whether the sensor sees the whole board at its nearest."""
     field = sorted(_field(camera, pupil, captures.distance - captures.distance_range / 2))
     sides = sorted((captures.board.columns * captures.board.cell, captures.board.rows * captures.board.cell))
-    return all(side <= seen for side, seen in zip(sides, field, strict=True))
+    return all(side <= extent for side, extent in zip(sides, field, strict=True))
 
 
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:

@@ -405,8 +405,8 @@ class Camera(Symbols[Number]):
         apart, wide = at - end, 1 / (front.d - front.c * self.d_3)
         lens = [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
         middles = [
-            off + wide * (seen + aside) + shift - apart / front.medium * lean
-            for off, seen, aside, shift, lean in zip(
+            off + wide * (point + aside) + shift - apart / front.medium * lean
+            for off, point, aside, shift, lean in zip(
                 lens, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
             )
         ]

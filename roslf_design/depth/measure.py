@@ -220,8 +220,8 @@ class Measurement:
         some = self.compared
         if not some.any():
             sigma = self.first.sigma[self.first.measured]
-            told = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
-            return Summary(None, None, None, told, None, share)
+            stated = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
+            return Summary(None, None, None, stated, None, share)
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
@@ -232,9 +232,9 @@ class Measurement:
         if self.prediction is not None:
             here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
             predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
-        told = math.sqrt(float((sigma**2).mean()))
+        stated = math.sqrt(float((sigma**2).mean()))
         inside = float((np.abs(errors) < sigma).mean())
-        return Summary(float(errors.mean()), spread, predicted, told, inside, share)
+        return Summary(float(errors.mean()), spread, predicted, stated, inside, share)
 
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason; over all exposures."""
@@ -541,10 +541,10 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     points = []
     for z in (near, far):
         plane = camera.plane(z)
-        seen = [-slope * (plane.distance - camera.d_3) for slope in slopes]
+        offsets = [-slope * (plane.distance - camera.d_3) for slope in slopes]
         lens = [camera[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
         points.append(
-            [at * plane.magnification + off + aside for at, off, aside in zip(seen, lens, plane.aside, strict=True)]
+            [at * plane.magnification + off + aside for at, off, aside in zip(offsets, lens, plane.aside, strict=True)]
         )
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
@@ -586,8 +586,8 @@ def predict(
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
-            seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0]) / wider[n]
+            plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), plane_seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

@@ -102,9 +102,9 @@ class TracedViews:
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
         powers = self._powers(field, np.asarray(pupil))
-        seen, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
-        seen[..., dark], aside[..., dark] = np.nan, 0.0
-        return Sight(seen, aside)
+        places, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
+        places[..., dark], aside[..., dark] = np.nan, 0.0
+        return Sight(places, aside)
 
     def looks(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""

@@ -132,8 +132,8 @@ class FacesAhead:
             table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
             buffer, work, lines = (_plain(part) for part in (*room, rays))
             carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
-        found = out.reshape(4, *shape)
-        return Outside(found[:2], found[2:], status.reshape(shape))
+        outside = out.reshape(4, *shape)
+        return Outside(outside[:2], outside[2:], status.reshape(shape))
 
     @property
     def _all_upright(self) -> bool:
