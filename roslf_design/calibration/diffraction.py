@@ -16,9 +16,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._arrays import sunflower
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..design import Design
+from ..shapes.lattice import lattice_steps
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
 from ..theory.transfer import MicrolensTransfer
@@ -266,7 +268,7 @@ class PupilImage:
     @property
     def axes(self) -> Array:
         """Steps of the lattice as columns [pitches]: u along the rows, v square to them."""
-        return np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if self.layout == "hexagonal" else np.eye(2)
+        return lattice_steps(self.layout)
 
     def transfer(self, x: Array, y: Array) -> Array:
         """Of everything between the pupil's geometric image and a decoded sample, at frequencies [1/px].
@@ -360,7 +362,7 @@ def view_weights(image: PupilImage, views: Array, points: int | None = None) -> 
     if points is None:
         width = math.hypot(image.blur, 1.0)
         points = max(400, math.ceil(math.pi * (_PER_BLUR * image.radius / width) ** 2))
-    places = image.radius * _sunflower(points)
+    places = image.radius * sunflower(points, 0.5).T
     around, shares = image.neighbours(), []
     for neighbour in around:
         away = views[:, None] - image.pitch * neighbour - places
@@ -375,13 +377,6 @@ def _whole_numbers(most: int) -> Array:
     """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
     side = np.arange(-most, most + 1.0)
     return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-
-
-def _sunflower(count: int) -> Array:
-    """Points spread evenly over the unit disc, shape (count, 2)."""
-    turns = np.arange(count) + 0.5
-    angle = turns * math.pi * (3 - math.sqrt(5))
-    return np.asarray(np.sqrt(turns / count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def _reading(frequency: Array) -> Array:
@@ -469,7 +464,7 @@ def apparent_shifts(
     views, count = len(weights.shares), len(slopes)
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
-    aperture = 0.5 * _sunflower(_PARTS**2) if circular else _whole_numbers(_PARTS // 2) / _PARTS
+    aperture = 0.5 * sunflower(_PARTS**2, 0.5).T if circular else _whole_numbers(_PARTS // 2) / _PARTS
     aperture = aperture - aperture.mean(axis=0)
     out = np.empty((size, views * count * len(_PHASES) * size))
     with THREADS:

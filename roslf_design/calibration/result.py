@@ -258,8 +258,7 @@ def outcome_of(
         )
         for name, value in values.items():
             sigma = float(drawn[name].std(ddof=1))
-            low, lower, higher, high = (float(x) for x in np.quantile(drawn[name], [0.025, 0.16, 0.84, 0.975]))
-            intervals = (lower, higher), (low, high)
+            intervals = _intervals(drawn[name])
             ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]))
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
@@ -361,11 +360,16 @@ def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None
         low, lower, higher, high = (value + end * sigma for end in _GAUSS)
         return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design)
     draws = posterior.quantities[name]
-    low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
     spread = float(draws.std(ddof=1))
-    return QuantityEstimate(value, spread, (lower, higher), (low, high), posterior.r_hat[key], ess, design)
+    return QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design)
+
+
+def _intervals(draws: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Which hold 68 % and 95 % of them."""
+    low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
+    return (lower, higher), (low, high)
 
 
 def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, object]:

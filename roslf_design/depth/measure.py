@@ -26,13 +26,14 @@ from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
 from ..scenes import Noise, Plane, Scene
+from ..shapes.lattice import lattice_steps
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
-from .traced_views import LATTICES, TracedViews
+from .traced_views import TracedViews
 from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
@@ -398,7 +399,7 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
     camera = Camera.of(design.thin_twin)
     width, height = camera.pixels
     lattice = lattice_of(camera, Region(0, 0, width, height))
-    i, j = np.linalg.solve(LATTICES[lattice.layout].T, np.array(place) / float(camera.d))
+    i, j = np.linalg.solve(lattice_steps(lattice.layout), np.array(place) / float(camera.d))
     column, row = lattice.nodes(i, j)
     side = math.ceil(across * lattice.pitch)
     columns, rows = min(side, width), min(side, height)
@@ -417,10 +418,7 @@ def share_done(what: str, share: float) -> float:
 def _with_margin(camera: Camera, region: Region) -> Region:
     """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
     add = math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
-    width, height = camera.pixels
-    left, top = max(region.column - add, 0), max(region.row - add, 0)
-    right, bottom = min(region.column + region.columns + add, width), min(region.row + region.rows + add, height)
-    return Region(left, top, right - left, bottom - top)
+    return region.grown(add).common(Region.checked(camera, None))
 
 
 def simulate(
@@ -542,10 +540,8 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     for z in (near, far):
         plane = camera.plane(z)
         offsets = [-slope * (plane.distance - camera.d_3) for slope in slopes]
-        lens = [camera[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
-        points.append(
-            [at * plane.magnification + off + aside for at, off, aside in zip(offsets, lens, plane.aside, strict=True)]
-        )
+        lens = zip(offsets, camera.lens_centre, plane.aside, strict=True)
+        points.append([at * plane.magnification + off + aside for at, off, aside in lens])
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
     rays = np.stack([*heights, *along], -1)

@@ -23,6 +23,7 @@ from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..lenses.tracer import KEPT
+from ..shapes.lattice import lattice_steps
 from ..theory.colours import mixed
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
@@ -46,10 +47,6 @@ AWAY = 1e9
 """Taken for infinity [mm]."""
 ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
-
-
-LATTICES = {"square": np.eye(2), "hexagonal": np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])}
-"""Steps of the microlenses' two indices in the array's own frame [pitches]."""
 
 
 class Sight(NamedTuple):
@@ -221,7 +218,7 @@ class TracedViews:
         """
         mounted, camera = self.mounted, self.camera
         some = indices[:: max(1, len(indices) // 200)]
-        places = some @ LATTICES[lattice.layout] * float(camera.d)
+        places = some @ lattice_steps(lattice.layout).T * float(camera.d)
         c = microlenses(self.design, places)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)

@@ -18,10 +18,6 @@ Taps = tuple[float, float, float, float, float, float]
 SUMS = 12
 """Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
 chi-square, its expectation, number of samples."""
-_POLES = (-0.43057534709997825, -0.043096288203264443)
-"""Of the quintic spline: roots of x^4 + 26 x^3 + 66 x^2 + 26 x + 1 inside the unit circle."""
-_REACH = 24
-"""Samples after which the slower pole has died down to 5e-8."""
 _BEYOND = 8
 """Samples that a view is continued beyond its sides before it is made a spline: 0.43^8 of an end's error comes back."""
 _SPLINE_LOSS = 0.1635
@@ -58,58 +54,22 @@ def fill_holes(views: Samples, light: Samples) -> None:
                     views[k, v, u] = 0.0
 
 
-@kernel()
-def _filter(lines: Floats, pole: float) -> None:
-    """Divide by one pole of a spline, forth and back along the first axis, mirrored at its ends, but for a factor."""
-    count, width = lines.shape
-    for u in range(width):
-        power = pole
-        for v in range(1, min(_REACH, count)):
-            lines[0, u] += power * lines[v, u]
-            power *= pole
-    for v in range(1, count):
-        for u in range(width):
-            lines[v, u] += pole * lines[v - 1, u]
-    for u in range(width):
-        lines[count - 1, u] = pole / (pole * pole - 1.0) * (lines[count - 1, u] + pole * lines[count - 2, u])
-    for v in range(count - 2, -1, -1):
-        for u in range(width):
-            lines[v, u] = pole * (lines[v + 1, u] - lines[v, u])
+def spline_coefficients(views: Samples) -> Samples:
+    """Coefficients of each view's quintic B-spline, two samples more on each side: shape (view, v + 4, u + 4).
 
+    Beyond its sides a view goes on as it was before them, turned about them.
+    """
+    from scipy import ndimage
 
-@kernel()
-def _extend(lines: Floats) -> None:
-    """Go on beyond both ends, which are `_BEYOND` lines from the sides, as the lines before them turned about them."""
-    count, width = lines.shape
-    for k in range(1, _BEYOND + 1):
-        inner = min(k, count - 2 * _BEYOND - 1)
-        first, last = _BEYOND, count - 1 - _BEYOND
-        for u in range(width):
-            lines[first - k, u] = 2 * lines[first, u] - lines[first + inner, u]
-            lines[last + k, u] = 2 * lines[last, u] - lines[last - inner, u]
-
-
-@kernel(parallel=True)
-def spline_coefficients(views: Samples, out: Samples) -> None:
-    """Coefficients of each view's quintic B-spline; `out` is two samples wider on each side."""
-    count, rows, columns = views.shape
-    for k in prange(count):
-        lying, standing = np.empty((columns + 2 * _BEYOND, rows)), np.empty((rows + 2 * _BEYOND, columns + 4))
-        for v in range(rows):
-            for u in range(columns):
-                lying[u + _BEYOND, v] = views[k, v, u]
-        _extend(lying)
-        for pole in _POLES:
-            _filter(lying, pole)
-        for v in range(rows):
-            for u in range(columns + 4):
-                standing[v + _BEYOND, u] = 14400.0 * lying[u + _BEYOND - 2, v]
-        _extend(standing)
-        for pole in _POLES:
-            _filter(standing, pole)
-        for v in range(rows + 4):
-            for u in range(columns + 4):
-                out[k, v, u] = standing[v + _BEYOND - 2, u]
+    count, *size = views.shape
+    turned = [(min(_BEYOND, n - 1),) * 2 for n in size]
+    still = [(_BEYOND - reach,) * 2 for reach, _ in turned]
+    inner = slice(_BEYOND - 2, 2 - _BEYOND)
+    out = np.empty((count, *(n + 4 for n in size)), np.float32)
+    for view, own in zip(views, out, strict=True):
+        wide = np.pad(view.astype(float), turned, mode="reflect", reflect_type="odd")
+        own[:] = ndimage.spline_filter(np.pad(wide, still, mode="edge"), 5, mode="mirror")[inner, inner]
+    return out
 
 
 @kernel()

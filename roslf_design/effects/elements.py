@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
+from ..camera.camera import place_of
 from ..design import Design
 from ..design.parts import PATHS
 from ..rays.backward import behind_elements, law_of, mapped, scene_side
@@ -131,7 +132,6 @@ def _clipping(
 ) -> float:
     """How far rims that clip light move on the sensor [mm]; `there` are the rays at each, by its part."""
     lx, ly, ox, oy = rays
-    lens = [float(camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)]
     (middle, aside), (radii, _) = stop_discs(camera, np.array([0.0, radius]), 0.0)
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
@@ -143,13 +143,16 @@ def _clipping(
         z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
         height, slope, _ = there[rim.part]
         place = [part[good] for part in (height[0] - slope[0] * z, height[1] - slope[1] * z)]
-        first = (lens[k] + plane.a * l - plane.b * o + plane.aside[k] for k, (l, o) in enumerate(((lx, ox), (ly, oy))))
+        first = (
+            off + plane.a * l - plane.b * o + aside
+            for off, aside, l, o in zip(camera.lens_centre, plane.aside, (lx, ly), (ox, oy), strict=True)
+        )
         farthest = float(np.max(np.hypot(*(at - part[good] for at, part in zip(place, first, strict=True)))))
         moved.append(farthest / float(rim.radius * rim.scale) * float(size))
         if rim is camera.fap or camera.tilted:
             continue
         # What a rim does not reach into, by first order nor by Snell's law, it changes by no more than that.
-        part, own = rim.part.rpartition(".")[0] if rim.part.count(".") == 2 else rim.part, float(rim.radius * rim.scale)
+        part, own = place_of(rim.part), float(rim.radius * rim.scale)
         middle_of = (camera[f"{part}.decentre.{axis}"] for axis in (0, 1))
         reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, middle_of, strict=True)))))
         cut = ((NEARLY if posed else 1.0) * reach / own - 1) * size

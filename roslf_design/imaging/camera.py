@@ -15,6 +15,7 @@ from ..design.elements import Block
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
+from ..shapes.lattice import lattice_steps
 from ..theory.light import microlens_defocus_blur
 from ..theory.photometry import accepted
 from ..theory.stop_images import stop_discs
@@ -159,8 +160,7 @@ class ImageLattice:
     @classmethod
     def of(cls, camera: Camera) -> ImageLattice:
         """The lattice of one camera; tilts widen `reach`, everything else is exact."""
-        step = np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if camera.layout == "hexagonal" else np.eye(2)
-        axes = camera.d * step
+        axes = camera.d * lattice_steps(camera.layout)
         angle = float(camera["microlens_array.rotation"])
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         offset = np.array(camera.decentre("microlens_array"))

@@ -224,9 +224,9 @@ class RealLensTracer:
         out = np.zeros(weight.size)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, camera.chain is not None, self.sight, float(camera["main_lens.decentre.0"]),
-            float(camera["main_lens.decentre.1"]), rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1),
-            rays.slope_y.reshape(-1), weight.reshape(-1), out,
+            self.in_focus, camera.chain is not None, self.sight, *map(float, camera.lens_centre),
+            rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
+            weight.reshape(-1), out,
         )  # fmt: skip
         return out.reshape(weight.shape)
 

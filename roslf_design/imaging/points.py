@@ -73,7 +73,7 @@ class PointSource:
     @property
     def lens(self) -> Floats:
         """The main lens's decentre [mm]."""
-        return np.array([float(self.camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)])
+        return np.array(self.camera.lens_centre, float)
 
     def slope(self, pupil: Floats) -> Floats:
         """Of the ideal wave at places (..., 2) of the FAP."""

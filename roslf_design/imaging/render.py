@@ -304,7 +304,7 @@ class _Job:
             raise InputError((Problem("effects", message),))
         exact = self.plan.on("plate_aberration")
         camera = self.camera
-        lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
+        lens_x, lens_y = camera.lens_centre
         for thing in self.scene.points:
             for position in thing.positions:
                 light, apparent = thing.flux, camera.see(*position)

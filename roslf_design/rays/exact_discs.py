@@ -186,8 +186,7 @@ class _Outlines:
         slope = points / float(c.d_2)
         height = np.stack([x, y])[..., None] - slope * float(c.d_1)
         outside = slope + height / float(c.f)
-        lens = np.array([c["main_lens.decentre.0"], c["main_lens.decentre.1"]])
-        start = height + lens[:, None, None]
+        start = height + np.array(c.lens_centre)[:, None, None]
         there = next(self.space.rays_at([z], (start[0], start[1]), (outside[0], outside[1])))
         if np.any(there.status):
             raise _LostRayError
