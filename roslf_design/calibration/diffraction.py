@@ -23,7 +23,7 @@ from ..design import Design
 from ..shapes.lattice import lattice_steps
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
-from ..theory.transfer import MicrolensTransfer
+from ..theory.transfer import MicrolensTransfer, disc_spectrum
 from .corners import fit_saddles, fit_window
 from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines
@@ -323,12 +323,7 @@ class _CellSeries(NamedTuple):
 
     def light(self, image: PupilImage) -> Array:
         """`PupilImage.cell` at the places, shape (n,)."""
-        from scipy.special import j1
-
-        height = np.hypot(*self.waves.T)
-        safe = np.where(height > 0, height, 1.0)
-        disc = image.radius * j1(2 * math.pi * image.radius * safe) / safe
-        disc = np.where(height > 0, disc, math.pi * image.radius**2) * self.area
+        disc = disc_spectrum(image.radius, np.hypot(*self.waves.T)) * self.area
         x, y = self.reading
         return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 

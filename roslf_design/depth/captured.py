@@ -21,7 +21,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from .estimate import DisparityMap, PixelNoise
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
-from .measure import MARGIN, POINTS, Depths, Measurement, lattice_of, measure, sampled
+from .measure import POINTS, Depths, Measurement, lattice_of, measure, sampled, search_about
 
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
@@ -189,9 +189,7 @@ def searched(field: LightField, across: float) -> tuple[float, float]:
         Samples of the views from rim to rim of the pupil.
     """
     sharp = sharp_disparities(field) * (across / field.pitch)
-    low, high = float(sharp.min()), float(sharp.max())
-    reach = MARGIN + 0.1 * (high - low)
-    return low - reach, high + reach
+    return search_about(float(sharp.min()), float(sharp.max()))
 
 
 def image_width(camera: Camera) -> float:

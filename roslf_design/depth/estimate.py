@@ -336,13 +336,10 @@ class _Views:
 
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
-        count, (rows, columns) = len(self.values), self.shape
         views = self.values.copy()
-        cells = np.empty((count, rows - 1, columns - 1), np.float32)
         with THREADS:
             fill_holes.compiled(views, self.light)
-            light_of_cells.compiled(np.where(self.full, np.float32(0), self.light), cells)
-        return spline_coefficients(views), cells
+        return spline_coefficients(views), light_of_cells(np.where(self.full, np.float32(0), self.light))
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""

@@ -497,8 +497,7 @@ def simulate(
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
-    reach = MARGIN + 0.1 * (high - low)
-    search = (low - reach, high + reach)
+    search = search_about(low, high)
     runs = []
     for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
         progress("depth", number / exposures)
@@ -509,6 +508,12 @@ def simulate(
     true = true[rows, columns]
     prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
+
+
+def search_about(low: float, high: float) -> tuple[float, float]:
+    """Disparities to search where those of a scene lie between two [pitches]."""
+    reach = MARGIN + 0.1 * (high - low)
+    return low - reach, high + reach
 
 
 def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice]:

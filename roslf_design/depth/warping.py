@@ -85,31 +85,14 @@ def _taps(f: float) -> Taps:
     return first, second, third, 1 - first - second - third - fifth - last, fifth, last
 
 
-@kernel(parallel=True)
-def light_of_cells(light: Samples, out: Samples) -> None:
-    """Light between four neighbouring samples; 0 where one of the 6 x 6 about it has none."""
-    count, rows, columns = light.shape
-    for k in prange(count):
-        ends = np.full(columns, -1)  # last row without light, in any of the six columns about each cell
-        for v in range(-3, rows - 1):
-            below = v + 3
-            last = -1
-            if below < rows:
-                for u in range(min(3, columns)):
-                    if light[k, below, u] <= 0:
-                        last = u
-            for u in range(columns - 1):
-                if below < rows:
-                    if u + 3 < columns and light[k, below, u + 3] <= 0:
-                        last = u + 3
-                    if last >= u - 2 and last >= 0:
-                        ends[u] = below
-                if v >= 0:
-                    out[k, v, u] = (
-                        0.25 * (light[k, v, u] + light[k, v, u + 1] + light[k, v + 1, u] + light[k, v + 1, u + 1])
-                        if ends[u] < max(v - 2, 0)
-                        else 0.0
-                    )
+def light_of_cells(light: Samples) -> Samples:
+    """Light between four neighbouring samples, shape (view, v - 1, u - 1); 0 where one of 6 x 6 about it has none."""
+    mean = np.float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
+    lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
+    rows, columns = mean.shape[1:]
+    lit = np.logical_and.reduce([lit[:, k : k + rows] for k in range(6)])
+    mean *= np.logical_and.reduce([lit[..., k : k + columns] for k in range(6)])
+    return mean
 
 
 @kernel(parallel=True)

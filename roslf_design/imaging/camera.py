@@ -128,7 +128,7 @@ def pixel_response(camera: Camera, region: Region) -> Image | None:
         return None
     lattice = ImageLattice.of(camera)
     points = np.stack(np.meshgrid(*pixel_centres(camera, region)), -1)
-    index = np.rint(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
+    index = lattice.nearest(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
     away = points + np.array(camera.decentre("sensor")) - lattice.microlens(index)
     slope = np.hypot(away[..., 0], away[..., 1]) / float(camera.d_2 * camera["sensor.relay_magnification"])
     return accepted(np.arctan(slope), half).astype(np.float32)
@@ -189,6 +189,12 @@ class ImageLattice:
     def image(self, index: NDArray[np.number]) -> Floats:
         """Centres of their images in the sensor's frame [mm]."""
         return np.asarray(index @ self.image_axes.T + self.image_origin)
+
+    def nearest(self, index: Floats) -> Floats:
+        """Index of the microlens nearest to a fractional one, shape (..., 2), for square and hexagonal packing."""
+        corners = [np.floor(index) + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
+        far = [np.hypot(*np.moveaxis((index - corner) @ self.axes.T, -1, 0)) for corner in corners]
+        return np.asarray(np.choose(np.argmin(far, axis=0)[..., None], corners))
 
     def holds(self, index: NDArray[np.number]) -> NDArray[np.bool_]:
         """Whether the array has these microlenses."""

@@ -24,7 +24,7 @@ from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
-from ..theory.transfer import MicrolensTransfer, pixel_box
+from ..theory.transfer import MicrolensTransfer, disc_spectrum, pixel_box
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .transfer import MOST_HALO, fineness, pair_transfer
 
@@ -257,11 +257,8 @@ def _orders(lattice: ImageLattice, limit: float) -> tuple[NDArray[np.int64], Flo
 
 def _uncut(camera: Camera, lattice: ImageLattice, frequencies: Floats) -> Floats:
     """Weights of the geometric image of uncut discs, those of G and -G together."""
-    from scipy.special import j1
-
-    radius, height = float(microlens_image_diameter(camera)) / 2, np.hypot(*frequencies.T)
-    safe = np.where(height > 0, height, 1.0)
-    spectrum = np.where(height > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
+    height = np.hypot(*frequencies.T)
+    spectrum = disc_spectrum(float(microlens_image_diameter(camera)) / 2, height)
     return np.asarray(spectrum / abs(np.linalg.det(lattice.image_axes)) * np.where(height > 0, 2.0, 1.0))
 
 
