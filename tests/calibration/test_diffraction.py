@@ -195,7 +195,7 @@ def calibrated(capsys, circle, kind, out, *options):
 TRUTH = {"H": 140 / 92, "d_3": 120.0, "d_1": 140.0, "d_f": 350.0, "d_2": 2.0, "A": 92.0, "m": 0.4}
 
 
-def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path):
+def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path, blank_pngs):
     rays = calibrated(capsys, circle, "rays", tmp_path / "rays")
     waves = calibrated(capsys, circle, "waves", tmp_path / "waves")
     for found in (rays, waves):

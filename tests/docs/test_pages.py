@@ -19,9 +19,8 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_page_does_what_it_says(page, tmp_path, monkeypatch, request):
-    if page.stem != "depth":  # which measures by light from farther away, too
-        request.getfixturevalue("near_light")
+def test_page_does_what_it_says(page, tmp_path, monkeypatch, request, blank_pngs):
+    request.getfixturevalue("few_rays" if page.stem == "depth" else "near_light")
     few_builds(monkeypatch)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
