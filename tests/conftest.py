@@ -41,6 +41,12 @@ def near_light(monkeypatch):
 
 
 @pytest.fixture
+def light_from_48_px(monkeypatch):
+    """Diffraction brings light from 48 pixels around, all but 0.4 % of it: a third of the rays where regions are small."""
+    monkeypatch.setattr(transfer, "LEAST_HALO", 48)
+
+
+@pytest.fixture
 def blank_pngs(monkeypatch):
     """One white pixel for every picture that is saved as PNG, which takes a second: where nobody looks at them."""
     from PIL import Image
