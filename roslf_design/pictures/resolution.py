@@ -48,8 +48,9 @@ def mtf_curves(design: Design) -> Picture:
             "detail at the focal plane [lp/mm]", "MTF", title=title,
         )  # fmt: skip
         pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 236), panel, top=26))
+    dark = "dark" if design.lens is None else "dark or folded"
     keys: list[Key] = [
-        line_key(name if transfer.middle is not None else f"{name}: dark", colour, 2.0)
+        line_key(name if transfer.middle is not None else f"{name}: {dark}", colour, 2.0)
         for name, transfer, colour in zip(PLACES, transfers, COLOURS, strict=True)
     ]
     keys += [line_key("tangential", "ink", 2.0), line_key("sagittal", "ink", 1.6, "6 4")]

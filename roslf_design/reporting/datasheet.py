@@ -190,7 +190,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
         aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
-        dark = "" if row.mtf50_lp_per_mm is not None else "dark"
+        dark = "" if row.mtf50_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
         folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
@@ -198,13 +198,13 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
             "mtf50_lp_per_mm" if axial else "", dark, of,
         )  # fmt: skip
-    far, middle = corner(sheet.field), sheet.field[0]
-    at = "in the corner" if far.angle_deg is None else f"at {number(far.angle_deg, 4)} deg off axis"
+    outermost, middle = corner(sheet.field), sheet.field[0]
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None
-    if far.local_magnification is not None and middle.local_magnification is not None:
-        scale = far.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    lost = "not seen" if far.distortion_percent is None or scale is None else ""
-    places = (middle.x_ml_mm, far.x_ml_mm)
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    places = (middle.x_ml_mm, outermost.x_ml_mm)
     bent, shaded, stretched = (
         (None, None, None)
         if traced
@@ -215,10 +215,10 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         )
     )
     barrel = "below 0 is barrel-shaped"
-    yield SheetLine("Over the field", f"distortion {at}", far.distortion_percent, "%", barrel, text=lost, of=bent)
+    yield SheetLine("Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent)
     against = "against the middle, along the field's radius"
     yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-    light = 100 * far.relative_illumination
+    light = 100 * outermost.relative_illumination
     yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
     yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
