@@ -69,3 +69,7 @@ def sunflower(count: int) -> Array:
     k = np.arange(count)
     radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+DISC_RULE = ((0.0, 0.0, 0.25), *((math.sqrt(2 / 3), k * math.pi / 3, 0.125) for k in range(6)))
+"""Radius, angle and weight of points that average polynomials up to the fifth degree over the unit disc exactly."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
+from .warping import SUMS, TAPS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -204,8 +204,8 @@ def estimate_disparity(
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
-    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along
-    the disparity so far; all views together give the picture and its gradient, and what remains gives the correction,
+    All candidates are compared first on some 25 groups of views. Then every view is warped back (spline of degree 7)
+    along the disparity so far; all views together give the picture and its gradient, and what remains the correction,
     by least squares over the window with the weights of the noise model (Fisher information with the texture's own
     values free). Where a window is at odds with itself, the one beside it that agrees best is taken, and a plane fitted
     to three windows' width, or to the window, carries the value to the microlens.
@@ -343,7 +343,7 @@ class _Views:
         """Spline coefficients and light of the cells between samples."""
         count, (rows, columns) = len(self.values), self.shape
         views = self.values.copy()
-        splines = np.empty((count, rows + 4, columns + 4), np.float32)
+        splines = np.empty((count, rows + TAPS - 2, columns + TAPS - 2), np.float32)
         cells = np.empty((count, rows - 1, columns - 1), np.float32)
         with THREADS:
             fill_holes.compiled(views, self.light)

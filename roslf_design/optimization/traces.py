@@ -35,7 +35,7 @@ AHEAD = ("aperture", "stops.", "elements.")
 
 def is_traced(quantity: Quantity) -> bool:
     """Whether a quantity is told from rays behind a real lens: then it belongs to a field."""
-    return quantity.local is not None and quantity.name not in AS_IF_THIN
+    return quantity.local is not None
 
 
 def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool) -> Iterator[str]:

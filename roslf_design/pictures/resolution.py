@@ -11,7 +11,7 @@ from ..camera import Camera
 from ..evaluation.fields import default_fields
 from ..evaluation.specification import planes, transfer_at
 from ..theory.light import on_array, sensor_field
-from ..theory.stop_images import MicrolensImages
+from ..traced.fields import images_of
 from .marks import Image, Key, Line, Mark, Text, line_key
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel, round_ticks
 from .theme import SMALL
@@ -27,8 +27,7 @@ COLUMNS, ROWS = 15, 13
 
 def mtf_curves(design: Design) -> Picture:
     """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view."""
-    camera = Camera.of(design)
-    images = MicrolensImages(camera, default_fields(design))
+    images = images_of(design, default_fields(design))
     transfers = [transfer_at(images, k, None) for k in range(len(PLACES))]
     fold = min(transfer.fold("tangential") for transfer in transfers)
     detail = np.linspace(0.0, 2.4 * fold, 73)
@@ -64,7 +63,7 @@ def resolution_map(design: Design) -> Picture:
     share = np.linspace(1e-6, 1.0, COLUMNS)  # the middle, too, has the diagonal for its radius
     middle = (low + high) / 2
     places = on_array(camera, middle + share[:, None] * (high - middle))
-    images = MicrolensImages(camera, places)
+    images = images_of(design, places)
     near, _, far = planes(camera)
     distances = np.linspace(near, far, ROWS)
     values = np.full((ROWS, COLUMNS), math.nan)

@@ -11,7 +11,16 @@ import numpy as np
 
 from .._arrays import Array
 from ..camera import Camera
-from ..evaluation.specification import CRITERION, Colour, Place, Resolved, Specification, resolved, specification
+from ..evaluation.specification import (
+    CRITERION,
+    Colour,
+    Place,
+    Resolved,
+    Specification,
+    corner,
+    resolved,
+    specification,
+)
 from ..pictures.resolution import mtf_curves, resolution_map
 from ..tables import csv_bytes
 from ..theory.colours import GREEN
@@ -36,8 +45,8 @@ FEW = 48
 MANY = 1024
 """The same of quantities that the study does not report, to some two in a hundred."""
 REAL = (
-    "The main lens is real; the data sheet is of its thin twin: aberrations and the distortion of the lens stand in "
-    "the report's section on it, and resolution is without them."
+    "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
+    "through it tell. Distances of sharpness, magnification on the axis and all spreads are those of its thin twin."
 )
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
@@ -126,6 +135,7 @@ class Basis(NamedTuple):
 
 def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     """Every line, in the order of the page."""
+    traced = design.lens is not None  # whose builds are cameras of thin twins
     pupil, *tips = sheet.field_of_view_deg
     names = (("full (diagonal)", "diagonal", ""), ("horizontal", "width", "width_"), ("vertical", "height", "height_"))
     for words, key, part in names:
@@ -177,29 +187,38 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         if not (centre or focal):
             continue
         what = "refocused" if row.image == "refocused" else "a view"
-        aside = "axis" if centre else f"{number(row.x0_mm, 4)} mm off axis"
+        away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
+        aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
         dark = "" if row.mtf50_lp_per_mm is not None else "dark"
         axial = focal and centre and row.image == "refocused"
-        of = None if axial or dark else partial(_resolution, row, focal)
+        of = None if axial or dark or traced else partial(_resolution, row, focal)
         folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
         yield SheetLine(
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
             "mtf50_lp_per_mm" if axial else "", dark, of,
         )  # fmt: skip
-    corner = max(sheet.field, key=lambda point: point.x0_mm)
-    at = f"at {number(corner.angle_deg, 4)} deg off axis"
-    middle = sheet.field[0]
-    scale = corner.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    places = (middle.x_ml_mm, corner.x_ml_mm)
-    bent, shaded = _corner("distortion_percent", places), _corner("relative_illumination", places, 100.0)
-    stretched = _corner("local_magnification", places, against=True)
-    yield SheetLine(
-        "Over the field", f"distortion {at}", corner.distortion_percent, "%", "below 0 is barrel-shaped", of=bent
+    far, middle = corner(sheet.field), sheet.field[0]
+    at = "in the corner" if far.angle_deg is None else f"at {number(far.angle_deg, 4)} deg off axis"
+    scale = None
+    if far.local_magnification is not None and middle.local_magnification is not None:
+        scale = far.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if far.distortion_percent is None or scale is None else ""
+    places = (middle.x_ml_mm, far.x_ml_mm)
+    bent, shaded, stretched = (
+        (None, None, None)
+        if traced
+        else (
+            _corner("distortion_percent", places),
+            _corner("relative_illumination", places, 100.0),
+            _corner("local_magnification", places, against=True),
+        )
     )
+    barrel = "below 0 is barrel-shaped"
+    yield SheetLine("Over the field", f"distortion {at}", far.distortion_percent, "%", barrel, text=lost, of=bent)
     against = "against the middle, along the field's radius"
-    yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, of=stretched)
-    light = 100 * corner.relative_illumination
+    yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    light = 100 * far.relative_illumination
     yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
     yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
@@ -362,6 +381,11 @@ def datasheet_section(grounds: Basis) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and folds back."
     )
+    if found.design.lens is not None:
+        curves += (
+            " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what "
+            "its part of the FAP sees, the image refocused by one shift for all of it has them all."
+        )
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
         "sagittal. Lines join equal resolution."

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .._arrays import Array
+from .._arrays import DISC_RULE, Array
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, cross, dot, minus, times, total
 from ..theory.exit_pupil import microlens_image_pitch
@@ -22,8 +22,6 @@ from ..theory.stop_images import MicrolensImages
 
 Place = tuple[Number, Number]
 
-DISC_RULE = ((0.0, 0.0, 0.25), *((np.sqrt(2 / 3), k * np.pi / 3, 0.125) for k in range(6)))
-"""Radius, angle and weight of points that average polynomials up to the fifth degree over the unit disc exactly."""
 CALIBRATION_DEPTHS = (0.8, 1.0, 1.25)
 """Depths at which a full calibration sees a target, in units of the object's gap to the end of the bore."""
 
