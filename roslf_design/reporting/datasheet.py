@@ -381,7 +381,7 @@ def datasheet_section(grounds: Basis) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and folds back."
     )
-    if found.design.lens is not None:
+    if grounds.design.lens is not None:
         curves += (
             " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what "
             "its part of the FAP sees, the image refocused by one shift for all of it has them all."
