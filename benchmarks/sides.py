@@ -31,20 +31,20 @@ def here_singlet(inputs):
     """Rays through the singlet to a plane behind it."""
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.lenses.tracer import Rays
 
     semi, thickness = float(inputs["D"]) / 2, float(inputs["thickness"])
     front = Surface(1 / float(inputs["radius"]), semi, thickness, find_glass("N-BK7"))
-    lens, made = Prescription((front, Surface(0.0, semi))), np.array(slanted(inputs))
-    rays = Rays(made[:3], made[3:])
+    lens = Prescription((front, Surface(0.0, semi)))
+    x, y, z, *way = slanted(inputs)
+    height, slope = np.array([x, y]), np.array(way[:2]) / way[2]
     plane, wavelength, state = thickness + float(inputs["behind"]), float(inputs["wavelength_um"]) * 1e-3, {}
 
     def run():
-        state["ended"] = lens.trace(rays, wavelength, plane=plane)
+        state["ended"] = lens.through(height, slope, wavelength, start=z, end=plane, backward=False, clip=True)
 
     def answer():
-        x, y, _ = state["ended"].rays.position
-        return {"kept": state["ended"].kept, "x": x, "y": y}
+        x, y = state["ended"].height
+        return {"kept": state["ended"].state == 0, "x": x, "y": y}
 
     return run, answer
 

@@ -53,13 +53,15 @@ GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 """Turn between successive points of the sunflower [rad]."""
 
 
-def sunflower(count: int) -> Array:
+def sunflower(count: int, start: float = 0.0) -> Array:
     """Points that fill the unit disc evenly (Vogel's spiral).
 
     Parameters
     ----------
     count : int
         N.
+    start : float
+        Where the spiral begins [turns between successive points].
 
     Returns
     -------
@@ -67,7 +69,7 @@ def sunflower(count: int) -> Array:
         The k-th at radius sqrt((k + 1/2)/N): equal areas, strictly inside.
     """
     k = np.arange(count)
-    radius, angle = np.sqrt((k + 0.5) / count), k * GOLDEN_ANGLE
+    radius, angle = np.sqrt((k + 0.5) / count), (k + start) * GOLDEN_ANGLE
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
 
 
