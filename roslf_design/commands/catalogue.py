@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..errors import printable
 from ..lenses.lens_file import shipped_names
-from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
+from ..optimization.parts import KINDS, Kind, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
 from .terminal import Flag, Repeated, json_text
 
-Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
-
-SHOWN: dict[Kinds, tuple[str, ...]] = {
+SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
     "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
@@ -30,7 +28,7 @@ TRACED = [name.upper() for name in shipped_names()]
 
 def catalogue(
     *,
-    kind: Annotated[list[Kinds] | None, Parameter(negative=())] = None,
+    kind: Annotated[list[Kind] | None, Parameter(negative=())] = None,
     where: Repeated = None,
     file: Annotated[list[Path] | None, Parameter(negative=())] = None,
     json: Flag = False,

@@ -153,7 +153,7 @@ def evaluate(
         diffraction=_numbers(Diffraction, camera),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
-        warnings=warnings_of(design, images),
+        warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain is None else _looked_through(design, camera, axes, depth.sigma_z_mm),

@@ -54,11 +54,6 @@ def default_fields(design: Design) -> tuple[Place, ...]:
     return tuple(centre), tuple(edge), tuple(corner)
 
 
-def axes_in_space(design: Design, axes: ArrayLike) -> Array:
-    """Microlens axes against the optical axis: the MLA's rotation and decentre applied; shape (N, 2) [mm]."""
-    return MicrolensImages(Camera.of(design), axes).in_system
-
-
 def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
     """Discs that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
 

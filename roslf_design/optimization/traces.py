@@ -33,18 +33,13 @@ AHEAD = ("aperture", "stops.", "elements.")
 """What begins the places of all that stands before the lens."""
 
 
-def is_traced(quantity: Quantity) -> bool:
-    """Whether a quantity is told from rays behind a real lens: then it belongs to a field."""
-    return quantity.local is not None
-
-
 def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool) -> Iterator[str]:
     """What is wrong with asking for a quantity of a design behind a real lens."""
     assert design.lens is not None
     lens = design.lens.name
     if quantity.name in AS_IF_THIN:
         yield f"{name} is not traced while searching, and its formula leaves out {AS_IF_THIN[quantity.name]}"
-    elif is_traced(quantity) and not at_field:
+    elif quantity.local is not None and not at_field:  # what belongs to a field is traced
         yield (
             f"behind a real lens ({lens}) {name} is traced and differs from field to field; say where on the array, "
             'e.g. field = "3 mm" (once for each place that matters)'

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera
@@ -168,13 +168,9 @@ def _percent(share: float) -> str:
 
 def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
-    x, y = on_mla(design, design.main_lens.decentre).tolist()
-    return x, y, field_limit(Camera.of(design)).mla_radius
-
-
-def on_mla(design: Design, points: ArrayLike) -> Array:
-    """Points against the optical axis in the MLA's own axes [mm]; shape (..., 2)."""
-    return on_array(Camera.of(design), np.subtract(points, design.main_lens.decentre))
+    camera = Camera.of(design)
+    x, y = on_array(camera, np.zeros(2)).tolist()
+    return x, y, field_limit(camera).mla_radius
 
 
 def _panel(design: Design, size: Point, margins: tuple[float, float, float, float]) -> Panel:

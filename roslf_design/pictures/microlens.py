@@ -12,7 +12,7 @@ from .._arrays import Array
 from ..camera import Camera
 from ..effects import plan
 from ..errors import InputError, Problem
-from ..evaluation.fields import axes_in_space, field_discs
+from ..evaluation.fields import field_discs
 from ..imaging.camera import ImageLattice, planned_camera
 from ..imaging.transfer import encircled
 from ..imaging.white import harmonic_series, white_patch
@@ -21,6 +21,7 @@ from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline
 from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.stop_images import MicrolensImages
 from ..theory.transfer import MicrolensTransfer
 from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, legend_height
@@ -79,7 +80,7 @@ class ImageView(NamedTuple):
 def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
     """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
     (centres,), (radii,) = field_discs(design, [place])
-    (axis,) = axes_in_space(design, [place])
+    (axis,) = MicrolensImages(Camera.of(design), [place]).in_system
     pitch, q = abs(float(microlens_image_pitch(Camera.of(design)))), design.q
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))

@@ -197,9 +197,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
     right = end + 0.07 * length
-    solid = [design.D / 2 + math.hypot(*design.main_lens.decentre), math.hypot(*design.sensor_size) / 2]
-    solid += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    solid += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
+    solid = [*reaches(design), math.hypot(*design.sensor_size) / 2]
     high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -343,6 +341,13 @@ def reach(element: AnyElement) -> float | None:
     if element.diameter is None and isinstance(element, LensGroup):
         return max(surface.semi_diameter for surface in element.lens.surfaces)
     return None if element.diameter is None else element.diameter / 2
+
+
+def reaches(design: Design) -> list[float]:
+    """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
+    rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
+    rims += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    return rims + [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
 
 
 def _glass(design: Design, section: SectionLayout) -> list[Mark]:

@@ -41,7 +41,7 @@ from ..lenses.glass import AIR
 from ..rays import PASSED, paths, trace_pupil
 from .marks import Area, Line, Mark, Text, joined, line_key, xy
 from .picture import PAGE, Panel, Picture, Scale, legend_height
-from .rays import name_of_drawn, profiles, reach
+from .rays import name_of_drawn, profiles, reach, reaches
 from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
@@ -154,10 +154,9 @@ def instrument_scene(design: Design) -> Instrument:
     rays = _pencils(design, start)
     inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
     # A tube that all elements and rays fit into.
-    radii = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
-    radii += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    radii += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
-    wall = max(1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0))
+    wall = max(
+        1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0)
+    )
     tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
     in_air = design.object_space.medium == AIR
     before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])

@@ -25,6 +25,7 @@ from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..optimization.solve import Tell
 from ..optimization.study import Result, designs, run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.analyses import summarise
@@ -47,7 +48,6 @@ from .design import design_report, making
 from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
 
-Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""

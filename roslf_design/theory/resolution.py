@@ -33,11 +33,11 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
 from ..shapes.discs import Chords, chords
+from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter
 from .light import microlens_defocus
 
 Direction = Literal["tangential", "sagittal"]
-Kind = Literal["view", "refocused"]
 
 ROWS, NODES = 24, 24
 """Gauss-Legendre rows across a pupil's overlap, and places in each: transfers to 1e-3."""
