@@ -23,10 +23,8 @@ from ..effects.plan import plan
 from ..lenses.angles import angle_in_air
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
-from ..theory.disparity_error import view_gradient
 from ..theory.light import field_angle, outer_slope
-from ..theory.photometry import exposure
-from ..theory.quantities import QUANTITIES, depth_error, seen_at
+from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..words import length
@@ -34,7 +32,6 @@ from .fields import default_fields, evaluate_fields, rays_for, trace_lens
 from .result import (
     AtTemperature,
     Depth,
-    DepthAssumptions,
     Diffraction,
     Evaluation,
     ExitPupil,
@@ -48,6 +45,7 @@ from .result import (
     SeenPart,
     Temperatures,
 )
+from .specification import depth_assumptions
 from .verdicts import verdicts_of, warnings_of
 
 Group = TypeVar("Group")
@@ -184,25 +182,8 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
 
 def _depth(design: Design, camera: Camera) -> Depth:
     error = float(QUANTITIES["sigma_disparity_pitches"](camera))
-    depth, assumed = float(depth_error(camera, None, error)), _assumed(design, camera, error)
+    depth, assumed = float(depth_error(camera, None, error)), depth_assumptions(design, camera, error)
     return _numbers(Depth, camera, assumes=assumed, sigma_disparity_pitches=error, sigma_z_mm=depth)
-
-
-def _assumed(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
-    """What a predicted disparity error comes of."""
-    if design.depth.disparity_error is not None:
-        return None
-    across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
-    return DepthAssumptions(
-        electrons=float(QUANTITIES["pixel_electrons"](camera)),
-        exposure_s=float(exposure(camera)),
-        contrast=design.depth.contrast,
-        period_mm=design.depth.period,
-        gradient_per_pitch=float(view_gradient(camera, seen_at(camera, None))),
-        views=math.pi / 4 * across**2,
-        window=design.depth.window,
-        sigma_disparity_pitches=error,
-    )
 
 
 def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float) -> LookedThrough:

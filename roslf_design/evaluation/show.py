@@ -89,6 +89,20 @@ def depth_remark(depth: Depth) -> str:
     return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
 
 
+def depth_basis(assumed: DepthAssumptions | None) -> str:
+    """Light, texture and matching that a depth precision is told for, in words."""
+    if assumed is None:
+        return "as the design gives it"
+    texture = f"a texture of {100 * assumed.contrast:.3g} % rms contrast "
+    texture += (
+        "in each octave of detail" if assumed.period_mm is None else f"with a period of {length(assumed.period_mm)}"
+    )
+    return (
+        f"for {number(assumed.electrons, 4)} electrons a pixel in {number(1e3 * assumed.exposure_s, 3)} ms, {texture}, "
+        f"and {assumed.window:g} x {assumed.window:g} microlenses matched"
+    )
+
+
 def _light_facts(assumed: DepthAssumptions) -> list[tuple[str, str, str]]:
     detail = (
         "in each octave of detail" if assumed.period_mm is None else f"with a period of {length(assumed.period_mm)}"

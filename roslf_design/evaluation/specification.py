@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,17 +16,21 @@ from ..json_data import plain
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_of_field import Kind, depth_of_field
+from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
-from ..theory.photometry import behind
-from ..theory.quantities import QUANTITIES, depth_error, image_rate
+from ..theory.photometry import behind, exposure
+from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
 from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
 from .fields import default_fields
+from .result import DepthAssumptions
 
 Place = tuple[float, float]
 
 CRITERION = "a point spreads over one microlens pitch, by rays"
+AT_TIP = 0.01
+"""Of the focal plane's distance: what begins nearer counts as beginning at the tip."""
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
@@ -50,6 +54,8 @@ class ObjectField:
     """What is seen on a plane ahead of the tip."""
 
     at_mm: float
+    plane: str
+    """Which plane it is, as "far end" of the working range."""
     width_mm: float
     height_mm: float
     diagonal_mm: float
@@ -75,6 +81,9 @@ class Resolved:
     sagittal_lp_per_mm: tuple[float | None, float | None]
     fold_lp_per_mm: float
     """Beyond it detail folds back: one sample a microlens."""
+    usable_lp_per_mm: float | None
+    """The lower of both: finest detail that shows, with half its contrast or more, as what it is."""
+    limited_by: Literal["contrast", "sampling"]
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,29 @@ class FieldPoint:
     local_magnification: float | None
     """Array over object, along the field's radius."""
     relative_illumination: float
+
+
+@dataclass(frozen=True)
+class DepthSpread:
+    """Standard error of depth at one place."""
+
+    at_mm: float
+    plane: str
+    x_ml_mm: Place
+    sigma_z_mm: float
+    """Infinite, None in JSON, where nothing tells of depth."""
+
+
+@dataclass(frozen=True)
+class DepthPrecision:
+    """What depths are worth, of one measurement, before errors of calibration."""
+
+    spreads: tuple[DepthSpread, ...]
+    """On the axis at the ends of the working range and the focal plane; there at the field's edge and corner, too."""
+    sigma_disparity_pitches: float
+    """At the focal plane, on the axis."""
+    assumes: DepthAssumptions | None
+    """Light, texture and matching; None where the design gives the disparity's error."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +178,7 @@ class Specification:
     """Nearest focal plane with which the refocused image is sharp to infinity; None where none is."""
     view_hyperfocal_mm: float | None
     object_field: tuple[ObjectField, ...]
+    depth_precision: DepthPrecision
     resolution: tuple[Resolved, ...]
     depth_of_field_mm: Ends
     field: tuple[FieldPoint, ...]
@@ -170,15 +203,17 @@ class Specification:
         return data
 
 
-def planes(camera: Camera) -> tuple[float, float, float]:
-    """Near end of the working range, focal plane, far end, ahead of the tip [mm]; finite, and none at the tip."""
+def planes(camera: Camera) -> dict[str, float]:
+    """Near end of the working range, focal plane and far end, by what they are [mm ahead of the tip].
+
+    Where the range begins at the tip, half of the focal plane's distance stands for its near end; where it never ends,
+    `BEYOND` times that for the far one.
+    """
     focus = float(field_of_view.focus_ahead(camera))
     near, far = _sharp(camera, "view")
-    return (
-        near if near > 0.1 * focus else focus / 2,
-        focus,
-        far if far < BEYOND * focus else BEYOND * focus,
-    )
+    first = ("near end", near) if near > AT_TIP * focus else ("half the focus", focus / 2)
+    last = ("far end", far) if math.isfinite(far) else ("twice the focus", BEYOND * focus)
+    return dict([first, ("focal plane", focus), last])
 
 
 def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
@@ -221,7 +256,9 @@ def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Res
     told = tuple(images.fields[field].tolist())
     each = [(None if math.isnan(a) else a, None if math.isnan(b) else b) for a, b in (tangential, sagittal)]
     fold = min(transfer.fold(way) for way in ("tangential", "sagittal"))
-    return Resolved(at, _known(float(x0)), told, image, half, tenth, each[0], each[1], fold)
+    usable = None if half is None else min(half, fold)
+    limit: Literal["contrast", "sampling"] = "contrast" if usable == half else "sampling"
+    return Resolved(at, _known(float(x0)), told, image, half, tenth, each[0], each[1], fold, usable, limit)
 
 
 def specification(design: Design) -> Specification:
@@ -242,7 +279,8 @@ def specification(design: Design) -> Specification:
     camera = images.camera
     corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
     ends = images_of(design, on_array(camera, corners))
-    distances = planes(camera)
+    stations = planes(camera)
+    distances = tuple(stations.values())
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
@@ -261,7 +299,8 @@ def specification(design: Design) -> Specification:
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
-        object_field=tuple(_object_field(ends, at) for at in distances),
+        object_field=tuple(_object_field(ends, at, plane) for plane, at in stations.items()),
+        depth_precision=_depth_precision(design, images, stations),
         resolution=tuple(rows),
         depth_of_field_mm=Ends(view, refocused),
         field=points,
@@ -305,13 +344,44 @@ def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, floa
     return _across(ends, ways, field_of_view.between, [QUANTITIES[name](ends.camera, at) for name in names])
 
 
-def _object_field(ends: MicrolensImages, at: float) -> ObjectField:
+def _depth_precision(design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> DepthPrecision:
+    camera, (axis, *off) = images.camera, [(x, y) for x, y in images.fields.tolist()]
+    rows = [
+        DepthSpread(at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == "focal plane" else at)))
+        for plane, at in stations.items()
+    ]
+    local = np.broadcast_to(QUANTITIES["sigma_z_at_field_mm"].at_fields(images), (1 + len(off), 1))[1:, 0].tolist()
+    focus = stations["focal plane"]
+    known = (sigma if math.isfinite(sigma) else math.inf for sigma in local)
+    rows += [DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
+    error = float(QUANTITIES["sigma_disparity_pitches"](camera))
+    return DepthPrecision(tuple(rows), error, depth_assumptions(design, camera, error))
+
+
+def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
+    """What a predicted disparity error comes of."""
+    if design.depth.disparity_error is not None:
+        return None
+    across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
+    return DepthAssumptions(
+        electrons=float(QUANTITIES["pixel_electrons"](camera)),
+        exposure_s=float(exposure(camera)),
+        contrast=design.depth.contrast,
+        period_mm=design.depth.period,
+        gradient_per_pitch=float(view_gradient(camera, seen_at(camera, None))),
+        views=math.pi / 4 * across**2,
+        window=design.depth.window,
+        sigma_disparity_pitches=error,
+    )
+
+
+def _object_field(ends: MicrolensImages, at: float, plane: str) -> ObjectField:
     camera = ends.camera
     halves = [2 * QUANTITIES[f"field_half_{side}_mm"](camera, at) for side in ("width", "height", "diagonal")]
     magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
     met = np.stack(ends.on_plane(at), axis=-1)
     sides = _across(ends, met, lambda a, b: np.linalg.norm(a - b, axis=-1), halves)
-    return ObjectField(at, *sides, magnification, sample)
+    return ObjectField(at, plane, *sides, magnification, sample)
 
 
 def _across(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..evaluation.fields import default_fields
-from ..evaluation.specification import planes, transfer_at
+from ..evaluation.specification import BEYOND, planes, transfer_at
 from ..theory.light import on_array, sensor_field
 from ..traced.fields import images_of
 from .marks import Image, Key, Line, Mark, Text, line_key
@@ -65,8 +65,8 @@ def resolution_map(design: Design) -> Picture:
     middle = (low + high) / 2
     places = on_array(camera, middle + share[:, None] * (high - middle))
     images = images_of(design, places)
-    near, _, far = planes(camera)
-    distances = np.linspace(near, far, ROWS)
+    near, focus, far = planes(camera).values()
+    distances = np.linspace(near, min(far, BEYOND * focus), ROWS)  # farther out hardly anything changes
     values = np.full((ROWS, COLUMNS), math.nan)
     for row, at in enumerate(distances):
         for column in range(COLUMNS):

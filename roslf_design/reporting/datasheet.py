@@ -11,6 +11,8 @@ import numpy as np
 
 from .._arrays import Array
 from ..camera import Camera
+from ..design.elements import Prism
+from ..evaluation.show import depth_basis
 from ..evaluation.specification import (
     CRITERION,
     Colour,
@@ -31,6 +33,7 @@ from ..theory.stop_images import MicrolensImages
 from ..tolerancing.trials import first_builds
 from ..words import number
 from .blocks import Block, Figure, Paragraph, Report, Section, Table
+from .tolerance import impossible_words
 
 if TYPE_CHECKING:
     from ..calibration.lengths import LengthCovariance
@@ -48,6 +51,11 @@ REAL = (
     "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
     "through it tell. Distances of sharpness, magnification on the axis and all spreads are those of its thin twin."
 )
+USABLE = (
+    "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
+    "period a microlens, beyond which detail folds back."
+)
+DEPTH = "Depth accuracy, 1 σ"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
 NOMINAL = "Nominal values: no tolerance study is at hand."
@@ -170,8 +178,9 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     ):
         text = "none" if value is None else ""
         yield SheetLine("Distances", name, value, "mm", "nearest focus that is sharp to infinity", quantity, text)
-    for k, (field, where) in enumerate(zip(sheet.object_field, ("near", "focal plane", "far"), strict=True)):
-        at = f"at {number(field.at_mm, 4)} mm ({where})"
+    yield from _depth_lines(sheet, traced)
+    for k, field in enumerate(sheet.object_field):
+        at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
         focal = k == 1
         for name, value, unit, remark, quantity, twice in (
             ("width", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm", "field_half_width_mm", 2.0),
@@ -190,14 +199,19 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
         aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
-        dark = "" if row.mtf50_lp_per_mm is not None else "dark or folded" if traced else "dark"
+        dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
-        folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
+        half, tenth, fold = (
+            number(value or 0.0, 4) for value in (row.mtf50_lp_per_mm, row.mtf10_lp_per_mm, row.fold_lp_per_mm)
+        )
+        remark = f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
+        if row.limited_by == "contrast":
+            remark = f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+        limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         yield SheetLine(
-            "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
-            "mtf50_lp_per_mm" if axial else "", dark, of,
-        )  # fmt: skip
+            "Resolution", at, row.usable_lp_per_mm, "lp/mm", "" if dark else remark, limit if axial else "", dark, of
+        )
     outermost, middle = corner(sheet.field), sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None
@@ -228,12 +242,34 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
-    yield SheetLine(
-        "Body", "outer diameter", sheet.outer_diameter_mm, "mm", "of the narrowest tube", "outer_diameter_mm"
-    )
-    yield SheetLine("Body", "length", sheet.length_mm, "mm", "tip to sensor", "total_length_mm")
+    turned = any(isinstance(element, Prism) and element.deviation for element in design.elements)
+    unfolded = ", unfolded along the light: the housing turns with the prism" if turned else ""
+    around = "of the narrowest tube about clear apertures and sensor" + (", unfolded" if turned else "")
+    around += "; mounts come on top" if design.tube is None else "; mounts within its wall"
+    yield SheetLine("Body", "outer diameter", sheet.outer_diameter_mm, "mm", around, "outer_diameter_mm")
+    yield SheetLine("Body", "length", sheet.length_mm, "mm", f"tip to sensor{unfolded}", "total_length_mm")
     parts = ", ".join(f"{part.name} {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
     yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
+
+
+def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:
+    """What depths are worth, at both ends of the working range and over the field in focus."""
+    names = ("axis", "axis", "axis", "edge of the field", "corner of the field")
+    for spread, name in zip(sheet.depth_precision.spreads, names, strict=True):
+        focal, axial = spread.plane == "focal plane", name == "axis"
+        of = None
+        if not axial:
+            of = None if traced else partial(_at_field, QUANTITIES["sigma_z_at_field_mm"], spread.x_ml_mm)
+        elif not focal:
+            of = partial(_at_distance, QUANTITIES["sigma_z_mm"], spread.at_mm, 1.0)
+        yield SheetLine(
+            DEPTH, f"at {number(spread.at_mm, 4)} mm ({spread.plane}), {name}", spread.sigma_z_mm, "mm", "",
+            "sigma_z_mm" if focal and axial else "", "" if math.isfinite(spread.sigma_z_mm) else "none", of,
+        )  # fmt: skip
+
+
+def _at_field(quantity: Quantity, place: Place, camera: Camera) -> float:
+    return float(np.ravel(quantity.at_fields(MicrolensImages(camera, [place])))[0])
 
 
 def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> float:
@@ -243,7 +279,7 @@ def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Ca
 def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
     """At the row's distance, or on the build's own focal plane."""
     at = float(focus_ahead(camera)) if focal else row.at_mm
-    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).mtf50_lp_per_mm
+    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).usable_lp_per_mm
     return math.nan if value is None else value
 
 
@@ -302,7 +338,9 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
             f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
-            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). Lines that the study does not "
+            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
+            + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
         )
     if calibration is not None:
@@ -313,7 +351,7 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
         )
         if design is calibration.design:
             sentences.append("Values are those of that instrument.")
-    sentences.append("Lines without one are nominal." if sentences else NOMINAL)
+    sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
     return Basis(
         tuple(sentences),
         {} if built is None else built.deviations(rows),
@@ -341,28 +379,34 @@ def _value(line: SheetLine) -> str:
     return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
-def _spread(line: SheetLine, sigma: Mapping[str, float], missing: str) -> str:
+def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
     if line.key not in sigma:
-        return missing
+        return "–"
     # A millionth of the value is what derivatives' steps leave.
     return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
 def datasheet_section(grounds: Basis) -> Section:
     """The page."""
-    columns = (("± 2σ, builds", grounds.sigma, "nominal"), ("± 2σ, calibrated", grounds.calibrated, "–"))
-    spreads = [column for column in columns if column[1]] or [("tolerance", {}, "nominal")]
+    columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
+    spreads = [column for column in columns if column[1]]
     tables: dict[str, list[tuple[str, ...]]] = {}
-    captions = {"Distances": SHARP}
+    captions = {
+        "Distances": SHARP,
+        DEPTH: f"One standard deviation of one measurement, {depth_basis(grounds.sheet.depth_precision.assumes)}; "
+        "what a calibration leaves comes on top.",
+        "Object field": "Ends are those of the working range.",
+        "Resolution": USABLE,
+    }
     for line in lines(grounds.design, grounds.sheet):
         if line.name == PARTS:  # too long for a cell
             captions[line.subject] = f"{line.text} parts: {line.remark}."
             continue
         rows = tables.setdefault(line.subject, [])
-        cells = (_spread(line, sigma, missing) for _, sigma, missing in spreads)
+        cells = (_spread(line, sigma) for _, sigma in spreads)
         rows.append((line.name, _value(line), *cells, line.remark))
     widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
-    headings = ("", "value", *(heading for heading, *_ in spreads), "")
+    headings = ("", "value", *(heading for heading, _ in spreads), "")
     blocks: list[Block] = [Paragraph(grounds.words)]
     if grounds.design.lens is not None:
         blocks.append(Paragraph(REAL))

@@ -11,6 +11,7 @@ import numpy as np
 from ..camera import Camera
 from ..design.elements import Prism
 from ..evaluation import default_fields
+from ..evaluation.show import depth_basis
 from ..imaging.transfer import encircled
 from ..pictures.curves import depth_precision, matching_plane
 from ..pictures.effects import effects_budget
@@ -19,7 +20,7 @@ from ..pictures.microlens import microlens_images, rays_and_waves
 from ..pictures.picture import PAGE
 from ..pictures.rays import cells, dimensions, is_centred, ray_diagrams
 from ..pictures.solid import NoViewerError, instrument_scene, library, outlines, scene_data
-from ..words import length, number, spaced
+from ..words import number, spaced
 from .blocks import Figure
 
 if TYPE_CHECKING:
@@ -182,15 +183,7 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 
 
 def _depth_sheet(design: Design, result: Evaluation) -> Figure:
-    depth, assumed = result.depth, result.depth.assumes
-    basis = "as the design gives it"
-    if assumed is not None:
-        basis = (
-            f"for {number(assumed.electrons, 3)} electrons a pixel, a texture of {assumed.contrast:.0%} rms contrast "
-            f"in each octave of detail, and {assumed.window:g} x {assumed.window:g} microlenses matched"
-        )
-        if assumed.period_mm is not None:
-            basis = basis.replace("in each octave of detail", f"with a period of {length(assumed.period_mm)}")
+    depth, basis = result.depth, depth_basis(result.depth.assumes)
     caption = (
         f"One standard deviation of depth: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
         f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.reporting import story
+from roslf_design.reporting import datasheet, story
 from roslf_design.reporting.blocks import Report
 from tests.commands.test_cli import run
 
@@ -48,14 +48,31 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys):
         (5, "refocused, 230 mm ahead, 33.58 mm off axis"),
         (9, "a view, 199.4 mm ahead, axis"),
     ):
-        low, high = (sheet.resolution[row].mtf50_lp_per_mm for sheet in ends)
+        low, high = (sheet.resolution[row].usable_lp_per_mm for sheet in ends)
         assert lines[name]["two_sigma"] == pytest.approx(abs(high - low) / 0.02 * share, rel=0.25), name
-    assert lines["width at 199.4 mm (near)"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
+    assert lines["width at 199.4 mm (near end)"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
     with (tmp_path / "a.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [line["name"] for line in told["lines"]]
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
 
+
+def test_spreads_are_of_builds_that_can_be_put_together(tmp_path, monkeypatch, capsys):
+    window = {"kind": "plate", "distance": 121.0, "thickness": 4.0, "material": "N-BK7", "diameter": 20.0}
+    roslf.save(roslf.load("paper").replace({"elements": [window]}), tmp_path / "design.toml")
+    study = STUDY.replace('"paper"', '"design.toml"').replace("aperture.diameter", "aperture.distance")
+    (tmp_path / "study.toml").write_text(study.replace("29 um", "2 mm").replace("[[goals]]", DOWN))
+    monkeypatch.setattr(datasheet, "FEW", 8)
+    assert run(capsys, "datasheet", tmp_path / "study.toml", "-o", tmp_path / "a.json")[0] == 0
+    told = json.loads((tmp_path / "a.json").read_text())
+    assert "of the builds cannot be put together: FAP and plate 1 collide" in told["basis"]
+    for line in told["lines"]:
+        if line["subject"] in ("Field of view", "Distances", "Depth accuracy, 1 σ", "Resolution"):
+            assert line["two_sigma"] is not None, line["name"]
+
+
+DOWN = """distribution = "uniform"
+[[goals]]"""
 
 WINDOWED = {
     "object_space.medium": "water",

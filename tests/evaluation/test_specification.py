@@ -266,6 +266,27 @@ def test_every_number_as_a_row_of_csv(tmp_path, capsys):
         assert words in err
 
 
+@pytest.mark.parametrize("focal_plane", [25.0, 8.0])
+def test_lines_of_one_sheet_agree_and_depths_are_those_of_evaluate(focal_plane):
+    """A scope whose views are sharp to infinity, and one whose far end lies beyond twice the focal plane."""
+    design = roslf.load("rigid-scope").replace({"main_lens.focal_plane": focal_plane})
+    sheet, told = roslf.specification(design), roslf.evaluate(design)
+    (near, far), focus = sheet.working_range_mm, sheet.working_distance_mm
+    ends = [("near end", near), ("focal plane", focus)]
+    ends.append(("twice the focus", 2 * focus) if focal_plane == 25 else ("far end", far))
+    assert math.isinf(far) if focal_plane == 25 else 2 * focus < far < math.inf
+    assert [(field.plane, field.at_mm) for field in sheet.object_field] == ends
+    spreads = sheet.depth_precision.spreads
+    assert [(row.plane, row.at_mm) for row in spreads] == [*ends, ends[1], ends[1]]
+    assert spreads[1].sigma_z_mm == told.depth.sigma_z_mm
+    assert [row.sigma_z_mm for row in spreads[3:]] == [field.sigma_z_mm for field in told.fields[1:]]
+    assert spreads[0].sigma_z_mm < spreads[1].sigma_z_mm < spreads[2].sigma_z_mm
+    assert sheet.depth_precision.assumes == told.depth.assumes
+    for row in sheet.resolution:
+        assert row.usable_lp_per_mm == min(row.mtf50_lp_per_mm, row.fold_lp_per_mm)
+        assert row.limited_by == ("contrast" if row.mtf50_lp_per_mm < row.fold_lp_per_mm else "sampling")
+
+
 def test_a_field_without_light_and_a_plane_without_end():
     dark = PAPER.replace({"stops": [{"diameter": 4.0, "distance": 40.0}]})
     sheet = specification(dark)
