@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
-from ..reporting.tolerance import headline, impossible_words, tables, tolerance_pictures, tolerance_report
+from ..reporting.tolerance import cost_words, headline, impossible_words, tables, tolerance_pictures, tolerance_report
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
@@ -132,7 +132,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     for grade in result.grades:
         yield Paragraph(f"Grade {grade.grade}: yield {_percent(grade.result)}")
     if result.budget is not None and result.budget.looser:
-        saved = "" if result.budget.cost is None else f", cost {result.budget.cost:+.2f}"
+        saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} that may be looser, yield {_percent(result.budget.result)}{saved}")
     yield from tables(result, brief=True)

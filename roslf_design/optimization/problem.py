@@ -154,6 +154,11 @@ NUMBERS = (BENDING,)
 """Variables without a unit."""
 
 
+def titled(title: str, kind: str) -> str:
+    """A design's name after what was done to it, told once."""
+    return title if title.lower().endswith(f", {kind}") else f"{title}, {kind}"
+
+
 def _named(name: Any) -> Any:
     return quantity_named(name) if isinstance(name, str) else name
 
@@ -465,7 +470,7 @@ class DesignProblem:
             changes.pop(FOCAL, None)
             if not changes.keys() & CONJUGATES[1:]:
                 changes[CONJUGATES[2]] = float(np.ravel(camera.d_1)[0])
-        return self.design.replace({**given, **changes, "name": name or f"{self.name}, optimised"})
+        return self.design.replace({**given, **changes, "name": name or titled(self.name, "optimised")})
 
     def _lens_at(self, unit: Array) -> dict[str, Any]:
         """The real lens at one point, as it stands in the camera."""

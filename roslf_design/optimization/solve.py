@@ -376,7 +376,7 @@ def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settin
         notes.append("a start lay outside the bounds and was moved onto them")
     mapped = sum(s.mapped for s in searches)
     if mapped:
-        notes.append(f"{mapped} evaluations met numbers that are not finite; they counted as very bad")
+        notes.append(f"{mapped} evaluation{'s' * (mapped > 1)} met numbers that are not finite and counted as very bad")
     return notes
 
 

@@ -29,7 +29,7 @@ from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
 from .lens_variables import BENDING, lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults
+from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults, titled
 from .ranking import CatalogueTable, Combinations, Ranking, rank
 from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
@@ -322,12 +322,12 @@ def designs(result: Result) -> Iterator[tuple[str, Design]]:
     title, source = answer.asked.name, f"roslf optimize, from {answer.problem.design.name}"
     name, kind = ("best.toml", "optimised") if answer.feasible else ("least-violating.toml", "least-violating")
     try:
-        yield name, answer.problem.design_at(answer.unit, f"{title}, {kind}").replace({"source": source})
+        yield name, answer.problem.design_at(answer.unit, titled(title, kind)).replace({"source": source})
     except InputError:
         if answer.feasible:
             raise
     if result.robust is not None:
-        robust = answer.problem.design_at(result.robust.unit, f"{title}, robust")
+        robust = answer.problem.design_at(result.robust.unit, titled(title, "robust"))
         yield "robust.toml", robust.replace({"source": source})
     if result.ranking is not None:
         combinations = result.ranking.combinations

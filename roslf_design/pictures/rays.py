@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -617,19 +617,42 @@ def dimensions(design: Design) -> Picture:
             marks += _view(element.glass, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
-    for text, start, stop_at in _dimension_lines(design):
-        a, b = far[start] if text.startswith("overall") else near[start], near[stop_at]
+    aside: list[Mark] = []
+    lines = [
+        (text, start, stop, far[start] if text.startswith("overall") else near[start], near[stop])
+        for text, start, stop in _dimension_lines(design)
+    ]
+    for k, (text, start, stop_at, a, b) in enumerate(lines):
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
-        marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-        inside = (b - a) * unit > text_width(text, SMALL) + 24
-        at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
-        marks.append(Text(at, level, text, "ink", SMALL, anchor, dx, 4, plate=True))
+        wide = (text_width(text, SMALL) + 8) / unit
+        below = {at for *_, one, other in lines[k + 1 :] for at in (one, other)}
+        middle = _clear_middle(a, b, below, wide, 8 / unit)
+        if middle is None:
+            marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
+            aside.append(Text(a, level, text, "ink", SMALL, "end", -7.0, 4, plate=True))
+        else:  # the line stops before its words
+            for end, side in ((a, -1), (b, 1)):
+                marks.append(Line([middle + side * wide / 2, end], [level, level], "ink", 0.9, ends=">"))
+            marks.append(Text(middle, level, text, "ink", SMALL, "middle", 0.0, 4))
         level -= 0.36
+    marks += aside  # over the leaders of longer ones
     y = Scale(level + 0.05, highest)
     size = PAGE, 0.86 * unit * (y.high - y.low)
     panel = Panel((0.0, 0.0, *size), x, y, tuple(marks), bare=True)
     return Picture("dimensions", f"Elements of {design.name} and their dimensions", size, (panel,))
+
+
+def _clear_middle(start: float, end: float, crossing: Iterable[float], wide: float, head: float) -> float | None:
+    """Where words so wide stand on a dimension line: near its middle, between the leaders that cross it, off its heads.
+
+    None where there is no room on it.
+    """
+    cuts = sorted({start, end, *(at for at in crossing if start < at < end)})
+    rooms = [(a + (head if a == start else 0.0), b - (head if b == end else 0.0)) for a, b in pairwise(cuts)]
+    middle = (start + end) / 2
+    places = [min(max(middle, a + wide / 2), b - wide / 2) for a, b in rooms if b - a >= wide]
+    return min(places, key=lambda place: abs(place - middle), default=None)
 
 
 def _all_elements(design: Design) -> list[SchematicPart]:
@@ -665,8 +688,10 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
         (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
-        (f"d_3 = {length(design.d_3)}", "FAP", "main lens"),
-        *((f"{name}: {length(distance)}", name, "main lens") for name, distance in stops.items() if name != "FAP"),
+        *(
+            (f"d_3 = {length(distance)}" if name == "FAP" else f"{name}: {length(distance)}", name, "main lens")
+            for name, distance in sorted(stops.items(), key=lambda stop: stop[1])
+        ),
         (f"d_f = {length(design.d_f)}", "object plane", "main lens"),
         (f"overall {length(overall)}", front, "sensor"),
     ]

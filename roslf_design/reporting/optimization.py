@@ -244,14 +244,15 @@ def _tables(result: Result) -> Iterator[Table]:
     moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
 
     def called(name: str) -> str:
-        return f"{name}, follows" if name in follows else f"{name}, no unit" if name in NUMBERS else name
+        return f"{name}, follows" if name in follows else name
 
     columns: tuple[Column, ...] = (
         ("variable", "l", called),
-        ("from [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
-        ("value [mm]", "d", lambda name: f"{values[name]:.5g}"),
-        ("to [mm]", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
-        ("robust [mm]", "d", lambda name: f"{moved[name]:.5g}"),
+        ("from", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
+        ("value", "d", lambda name: f"{values[name]:.5g}"),
+        ("to", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
+        ("unit", "l", lambda name: "" if name in NUMBERS else "mm"),
+        ("robust", "d", lambda name: f"{moved[name]:.5g}"),
     )
     title = "The design" if answer.feasible else "The least-violating point"
     yield Table.of(values, columns if moved else columns[:-1], title)
@@ -264,7 +265,12 @@ def _tables(result: Result) -> Iterator[Table]:
             ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
             (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
         )
-        yield Table.of(answer.active, columns, "Limits that the optimum rests on")
+        caption = (
+            "Multiplier: what the merit, the weighted mean of the goals' logarithms, gives for the limit, both scaled. "
+            "Relaxing, for small steps: a limit that gives way by one unit makes "
+        )
+        caption += "the goal so much better." if single else "the goals together so many percent better."
+        yield Table.of(answer.active, columns, "Limits that the optimum rests on", caption)
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")

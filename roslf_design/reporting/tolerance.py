@@ -147,7 +147,7 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
-            remedy = f"Cheapest: {change_words(result, best)} ({_cost(best.cost)}); yield {_share(best.result)}."
+            remedy = f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {_share(best.result)}."
     return Statement("bad", text, remedy)
 
 
@@ -303,7 +303,8 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         )
         caption = (
             f"What reaches {100 * budget.target:.4g} %, cheapest first. "
-            "Cost: more than now, in the unit of the grades' file; a tolerance between two grades by its logarithm."
+            "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
+            "tolerance between two grades by its logarithm."
         )
         yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
     if budget.looser:
@@ -312,13 +313,13 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             ("± now", "r", lambda part: _width(design, part.place, part.given)),
             ("may be ±", "r", lambda part: _width(design, part.place, part.tolerance)),
             ("grade", "l", lambda part: part.grade),
-            ("saves", "d", lambda part: _cost(part.saved)),
+            ("saves", "d", lambda part: "not known" if part.saved is None else f"{part.saved:.2f}"),
         )
         after = "after the cheapest change, " if budget.changes else ""
         caption = (
             f"All together, {after}a yield of {100 * budget.result.value:.2f} % of {budget.result.trials:,} builds"
-            + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all")
-            + "."
+            + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
+            + ". Saves: of the part's cost, in the unit of the grades' file; as shipped, 1 is the part in its loosest grade."
         )
         yield Table.of(budget.looser, shown, "What may be looser", caption)
 
@@ -347,6 +348,13 @@ def _width(design: Design, place: str, value: float) -> str:
 
 def _share(measured: Yield) -> str:
     return f"{100 * measured.value:.2f} % of {measured.trials:,} builds"
+
+
+def cost_words(cost: float | None) -> str:
+    """A change of cost in words."""
+    if cost is None:
+        return "cost not known"
+    return f"costs {abs(cost):.2f} {'less' if cost < 0 else 'more'} than now, in the unit of the grades' file"
 
 
 def _cost(cost: float | None) -> str:

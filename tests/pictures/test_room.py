@@ -128,3 +128,19 @@ def test_words_of_a_section_with_elements_do_not_touch(name, size):
                 for other in boxes[:n]:
                     apart = left >= other[1] or right <= other[0] or top >= other[3] or bottom <= other[2]
                     assert apart, (picture.name, text, other[4])
+
+
+@pytest.mark.parametrize("name", LOOKING)
+def test_no_line_strikes_through_the_words_of_a_dimension(name):
+    (panel,) = dimensions(LOOKING[name]).panels
+    lines = [mark for mark in panel.marks if isinstance(mark, Line) and np.size(mark.x) == 2]
+    words = [mark for mark in panel.marks if isinstance(mark, Text) and mark.anchor == "middle" and "=" in mark.text]
+    low = [mark for mark in words if mark.y < 0]
+    assert any(mark.text.startswith("d_f") for mark in low)
+    for mark in low:
+        x, y = panel.at(mark.x, mark.y)
+        half = FONT.getlength(re.sub("_", "", mark.text)) * mark.size / 2000
+        for line in lines:
+            (x0, y0), (x1, y1) = (panel.at(*end) for end in zip(np.ravel(line.x), np.ravel(line.y), strict=True))
+            apart = max(x0, x1) <= x - half or min(x0, x1) >= x + half or max(y0, y1) < y - 4 or min(y0, y1) > y + 4
+            assert apart, mark.text
