@@ -61,7 +61,7 @@ class ObjectField:
 
 @dataclass(frozen=True)
 class Resolved:
-    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None where dark or folded."""
+    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None: dark or folded."""
 
     at_mm: float
     x0_mm: float | None

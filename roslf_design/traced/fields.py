@@ -59,9 +59,10 @@ class LensImages(MicrolensImages):
     @cached_property
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the lens's axis."""
-        axis = real_images(self.lens, np.zeros((1, 2)))
-        _, *whole = polygon_moments(axis.outline)
-        uncut = uncut_light(self._light(np.zeros((1, 2)), axis.whole_area, *whole), self.camera)
+        fap = self.lens.fap
+        rim = sensor_of_pupil(self.lens, np.zeros(2), fap.centre + fap.diameter / 2 * circle(SPOKES))
+        area, *rest = polygon_moments(rim.sensor[None])
+        uncut = uncut_light(self._light(np.zeros((1, 2)), np.where(rim.ok.all(), area, np.nan), *rest), self.camera)
         seen = self.traced
         return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
 
