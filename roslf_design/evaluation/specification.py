@@ -15,11 +15,11 @@ from ..design import Design
 from ..json_data import plain
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
-from ..theory.depth_of_field import depth_of_field
+from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.light import on_array
 from ..theory.photometry import behind
 from ..theory.quantities import QUANTITIES, depth_error, image_rate
-from ..theory.resolution import FieldTransfer, Kind
+from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
 from .fields import default_fields
@@ -61,7 +61,7 @@ class ObjectField:
 
 @dataclass(frozen=True)
 class Resolved:
-    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None: dark or folded."""
+    """Detail that an image shows, by its contrast; the coarser of both directions. None where dark or folded."""
 
     at_mm: float
     x0_mm: float | None

@@ -222,9 +222,10 @@ class RealLensTracer:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
         camera = self.camera
         out = np.zeros(weight.size)
+        lens_x, lens_y = (float(at) for at in camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, camera.chain is not None, self.sight, *map(float, camera.lens_centre),
+            self.in_focus, camera.chain is not None, self.sight, lens_x, lens_y,
             rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
             weight.reshape(-1), out,
         )  # fmt: skip

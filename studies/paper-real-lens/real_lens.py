@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from roslf_design.design import Design, load
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.pictures.axes import draw, drawing, handles
-from roslf_design.pictures.field import TWINS, LensCurves, lens_curves, lens_image
+from roslf_design.pictures.axes import draw, drawing
+from roslf_design.pictures.field import LensCurves, lens_curves, lens_image
 from roslf_design.pictures.picture import Panel, Scale
 from roslf_design.pictures.theme import THEMES
 from roslf_design.traced.camera import camera_of, microlenses
@@ -171,7 +172,12 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                     ax.set_ylabel(f"{where}\ny [px]")
                 if row == 2:
                     ax.set_xlabel("x [px]")
-        figure.legend(handles=handles(TWINS, THEMES["light"]), loc="outside lower center", ncols=2)
+        colour = THEMES["light"].colour
+        keys = [
+            Line2D([], [], color=colour("grey"), linestyle="--", label="thin twin"),
+            Line2D([], [], color=colour("blue"), label="real lens"),
+        ]
+        figure.legend(handles=keys, loc="outside lower center", ncols=2)
     return figure
 
 
