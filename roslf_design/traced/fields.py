@@ -26,13 +26,12 @@ from ..theory.stop_images import MicrolensImages
 from .builds import received
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
 from .images import FOLDED, TracedImages, circle, forward_rays, polygon_moments, real_images
+from .outlines import DEGREE, POWERS
 
 Array = NDArray[np.float64]
 
 RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
-DEGREE = 5
-POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 SOFT = 0.6
 """Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 GAUSS = 1 / math.sqrt(3)
