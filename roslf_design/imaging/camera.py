@@ -190,7 +190,7 @@ class ImageLattice:
         """Centres of their images in the sensor's frame [mm]."""
         return np.asarray(index @ self.image_axes.T + self.image_origin)
 
-    def nearest(self, index: Floats) -> Floats:
+    def nearest(self, index: NDArray[np.floating]) -> Floats:
         """Index of the microlens nearest to a fractional one, shape (..., 2), for square and hexagonal packing."""
         corners = [np.floor(index) + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
         far = [np.hypot(*np.moveaxis((index - corner) @ self.axes.T, -1, 0)) for corner in corners]

@@ -220,11 +220,11 @@ class RealLensTracer:
 
     def _met(self, surfaces: Surfaces, rays: ObjectRays, weight: Floats) -> Floats:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
-        camera = self.camera
-        out = np.zeros(weight.size)
+        camera, out = self.camera, np.zeros(weight.size)
+        lens_x, lens_y = map(float, camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, camera.chain is not None, self.sight, *map(float, camera.lens_centre),
+            self.in_focus, camera.chain is not None, self.sight, lens_x, lens_y,
             rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
             weight.reshape(-1), out,
         )  # fmt: skip
