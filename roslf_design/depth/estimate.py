@@ -80,6 +80,8 @@ class PixelNoise:
             raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+        for name in ("electrons", "read_noise", "saturation"):  # kernels are compiled once more for whole numbers
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     def dimmed(self, share: float) -> PixelNoise:
         """The same of pixels that give so much of the signal of what is told as 1."""
@@ -204,8 +206,8 @@ def estimate_disparity(
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
-    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along
-    the disparity so far; all views together give the picture and its gradient, and what remains gives the correction,
+    All candidates are compared first on some 25 groups of views. Then every view is warped back (spline of degree 7)
+    along the disparity so far; all views together give the picture and its gradient, and what remains the correction,
     by least squares over the window with the weights of the noise model (Fisher information with the texture's own
     values free). Where a window is at odds with itself, the one beside it that agrees best is taken, and a plane fitted
     to three windows' width, or to the window, carries the value to the microlens.
@@ -257,7 +259,7 @@ def estimate_disparity(
     some = every
     if len(views.grid) >= _MANY:
         other = views.grid.sum(axis=1) % 2 == 0
-        some = (splines[other], cells[other], views.pupil[:, other], views.aside[:, other])
+        some = (splines[other], cells[other], _read_only(views.pupil[:, other]), _read_only(views.aside[:, other]))
     bound = (low - first.step, high + first.step)
     for count in range(passes):
         robust = _ROBUST if count else math.inf
@@ -324,11 +326,10 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
-        # Read-only both, wherever they came from: kernels are compiled once more for arrays that are not.
-        where, beside = (np.broadcast_to(part, part.shape) for part in (where, beside))
         return cls(
-            np.ascontiguousarray(values), light, full, where, beside, places, lit, full.sum(axis=0), steps, density
-        )
+            np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places, lit,
+            full.sum(axis=0), steps, density,
+        )  # fmt: skip
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -359,6 +360,11 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
     if array.shape not in ((2, *shape[:2]), (2, *shape)):
         raise ValueError(f"{name} of shape {array.shape}; give (2, t, s) or (2, t, s, v, u) of {shape}")
     return array
+
+
+def _read_only(part: Pictures) -> Pictures:
+    """Of wherever it came from: kernels are compiled once more for arrays that can be written to."""
+    return np.broadcast_to(part, part.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -220,8 +220,9 @@ class RealLensTracer:
 
     def _met(self, surfaces: Surfaces, rays: ObjectRays, weight: Floats) -> Floats:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
-        camera, out = self.camera, np.zeros(weight.size)
-        lens_x, lens_y = map(float, camera.lens_centre)
+        camera = self.camera
+        out = np.zeros(weight.size)
+        lens_x, lens_y = (float(at) for at in camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
             self.in_focus, camera.chain is not None, self.sight, lens_x, lens_y,

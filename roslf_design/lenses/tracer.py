@@ -150,8 +150,9 @@ class SurfaceStack(NamedTuple):
         if has_law or pays(trace_slopes, total * count):
             trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
-            plain = [memoryview(array) for array in arrays]
-            trace_slopes.interpreted(total // builds, builds, count, backward, clip, *plain)
+            trace_slopes.interpreted(
+                total // builds, builds, count, backward, clip, *[memoryview(array) for array in arrays]
+            )
         return Passed(out[:2], out[2:], state, room)
 
 

@@ -266,10 +266,10 @@ def test_a_study_says_how_exactly_it_traced():
 
 def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
     moved = {"place": "aperture.distance", "tolerance": "10 um"}
-    data = {"name": "n", "trials": 64, "perturb": [moved], "goals": [{"metric": "relative_illumination", "min": 0.5}]}
+    data = {"name": "n", "trials": 64, "perturb": [moved], "goals": [{"metric": "undistorted_field_mm", "min": 0.5}]}
     for design, behind in (("paper-singlet", True), ("paper", False)):
         warnings = run_tolerances({**data, "design": design}, budgets=False).warnings
-        assert any("relative_illumination is not traced behind the real lens" in w for w in warnings) == behind
+        assert any("undistorted_field_mm is not traced behind the real lens" in w for w in warnings) == behind
 
 
 def test_images_partly_out_of_the_lenss_sight_are_those_of_each_build_traced_alone():
