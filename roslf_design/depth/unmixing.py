@@ -278,11 +278,11 @@ class _Map(NamedTuple):
         return np.asarray(left + self.along * (right - left))
 
 
-@kernel(parallel=True)
+@kernel()
 def _fill(values: Any, known: Any, out: Any) -> None:
     """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    for v in prange(values.shape[1]):
-        out[:, v] = values[:, v]
+    out[:] = values
+    for v in range(values.shape[1]):
         _fill_row(known[:, v], out[:, v])
 
 

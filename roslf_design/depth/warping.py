@@ -28,11 +28,11 @@ _SPLINE_LOSS = 0.1635
 """Noise power that a quintic spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
 
 
-@kernel(parallel=True)
+@kernel()
 def fill_holes(views: Samples, light: Samples) -> None:
     """Carry values into samples without light, along rows, then down columns, so that splines do not ring there."""
     count, rows, columns = views.shape
-    for k in prange(count):
+    for k in range(count):
         first = -1
         for v in range(rows):
             lit = -1
@@ -125,11 +125,11 @@ def _taps(f: float) -> Taps:
     return first, second, third, 1 - first - second - third - fifth - last, fifth, last
 
 
-@kernel(parallel=True)
+@kernel()
 def light_of_cells(light: Samples, out: Samples) -> None:
     """Light between four neighbouring samples; 0 where one of the 6 x 6 about it has none."""
     count, rows, columns = light.shape
-    for k in prange(count):
+    for k in range(count):
         ends = np.full(columns, -1)  # last row without light, in any of the six columns about each cell
         for v in range(-3, rows - 1):
             below = v + 3
