@@ -35,9 +35,12 @@ class Kernel(Generic[P, R]):
     Divisions by zero must be guarded in the source (interpreted, they raise).
     """
 
-    def __init__(self, function: Callable[P, R], parallel: bool = False, elementwise: bool = False) -> None:
+    def __init__(
+        self, function: Callable[P, R], parallel: bool = False, elementwise: bool = False, inline: bool = False
+    ) -> None:
         self.interpreted = function
         self.parallel = parallel
+        self.inline = inline
         self.elementwise = elementwise
         self.__doc__ = function.__doc__
         self.__name__ = getattr(function, "__name__", "kernel")
@@ -51,14 +54,14 @@ class Kernel(Generic[P, R]):
         """Fingerprint of this kernel with all that it calls and all constants it reads."""
         source = self.interpreted
         assert isinstance(source, FunctionType)
-        seen = hashlib.sha256(source.__code__.co_code)
+        fingerprint = hashlib.sha256(source.__code__.co_code + (b"inline" if self.inline else b""))
         for constant in source.__code__.co_consts:
-            seen.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
+            fingerprint.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
         for name in source.__code__.co_names:
             value = source.__globals__.get(name)
             known = value.digest if isinstance(value, Kernel) else repr(value) if isinstance(value, PLAIN) else ""
-            seen.update(f"{name}={known};".encode())
-        return seen.hexdigest()[:16]
+            fingerprint.update(f"{name}={known};".encode())
+        return fingerprint.hexdigest()[:16]
 
     @property
     def ready(self) -> bool:
@@ -103,9 +106,10 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
             except OSError:  # the folder is full: compiled, not kept
                 fast = vectorize([signature])(twin).ufunc
         return fast
-    compiled: Any = numba.njit(cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel)(
-        twin
-    )
+    compiled: Any = numba.njit(
+        cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel,
+        inline="always" if kernel.inline else "never",
+    )(twin)  # fmt: skip
     compile_now, unliteral = compiled.compile, numba.types.unliteral
 
     def compile_once(types: tuple[Any, ...]) -> Any:
@@ -148,15 +152,18 @@ def _alone(path: Path) -> Iterator[None]:
         yield
 
 
-def kernel(*, parallel: bool = False, elementwise: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+def kernel(
+    *, parallel: bool = False, elementwise: bool = False, inline: bool = False
+) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Make a function a `Kernel`.
 
     With `parallel`, its `prange` loops run on all threads when compiled. One that is `elementwise` takes and gives
-    floats, or arrays that broadcast; compiled, it takes one pass over them instead of one for each operation.
+    floats, or arrays that broadcast; compiled, it takes one pass over them instead of one for each operation. One that
+    is `inline` becomes part of compiled callers, for loops that are made vectors of only so.
     """
 
     def wrap(function: Callable[P, R]) -> Kernel[P, R]:
-        return Kernel(function, parallel, elementwise)
+        return Kernel(function, parallel, elementwise, inline)
 
     return wrap
 

@@ -42,7 +42,7 @@ def near_light(monkeypatch):
 
 @pytest.fixture
 def light_from_48_px(monkeypatch):
-    """Diffraction brings light from 48 pixels around, all but 0.4 % of it: a third of the rays where regions are small."""
+    """Diffraction brings light from 48 pixels around, all but 0.4 % of it: a third of the rays of small regions."""
     monkeypatch.setattr(transfer, "LEAST_HALO", 48)
 
 

@@ -206,8 +206,8 @@ def estimate_disparity(
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
-    All candidates are compared first on some 25 groups of views. Then every view is warped back (quintic spline) along
-    the disparity so far; all views together give the picture and its gradient, and what remains gives the correction,
+    All candidates are compared first on some 25 groups of views. Then every view is warped back (spline of degree 7)
+    along the disparity so far; all views together give the picture and its gradient, and what remains the correction,
     by least squares over the window with the weights of the noise model (Fisher information with the texture's own
     values free). Where a window is at odds with itself, the one beside it that agrees best is taken, and a plane fitted
     to three windows' width, or to the window, carries the value to the microlens.
@@ -307,9 +307,7 @@ class _Views:
         grid, shape = field.values.shape[:2], field.values.shape[2:]
         if min(shape) < 4:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
-        where = np.asarray(pupil, np.float32)
-        if where.shape not in ((2, *grid), (2, *grid, *shape)):
-            raise ValueError(f"pupil of shape {where.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
+        where = _checked("pupil", pupil, field)
         usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
         values, light = field.values[usable], field.weight[usable]
         where = where[:, usable]
@@ -318,10 +316,7 @@ class _Views:
             where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
         else:
             known = np.asarray(np.isfinite(where).all(axis=0))
-        beside = np.zeros((2, *grid), np.float32) if aside is None else np.asarray(aside, np.float32)
-        if beside.shape not in ((2, *grid), (2, *grid, *shape)):
-            raise ValueError(f"aside of shape {beside.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
-        beside = beside[:, usable]
+        beside = (np.zeros((2, *grid), np.float32) if aside is None else _checked("aside", aside, field))[:, usable]
         if beside.ndim == 2:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
@@ -342,15 +337,10 @@ class _Views:
 
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
-        count, (rows, columns) = len(self.values), self.shape
         views = self.values.copy()
-        splines = np.empty((count, rows + 4, columns + 4), np.float32)
-        cells = np.empty((count, rows - 1, columns - 1), np.float32)
         with THREADS:
             fill_holes.compiled(views, self.light)
-            spline_coefficients.compiled(views, splines)
-            light_of_cells.compiled(np.where(self.full, np.float32(0), self.light), cells)
-        return splines, cells
+        return spline_coefficients(views), light_of_cells(np.where(self.full, np.float32(0), self.light))
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""
@@ -362,6 +352,14 @@ class _Views:
         _, zone = np.unique(np.stack(bands), axis=1, return_inverse=True)
         zone = np.asarray(zone, np.int64).ravel()
         return zone, int(zone.max()) + 1
+
+
+def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
+    """What `estimate_disparity` takes of views or of all their samples; the error calls it by its name."""
+    array, shape = np.asarray(values, np.float32), field.values.shape
+    if array.shape not in ((2, *shape[:2]), (2, *shape)):
+        raise ValueError(f"{name} of shape {array.shape}; give (2, t, s) or (2, t, s, v, u) of {shape}")
+    return array
 
 
 def _read_only(part: Pictures) -> Pictures:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..json_data import plain
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
-from ..theory.depth_of_field import depth_of_field
+from ..theory.depth_of_field import Kind, depth_of_field
+from ..theory.light import on_array
 from ..theory.photometry import behind
 from ..theory.quantities import QUANTITIES, depth_error, image_rate
-from ..theory.resolution import FieldTransfer, Kind
+from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
+from ..traced.fields import LensImages, images_of
 from .fields import default_fields
 
 Place = tuple[float, float]
@@ -57,11 +61,11 @@ class ObjectField:
 
 @dataclass(frozen=True)
 class Resolved:
-    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None where it is dark."""
+    """Detail that an image shows, by its contrast; the coarser of both directions. None where dark or folded."""
 
     at_mm: float
-    x0_mm: float
-    """From the axis to the place on the object."""
+    x0_mm: float | None
+    """From the axis to the place on the object; None where the lens shows none."""
     x_ml_mm: Place
     image: Kind
     mtf50_lp_per_mm: float | None
@@ -87,11 +91,12 @@ class FieldPoint:
     """One field, at the focal plane."""
 
     x_ml_mm: Place
-    x0_mm: float
-    angle_deg: float
+    x0_mm: float | None
+    """From the axis to where its chief ray meets the plane; None, as what follows, where a real lens loses that ray."""
+    angle_deg: float | None
     """Of the chief ray to the axis, in the medium of the scene."""
-    distortion_percent: float
-    local_magnification: float
+    distortion_percent: float | None
+    local_magnification: float | None
     """Array over object, along the field's radius."""
     relative_illumination: float
 
@@ -144,7 +149,7 @@ class Specification:
     resolution: tuple[Resolved, ...]
     depth_of_field_mm: Ends
     field: tuple[FieldPoint, ...]
-    distortion: float
+    distortion: float | None
     """At the farthest of the fields [%]."""
     relative_illumination: float
     """There, too."""
@@ -178,6 +183,8 @@ def planes(camera: Camera) -> tuple[float, float, float]:
 
 def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
     """MTF at a field of a single camera, on a plane ahead of the tip or on the focal plane."""
+    if isinstance(images, LensImages):
+        return images.transfer(field, at)
     camera = images.camera
     (centres, radii), shapes = images.discs, images.shapes
     lit = bool(shapes.lit[field, 0])
@@ -203,24 +210,24 @@ def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldT
 
 def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
-    camera, transfer = images.camera, transfer_at(images, field, at)
+    transfer = transfer_at(images, field, at)
     tangential = transfer.limits(LEVELS, image, "tangential")
-    if len(transfer.radii) == 1 and transfer.along > 0:  # whole: a quarter turn changes nothing but the scale
+    if transfer.round and transfer.along > 0:
         sagittal = [limit * transfer.along / transfer.across for limit in tangential]
     else:
         sagittal = transfer.limits(LEVELS, image, "sagittal")
     half, tenth = (None if math.isnan(a) else min(a, b) for a, b in zip(tangential, sagittal, strict=True))
-    place = tuple(np.broadcast_to(axis, (len(images.fields), 1))[field, 0] for axis in images.microlens[:2])
-    x, y = field_of_view.on_plane(camera, place, at)
+    x0 = np.broadcast_to(np.hypot(*images.on_plane(at)), (len(images.fields), 1))[field, 0]
     told = tuple(images.fields[field].tolist())
     each = [(None if math.isnan(a) else a, None if math.isnan(b) else b) for a, b in (tangential, sagittal)]
     fold = min(transfer.fold(way) for way in ("tangential", "sagittal"))
-    return Resolved(at, float(np.hypot(x, y)), told, image, half, tenth, each[0], each[1], fold)
+    return Resolved(at, _known(float(x0)), told, image, half, tenth, each[0], each[1], fold)
 
 
 def specification(design: Design) -> Specification:
-    """The data sheet of a design: of its straight parts, tilts left out, and of the thin twin of a real main lens.
+    """The data sheet of a design: of its straight parts, tilts left out.
 
+    Behind a real main lens rays tell where fields lie, how they are lit and how sharp; the rest is its thin twin's.
     Fields are the middle, the edge and the corner of what the sensor sees.
 
     Examples
@@ -230,26 +237,31 @@ def specification(design: Design) -> Specification:
     >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
     [218.2, 243.2]
     """
-    camera, axes = Camera.of(design), default_fields(design)
-    images = MicrolensImages(camera, axes)
+    axes = default_fields(design)
+    images = images_of(design, axes)
+    camera = images.camera
+    corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
+    ends = images_of(design, on_array(camera, corners))
     distances = planes(camera)
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
+    if design.lens is not None:  # whose views, too, are less sharp off the axis
+        rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _points(images, distances[1])
-    farthest = max(points, key=lambda point: point.x0_mm)
+    farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
     return Specification(
         field_of_view_deg=(
-            FieldOfView("entrance pupil", *_angles(camera, ""), None),
-            *(FieldOfView("distal tip", *_angles(camera, "tip_", at), at) for at in distances),
+            FieldOfView("entrance pupil", *_angles(ends, None), None),
+            *(FieldOfView("distal tip", *_angles(ends, at), at) for at in distances),
         ),
         direction_of_view_deg=value["direction_of_view_deg"],
         working_range_mm=view,
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
-        object_field=tuple(_object_field(camera, at) for at in distances),
+        object_field=tuple(_object_field(ends, at) for at in distances),
         resolution=tuple(rows),
         depth_of_field_mm=Ends(view, refocused),
         field=points,
@@ -286,16 +298,36 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _angles(camera: Camera, prefix: str, at: float | None = None) -> tuple[float, float, float]:
-    names = [f"{prefix}field_of_view_{part}deg" for part in ("width_", "height_", "")]
-    width, height, diagonal = (float(QUANTITIES[name](camera, at)) for name in names)
-    return width, height, diagonal
+def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, float]:
+    """Over the field's width, height and diagonal, from the entrance pupil or under which the tip sees a plane."""
+    names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
+    ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
+    return _across(ends, ways, field_of_view.between, [QUANTITIES[name](ends.camera, at) for name in names])
 
 
-def _object_field(camera: Camera, at: float) -> ObjectField:
-    halves = [float(QUANTITIES[f"field_half_{side}_mm"](camera, at)) for side in ("width", "height", "diagonal")]
+def _object_field(ends: MicrolensImages, at: float) -> ObjectField:
+    camera = ends.camera
+    halves = [2 * QUANTITIES[f"field_half_{side}_mm"](camera, at) for side in ("width", "height", "diagonal")]
     magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
-    return ObjectField(at, 2 * halves[0], 2 * halves[1], 2 * halves[2], magnification, sample)
+    met = np.stack(ends.on_plane(at), axis=-1)
+    sides = _across(ends, met, lambda a, b: np.linalg.norm(a - b, axis=-1), halves)
+    return ObjectField(at, *sides, magnification, sample)
+
+
+def _across(
+    ends: MicrolensImages, seen: Array, between: Callable[[Array, Array], Array], thin: Sequence[Array]
+) -> tuple[float, float, float]:
+    """What is between the field's ends, over width, height and diagonal, as traced; else the closed forms' values.
+
+    These also stand where a real lens does not show all of them.
+    """
+    if not isinstance(ends, LensImages):
+        width, height, diagonal = map(float, thin)
+        return width, height, diagonal
+    one, other = seen.reshape(4, 2, -1).swapaxes(0, 1)
+    traced = field_of_view.widest(list(between(one, other)))
+    width, height, diagonal = map(float, thin if np.isnan(traced).any() else traced)
+    return width, height, diagonal
 
 
 def _colour(camera: Camera, one: ColourFilter) -> Colour:
@@ -319,12 +351,19 @@ def _samples(camera: Camera) -> tuple[int, int]:
 
 
 def _points(images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
-    camera, shape = images.camera, (len(images.fields), 1)
-    x, y = (np.broadcast_to(axis, shape)[:, 0] for axis in images.microlens[:2])
+    shape = len(images.fields), 1
     names = ("distortion_percent", "local_magnification", "relative_illumination")
     local = [np.broadcast_to(QUANTITIES[name].at_fields(images), shape)[:, 0].tolist() for name in names]
-    met = np.hypot(*field_of_view.on_plane(camera, (x, y), focus))
-    ways = field_of_view.directions(camera, (x, y))
+    met = np.broadcast_to(np.hypot(*images.on_plane(focus)), shape)[:, 0]
+    ways = np.broadcast_to(images.directions, (*shape, 3))[:, 0]
     angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
     rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
-    return tuple(FieldPoint((at[0], at[1]), *numbers) for at, *numbers in rows)
+    return tuple(
+        FieldPoint((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
+        for at, x0, angle, bent, along, light in rows
+    )
+
+
+def corner(points: Sequence[FieldPoint]) -> FieldPoint:
+    """The farthest of some; first those that the lens does not show."""
+    return max(points, key=lambda point: math.inf if point.x0_mm is None else point.x0_mm)

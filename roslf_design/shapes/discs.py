@@ -230,6 +230,24 @@ def rows_between(centres: Array, radii: Array, low: ArrayLike, high: ArrayLike, 
     return Chords(y, half * np.cos(angle) * weights * (math.pi / 2), left, right)
 
 
+def outline_chords(points: Array, rows: int, between: tuple[float, float] | None = None) -> Chords:
+    """Rows as of `chords` across what a closed line through points (K, 2) [mm] encloses, from first edge to last.
+
+    Parameters are those of `chords`.
+    """
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    if between is not None:
+        low, high = max(low, between[0]), min(high, between[1])
+    if not high > low:
+        return Chords(*(np.zeros(0) for _ in range(4)))
+    y, weight, *_ = rows_between(np.zeros((1, 2)), np.zeros(1), low, high, rows)
+    (x0, y0), (x1, y1) = points.T[..., None], np.roll(points, -1, axis=0).T[..., None]
+    crossed = (y0 <= y) != (y1 <= y)
+    at = x0 + (x1 - x0) * np.divide(y - y0, y1 - y0, out=np.zeros(crossed.shape), where=crossed)
+    left, right = at.min(0, where=crossed, initial=np.inf), at.max(0, where=crossed, initial=-np.inf)
+    return Chords(y, weight, left, np.maximum(left, right))
+
+
 @functools.cache
 def _nodes(count: int) -> tuple[Array, Array]:
     return np.polynomial.legendre.leggauss(count)

@@ -7,11 +7,12 @@ scene sees it), or those of the same field seen from the middle of the bore's ti
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, magnitude, product, ratio
+from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..design.elements import Prism
 from ..design.parts import PATHS
@@ -80,26 +81,27 @@ def on_plane(c: Camera, place: Place, ahead: Number) -> Place:
 
 
 def between(first: Array, second: Array) -> Array:
-    """Angle between vectors, shape (..., 3) [rad]."""
+    """Angle between vectors, shape (..., 3) [degrees]."""
     crossed = np.linalg.norm(np.cross(first, second), axis=-1)
-    return np.asarray(np.arctan2(crossed, (first * second).sum(-1)))
+    return np.asarray(np.rad2deg(np.arctan2(crossed, (first * second).sum(-1))))
 
 
-def _ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
-    """Opposite ends of the field: left and right, below and above, of both diagonals."""
+def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
+    """Opposite ends of the field from the lens's axis: left and right, below and above, of both diagonals [mm]."""
     (x0, y0), (x1, y1) = field
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     return ((x0, y), (x1, y)), ((x, y0), (x, y1)), ((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))
 
 
-def _widest(angles: list[Array]) -> Across:
-    width, height, up, down = (np.rad2deg(angle) for angle in angles)
+def widest(values: Sequence[Array]) -> Across:
+    """Of values between those ends."""
+    width, height, up, down = values
     return Across(width, height, np.maximum(up, down))
 
 
 def field_of_view(c: Camera, field: SensorField) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return _widest([between(directions(c, a), directions(c, b)) for a, b in _ends(field)])
+    return widest([between(directions(c, a), directions(c, b)) for a, b in ends(field)])
 
 
 def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
@@ -109,10 +111,10 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     """
     away = focus_ahead(c) if ahead is None else ahead
 
-    def seen(place: Place) -> Array:
+    def direction(place: Place) -> Array:
         return np.stack(np.broadcast_arrays(*on_plane(c, place, away), away), axis=-1)
 
-    return _widest([between(seen(a), seen(b)) for a, b in _ends(field)])
+    return widest([between(direction(a), direction(b)) for a, b in ends(field)])
 
 
 def focus_ahead(c: Camera) -> Array:
@@ -139,14 +141,3 @@ def stretch_of(c: Camera, place: Place) -> tuple[Number, Number]:
     """How much larger than on the axis the object field of a microlens is, along the field's radius and across it."""
     p = np.hypot(*outer_slopes(c, place))
     return c.stretch_along(p), c.stretch(p)
-
-
-def distortion(c: Camera, place: Place) -> Array:
-    """Image height against that of a flat object drawn without distortion [%]; below 0 is barrel-shaped."""
-    return np.asarray(100 * (ratio(1.0, np.asarray(stretch_of(c, place)[1], float)) - 1))
-
-
-def local_magnification(c: Camera, place: Place) -> Array:
-    """Millimetres on the array per millimetre at the focal plane, along the field's radius."""
-    straight = ratio(1.0, product(c.inverse_m, magnitude(c.focus.magnification)))
-    return np.asarray(ratio(straight, np.asarray(stretch_of(c, place)[0], float)))

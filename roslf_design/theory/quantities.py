@@ -119,8 +119,8 @@ class Quantity:
             Neither; a number where nothing tells the unit.
         """
         if self.length:
-            told = self.name.endswith("_mm")
-            return parse_quantity(value, "length", unit_required=from_file and not told)
+            in_name = self.name.endswith("_mm")
+            return parse_quantity(value, "length", unit_required=from_file and not in_name)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
@@ -207,8 +207,8 @@ def _local_depth_sigma(images: MicrolensImages) -> Number:
         return sigma
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
     p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
-    told = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
-    return sigma * np.sqrt(2 / told)
+    depth_kept = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
+    return sigma * np.sqrt(2 / depth_kept)
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -254,17 +254,6 @@ def image_rate(c: Camera, at: Depth | Array) -> Array:
     if at is None:
         return np.zeros(c.shape)[()]
     return np.asarray(light_field.pupil_shear(c, depth_at(c, at)) * ratio(c.A, c.d_2))
-
-
-def _lens_place(images: MicrolensImages) -> tuple[Number, Number]:
-    """Of the microlenses, from the main lens's axis, shape (fields, builds) [mm]."""
-    return images.microlens[0], images.microlens[1]
-
-
-def _illumination(images: MicrolensImages) -> Number:
-    """Light of a microlens against one whose image nothing cuts, on the axis."""
-    c, (x, y) = images.camera, field_of_view.outer_slopes(images.camera, _lens_place(images))
-    return images.shapes.kept_fraction * light.falloff(c, np.hypot(x, y))
 
 
 def _angles(part: str, way: Literal["width", "height", "diagonal"]) -> tuple[Quantity, Quantity]:
@@ -456,7 +445,7 @@ register(
         "%",
         "image height against that of a flat object drawn without distortion; below 0 is barrel-shaped",
         None,
-        lambda images: field_of_view.distortion(images.camera, _lens_place(images)),
+        lambda images: 100 * (ratio(1.0, np.asarray(images.stretch[1], float)) - 1),
         positive=False,
     ),
     Quantity(
@@ -464,14 +453,15 @@ register(
         "",
         "millimetres on the array per millimetre at the focal plane, along the field's radius",
         None,
-        lambda images: field_of_view.local_magnification(images.camera, _lens_place(images)),
+        lambda images: ratio(1.0, light.object_scale(images.camera) * np.asarray(images.stretch[0], float)),
     ),
     Quantity(
         "relative_illumination",
         "",
-        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says",
+        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says; "
+        "traced behind a real lens",
         None,
-        _illumination,
+        lambda images: images.illumination,
     ),
     Quantity(
         "object_magnification",

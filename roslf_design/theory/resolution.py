@@ -15,7 +15,8 @@ a product of what the pupil, the microlens and the pixel pass,
     ``MTF(P, lambda d_2 nu) (1 - |t|/d) sinc((d - |t|) nu (1 - beta d_2 rho)) sinc(nu rho q)``.
 
 Scalar, incoherent scene of one wavelength; as many places as one likes between microlenses: what sampling once a
-microlens makes of detail beyond `fold` is not in it, nor are aberrations of real lenses.
+microlens makes of detail beyond `fold` is not in it. Behind a real lens light is not moved by rho p' but as rays are
+(`..traced.fields`); the refocused image moves its views by rho p all the same, what is left blurs it.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
-from ..shapes.discs import chords
+from ..shapes.discs import Chords, chords
+from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter
 from .light import microlens_defocus
 
 Direction = Literal["tangential", "sagittal"]
-Kind = Literal["view", "refocused"]
 
 ROWS, NODES = 24, 24
 """Gauss-Legendre rows across a pupil's overlap, and places in each: transfers to 1e-3."""
@@ -211,48 +212,75 @@ class FieldTransfer:
         reach = 2 * float(np.min(self.radii)) / float(lens.wavelength * lens.distance)
         # A square microlens ends waves along its diagonal last.
         end = 2 / float(lens.width) if kind == "view" else 2 * float(_end(lens, self.rate, reach))
-        grid = np.linspace(0.0, min(end, reach) / scale, STEPS + 1)
+        end = min(end, reach)
+        top = min(end, self.softest)
+        grid = np.linspace(0.0, top / scale, STEPS + 1)
         passed = self(grid, kind, direction)
+        while passed.min() > min(levels) and top < end:
+            top = min(2 * top, end)
+            grid = np.linspace(0.0, top / scale, STEPS + 1)
+            passed = self(grid, kind, direction)
         return [_falls(grid, passed, level) for level in levels]
 
     def fold(self, direction: Direction) -> float:
         """Object frequency beyond which detail folds back [lp/mm]."""
         return float(ratio(fold(self.camera), self.scale(direction)))
 
-    def _turned(self, direction: Direction) -> tuple[tuple[float, float], Array]:
-        """Direction of the detail, and the discs' centres along and across it."""
-        x, y = self.way if direction == "tangential" else (-self.way[1], self.way[0])
-        return (x, y), self.centres @ np.array([[x, -y], [y, x]])
+    @property
+    def round(self) -> bool:
+        """Whether a quarter turn changes nothing but the scale."""
+        return len(self.radii) == 1
+
+    @property
+    def softest(self) -> float:
+        """Frequency on the array beyond which a lens's aberrations may leave nothing [1/mm]: to be tried first."""
+        return math.inf
+
+    def axes(self, direction: Direction) -> tuple[float, float]:
+        """Direction of the detail."""
+        return self.way if direction == "tangential" else (-self.way[1], self.way[0])
+
+    def _chords(self, axes: tuple[float, float], rows: int, between: tuple[float, float] | None = None) -> Chords:
+        """Rows along the detail across what is lit, between two places across it [mm]."""
+        return chords(self.centres @ turn(axes), self.radii, rows, between)
+
+    def _moved(self, x: Array, y: Array, axes: tuple[float, float], shift: Array) -> Array:
+        """Way on the array along the detail that light is moved by [mm].
+
+        Of light that goes to the sensor's places ``x -+ shift`` along the detail and y across it, on average between.
+        """
+        return np.asarray(self.rate * x)
 
     def _refocused(self, nu: Array, direction: Direction) -> Array:
-        axes, centres = self._turned(direction)
+        axes = self.axes(direction)
         shift = float(self.camera.wavelength * self.camera.d_2) * nu[:, None]
-        if len(self.radii) == 1:
+        if self.round:
             whole = circle_transfer(shift[:, 0] / (2 * self.radii[0]))
             return np.asarray(np.abs(whole * self._lens.refocused(self.rate, nu, axes)))
-        _, weight, left, right = chords(centres, self.radii, ROWS)
+        _, weight, left, right = self._chords(axes, ROWS)
         pupil = (weight * np.maximum(right - left - shift, 0.0)).sum(-1) / (weight * (right - left)).sum()
         return np.asarray(np.abs(pupil * self._lens.refocused(self.rate, nu, axes)))
 
     def _view(self, frequencies: Array, direction: Direction) -> Array:
         assert self.middle is not None
         nu, lens = np.append(0.0, frequencies), self._lens
-        axes, centres = self._turned(direction)
+        axes = self.axes(direction)
         shift = float(lens.wavelength * lens.distance) * nu[:, None] / 2
         # Only what the pixel and its blur reach.
         room = self._reach
-        along, across = np.array(self.middle) @ np.array([[axes[0], -axes[1]], [axes[1], axes[0]]])
+        along, across = np.array(self.middle) @ turn(axes)
         # Fields turn once a blur width or so, also in the blur of defocus.
         turns = 2 * min(room, float(self.radii[0])) * float(lens.width / (lens.wavelength * lens.distance))
         more = min(MOST, math.ceil(2 * turns))
-        y, weight, left, right = chords(centres, self.radii, max(ROWS, more), (across - room, across + room))
+        y, weight, left, right = self._chords(axes, max(ROWS, more), (across - room, across + room))
         left, right = np.maximum(left + shift, along - room), np.minimum(right - shift, along + room)
         half = np.maximum(right - left, 0.0) / 2
         nodes, weights = np.polynomial.legendre.leggauss(max(NODES, more))
         x = ((left + right) / 2)[..., None] + half[..., None] * nodes
         light = (weight * half)[..., None] * weights
-        if self.rate:
-            light = light * np.exp(2j * math.pi * self.rate * nu[:, None, None] * x)
+        moved = self._moved(x, y[:, None], axes, shift[..., None])
+        if moved.any():
+            light = light * np.exp(2j * math.pi * nu[:, None, None] * moved)
         if lens.circular:  # the square that stands in for it lies along the detail
             axes, middle = (1.0, 0.0), (float(along), float(across))
         else:
@@ -300,7 +328,7 @@ class FieldTransfer:
         sides, share = np.polynomial.legendre.leggauss(PIXEL)
         off = grid + (np.multiply(steps, image_pitch)[:, None, None] - sides[:, None] * pixel / 2)
         waves = self._behind(off, width)
-        found = []
+        fields = []
         for axis in (0, 1):
             from_middle = self.middle[axis] - float(self.centres[0, axis])
             table = np.zeros((PIXEL, len(grid)), complex)
@@ -310,8 +338,8 @@ class FieldTransfer:
                 phase = away * away / distance + (k * pitch) ** 2 * vergence
                 turn = 2 / spread * k * pitch * (grid + from_middle) + phase / wave
                 table += each * np.exp(1j * math.pi * turn) * np.sqrt(share / 2)[:, None]
-            found.append((grid, table))
-        return found
+            fields.append((grid, table))
+        return fields
 
     def _behind(self, off: Array, width: float) -> NDArray[np.complexfloating[Any, Any]]:
         """Field that a wave from the FAP makes behind a microlens, `off` the place where rays would meet the sensor."""
@@ -338,6 +366,11 @@ class FieldTransfer:
     @cached_property
     def _lens(self) -> Lenslet:
         return Lenslet.of(self.camera)
+
+
+def turn(axes: tuple[float, float]) -> Array:
+    """Takes points, from the right, to their places along and across a direction, (2, 2)."""
+    return np.array([[axes[0], -axes[1]], [axes[1], axes[0]]])
 
 
 def _falls(at: Array, values: Array, level: float) -> float:

@@ -21,6 +21,8 @@ from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection, intersect
 from ..shapes.ellipses import intersect_ellipses
 from .exit_pupil import stop_angle
+from .field_of_view import directions, on_plane, outer_slopes, stretch_of
+from .light import falloff
 
 Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
@@ -242,6 +244,26 @@ class MicrolensImages:
     def spot_pitches(self) -> Number:
         """Rms radius of a point in focus on the array [microlens pitches]: 0, of an ideal lens's rays."""
         return np.zeros((len(self.fields), *(self.camera.shape or (1,))))
+
+    @cached_property
+    def stretch(self) -> tuple[Number, Number]:
+        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        return stretch_of(self.camera, (self.microlens[0], self.microlens[1]))
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors of chief rays away from the bore, in the medium of the scene; shape (..., 3), the axis last."""
+        return directions(self.camera, (self.microlens[0], self.microlens[1]))
+
+    def on_plane(self, ahead: Number) -> tuple[Number, Number]:
+        """Where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
+        return on_plane(self.camera, (self.microlens[0], self.microlens[1]), ahead)
+
+    @cached_property
+    def illumination(self) -> Number:
+        """Light of a microlens against one whose image nothing cuts, on the axis."""
+        slopes = outer_slopes(self.camera, (self.microlens[0], self.microlens[1]))
+        return self.shapes.kept_fraction * falloff(self.camera, np.hypot(*slopes))
 
     @cached_property
     def discs(self) -> tuple[Array, Array]:

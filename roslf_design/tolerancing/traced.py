@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
@@ -26,15 +27,15 @@ from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
 from ..rays.object_space import FacesAhead
+from ..theory.light import object_scale, on_array
 from ..theory.stop_images import lens_point
-from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, spot_radii
+from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, received, spot_radii
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
+from ..traced.fields import stretches, uncut_light
 from ..traced.images import FOLDED, real_images
-from ..traced.outlines import Outlines, cut_shapes, outlines, pupil_points, seen_shapes
+from ..traced.outlines import RIM, Outlines, cut_shapes, outlines, pupil_points, seen_shapes
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
-
-Array = NDArray[np.float64]
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25
@@ -57,10 +58,7 @@ METHOD = (
 )
 
 AS_IF_THIN = {
-    "distortion_percent": "the lens's distortion",
-    "local_magnification": "how the lens's magnification changes over the field",
     "undistorted_field_mm": "what the lens's aberrations cut; hold non_distortion_room_mm at a field instead",
-    "relative_illumination": "how the lens's aberrations widen images; take image_area_mm2 at a field instead",
     "centre_shift_px_per_microlens": "how it differs over the field; take centre_shift_px at a field instead",
 }
 """Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
@@ -223,6 +221,10 @@ class Reference(NamedTuple):
     """To its centre, from half a pitch left, right, below and above, F times 4."""
     ends: Aims
     """To its centre, from the ends of both axes of the array at `IdealBuilds.reach`, 4."""
+    axis: Array
+    """Where the nominal lens's axis meets the array, in its own coordinates, (2,) [mm]."""
+    axis_rim: Aims
+    """To the FAP's rim from there, `builds.RIM`."""
     folded: NDArray[np.bool_]
     """Fields whose nominal image is folded: it has no outline, (F,)."""
     points: Array
@@ -256,8 +258,8 @@ def reference(
 
     def centres(place: Array) -> LocalMaps:
         rays = wanted((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
-        found = traced(mount, np.array([design.d / 2]), rays, 1).landed
-        o, w, e, s, n, sw, ne, nw, se = np.moveaxis(found.reshape(-1, 9, 2), 1, 0)
+        landed = traced(mount, np.array([design.d / 2]), rays, 1).landed
+        o, w, e, s, n, sw, ne, nw, se = np.moveaxis(landed.reshape(-1, 9, 2), 1, 0)
         bends = (e - 2 * o + w) / 2, (ne + sw - nw - se) / 4, (n - 2 * o + s) / 2
         terms = o, (e - w) / 2 / STEP, (n - s) / 2 / STEP, *(bend / STEP**2 for bend in bends)
         return LocalMaps(place, np.stack(terms, axis=1))
@@ -274,6 +276,7 @@ def reference(
         return epi_slopes(mount, thin, points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
 
     near, axis = centres(at), centres(MIDDLE)
+    on_lens = on_array(thin, np.zeros(2))
     on_axis = np.array([[0.0, 0.0, front - depth] for depth in depths])
     ends = -reach * CROSS
     return Reference(
@@ -282,6 +285,8 @@ def reference(
         inner=wanted(at, inner),
         neighbours=wanted(at, MIDDLE, CROSS),
         ends=wanted(ends, MIDDLE),
+        axis=on_lens,
+        axis_rim=wanted(on_lens[None], rim),
         folded=np.asarray(real_images(camera, microlenses(design, at)).status == FOLDED),
         points=along_chief(distance),
         axis_points=on_axis,
@@ -429,11 +434,43 @@ class TracedBuilds(IdealBuilds):
         return self._grid(2 * np.sqrt(self.uncut.shape[:, 0] / np.pi))
 
     @cached_property
+    def _neighbours(self) -> Array:
+        """Image centres half a pitch left, right, below and above, (fields, T, 4, 2) [mm]."""
+        return self._grid(self._aimed(self.known.neighbours, 4).landed)
+
+    @cached_property
     def pitch(self) -> Number:
         """Distance between neighbouring images [mm]."""
-        at = self._grid(self._aimed(self.known.neighbours, 4).landed)
+        at = self._neighbours
         across, up = at[..., 1, :] - at[..., 0, :], at[..., 3, :] - at[..., 2, :]
         return np.sqrt(np.abs(across[..., 0] * up[..., 1] - across[..., 1] * up[..., 0]))
+
+    @cached_property
+    def stretch(self) -> tuple[Number, Number]:
+        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        x, y = (at[..., None] + self.half[:, None] * CROSS[:, k] for k, at in enumerate((self.x, self.y)))
+        fields, trials = len(self.fields), self.trials
+        rows = (np.moveaxis(part, -1, 1).reshape(-1, trials) for part in (x, y, *np.moveaxis(self._neighbours, -1, 0)))
+        met = np.moveaxis(self._met_in_focus(*rows).reshape(fields, 4, trials, 3)[..., :2], 1, -1)
+        ways = np.stack([met[..., 1] - met[..., 0], met[..., 3] - met[..., 2]], axis=-1)
+        (x, y), turn = self.microlens[:2], self.camera["microlens_array.rotation"]
+        cos, sin = np.cos(turn), np.sin(turn)
+        place = np.stack(np.broadcast_arrays(x * cos + y * sin, y * cos - x * sin), axis=-1)
+        return stretches(ways / (2 * self.half[:, None, None]), place, object_scale(self.camera))
+
+    @cached_property
+    def illumination(self) -> Number:
+        """Light of a microlens against one whose image nothing cuts, on the nominal lens's axis."""
+        wanted = thin_aims(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
+        axis = outlines(self._aimed(wanted, RIM)).shape
+        whole = uncut_light(self._received(axis, self.known.axis[None]), self.camera)
+        return self._received(self._lit[0], np.asarray(self.fields, float)) / whole
+
+    def _received(self, shape: Array, base: Array) -> Array:
+        """Light of lit parts (T * n, 6) behind n microlenses (n, 2), (n, T)."""
+        planes = (np.repeat(plane, len(base), axis=0) for plane in self.mount.planes[:2])
+        light = received(shape, np.tile(base, (self.trials, 1)), *planes)
+        return np.asarray(light.reshape(self.trials, -1).T)
 
     @cached_property
     def room(self) -> Number:
@@ -454,7 +491,19 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def shapes(self) -> TracedShapes:  # type: ignore[override]
-        """The lit parts: polynomials over the FAP where rims cut, spokes where some of it is out of sight."""
+        """The lit parts."""
+        shape, share = self._lit
+        xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
+        major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+        ratio = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major
+        return TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
+
+    @cached_property
+    def _lit(self) -> tuple[Array, Array]:
+        """Lit shapes (T * fields, 6) and seen parts of the FAP (T * fields,).
+
+        By polynomials over the FAP where rims cut, by spokes where some of it is out of sight.
+        """
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
@@ -474,16 +523,13 @@ class TracedBuilds(IdealBuilds):
                 # All that the lens's aperture can light behind a microlens.
                 ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
                 about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
-                found = seen_shapes(
+                shapes = seen_shapes(
                     self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
                 )
-                shape[at], share[at] = found
+                shape[at], share[at] = shapes
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
-        xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
-        major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-        ratio = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major
-        return TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
+        return shape, share
 
     def _believed(self, maps: LocalMaps) -> Callable[[Array, Array], Array]:
         """Image centres that the decoder believes in [px] at places of the array [mm], near those of some maps."""
@@ -545,9 +591,12 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def points_in_focus(self) -> Array:
         """Where chief rays, traced, meet each build's own plane in focus, in the lens's frame [mm], (fields, T, 3)."""
+        return self._met_in_focus(self.x, self.y, *self.chief)
+
+    def _met_in_focus(self, x: Array, y: Array, px: Number, py: Number) -> Array:
+        """The same of rays through places of the array and the sensor, (n, T) each, in their own coordinates [mm]."""
         array, sensor, fap = self.mount.planes.array, self.mount.planes.sensor, self.mount.planes.rims[:, 0, 2]
-        px, py = self.chief
-        start = np.stack([(array[:, k] + self.x * array[:, 3 + k] + self.y * array[:, 6 + k]).T for k in range(3)])
+        start = np.stack([(array[:, k] + x * array[:, 3 + k] + y * array[:, 6 + k]).T for k in range(3)])
         end = np.stack([(sensor[:, k] + px * sensor[:, 3 + k] + py * sensor[:, 6 + k]).T for k in range(3)])
         run, (lens, beyond) = start - end, self.mount.train
         rays = lens.through(start[:2], run[:2] / run[2], start=start[2], end=fap)

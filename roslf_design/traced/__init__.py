@@ -2,6 +2,7 @@
 
 - `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
 - `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
+- `fields`: light and magnification of single microlenses, for the data sheet
 - `builds`: aimed rays, image points and spots of many builds
 - `outlines`: shapes of their microlens images
 

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import DISC_RULE
 from .._jit import kernel
-from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, SurfaceStack, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, KEPT, ROWS, SurfaceStack, pass_surfaces
 from .camera import FOUND, LOST, LensCamera, Train, aim_beyond, sensor_of_pupil, views
 
 Array = NDArray[np.float64]
@@ -324,11 +325,15 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
     if train.beyond.table.size:
         ends = np.ascontiguousarray(np.concatenate([through, start], axis=-1))
         aim_all.compiled(*counted(train.beyond), ends, run)
-    way = run / np.sqrt(np.sum(np.square(run), axis=-1, keepdims=True))
-    traced = train.lens.trace(Rays(np.moveaxis(through, -1, 0), np.moveaxis(way, -1, 0)), clip=False)
-    place, way = (np.moveaxis(part, 0, -1) for part in traced.rays)
+    x, y, z = np.moveaxis(through, -1, 0)
+    end = planes.array[:, 2]
+    passed = train.lens.through(
+        (x, y), np.moveaxis(run[..., :2] / run[..., 2:], -1, 0), start=z, end=end, backward=False
+    )
+    place = np.stack([*passed.height, np.broadcast_to(end[:, None], z.shape)], axis=-1)
+    way = np.stack([*passed.slope, np.ones(z.shape)], axis=-1)
     landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
-    landed[~(traced.kept & np.isfinite(run[..., 0]))] = np.nan
+    landed[passed.state != KEPT] = np.nan
     return landed
 
 
@@ -348,6 +353,38 @@ def crossings(point: Array, way: Array, plane: Array) -> Array:
     off, normal = point - plane[..., :3], plane[..., 9:12]
     hit = off - way * (np.sum(off * normal, axis=-1) / np.sum(way * normal, axis=-1))[..., None]
     return np.stack([np.sum(hit * plane[..., 3:6], axis=-1), np.sum(hit * plane[..., 6:9], axis=-1)], axis=-1)
+
+
+def received(shape: Array, base: Array, array: Array, sensor: Array) -> Array:
+    """Projected solid angles under which microlenses see the lit parts of their images [sr], (N,).
+
+    Radiance is the same all along a ray, so this is the light that a microlens gets of a uniform scene, per unit of its
+    area: the integral of the cosine at the array over the solid angle. Taken over the ellipse with the same moments.
+
+    Parameters
+    ----------
+    shape : ndarray, (N, 6)
+        Area, centroid, central second moments (xx, xy, yy) [mm], in the sensor's own coordinates.
+    base : ndarray, (N, 2)
+        Microlenses, in the array's own coordinates [mm].
+    array, sensor : ndarray, (N, 12) or (12,)
+        As `Planes` has them.
+    """
+    area, x, y, xx, xy, yy = np.moveaxis(shape, -1, 0)
+    wide = 2 * np.sqrt(np.maximum(xx, 0.0))
+    lean = np.divide(4 * xy, wide, out=np.zeros_like(wide), where=wide > 0)
+    high = np.sqrt(np.maximum(4 * yy - lean * lean, 0.0))
+
+    def lifted(plane: Array, u: Array, v: Array) -> Array:
+        return np.asarray(plane[..., :3] + u[..., None] * plane[..., 3:6] + v[..., None] * plane[..., 6:9])
+
+    start, mean = lifted(array, base[..., 0], base[..., 1]), np.zeros_like(area)
+    for radius, angle, weight in DISC_RULE:
+        u, v = radius * math.cos(angle), radius * math.sin(angle)
+        run = lifted(sensor, x + wide * u, y + lean * u + high * v) - start
+        leans = [np.sum(run * plane[..., 9:12], axis=-1) for plane in (array, sensor)]
+        mean += weight * leans[0] * leans[1] / np.sum(run * run, axis=-1) ** 2
+    return np.asarray(area * mean)
 
 
 def spot_radii(

@@ -78,6 +78,11 @@ class TracedPlane:
         """Its own x, y and normal in the lens's frame, one a row, (3, 3)."""
         return rotation(*self.tilt).T
 
+    @property
+    def pose(self) -> Array:
+        """What it is turned about and its axes, (12,), as `builds.Planes` has them."""
+        return np.concatenate([[self.x, self.y, self.z], self.axes.ravel()])
+
     def lifted(self, point: ArrayLike) -> Array:
         """Points (..., 2) of the plane in space, (3, ...) [mm]."""
         p = np.asarray(point, float)

@@ -179,7 +179,7 @@ def circle(root, tmp_path_factory):
     save(design, place / "small.toml")
     with pytest.MonkeyPatch.context() as patch:  # a quarter of the rays less; what is beyond counts as even light
         patch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 32)
-        patch.setattr(module, "capture", functools.partial(module.capture, rays=32))  # their scatter is a third of noise
+        patch.setattr(module, "capture", functools.partial(module.capture, rays=32))  # scatter: a third of noise
         written = list(module.make(design, place, boards=4, cell=1.8, tilt=35.0))
     assert len(written) == 10
     return place

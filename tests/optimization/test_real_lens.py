@@ -112,8 +112,11 @@ def test_a_study_behind_a_real_lens(tmp_path, capsys):
     [
         ("D_F = [", "D = [", "'D' is the real lens's own"),
         ('field = "11 mm"\n', "", "constraints.1: behind a real lens (LA1050-A reversed) fill_factor is traced and"),
-        ('"fill_factor"', '"distortion_percent"', "distortion_percent is not traced while searching"),
-        ('"fill_factor"', '"relative_illumination"', "leaves out how the lens's aberrations widen images"),
+        (
+            '"fill_factor"\nfield = "11 mm"\n',
+            '"undistorted_field_mm"\n',
+            "leaves out what the lens's aberrations cut; hold non_distortion",
+        ),
         ('field = "11 mm"\n', 'field = "11 mm"\nat = "9 mm"\n', "is not asked for at a distance"),
         ('field = "11 mm"\n', 'field = "12 mm"\n', "lies beyond the array"),
         ("[solver]", "[[robust.perturb]]\nplace = 'd_2'\ntolerance = '1 um'\n[solver]", "is for ideal main lenses"),

@@ -1,0 +1,263 @@
+"""Fields of a design behind a real main lens, in the terms that those of an ideal one are told in.
+
+Detail is blurred by what the lens does to the light of an object point. Its ray through a point of the FAP meets the
+array at u; p' is where a microlens shows that point of the FAP. The ideal lens has u = rho p'; this one's u over p' is
+a polynomial through some tens of rays, and its mean between two places of the FAP's image, times their distance, the
+difference of the wave's phases there. Views and the refocused image take their blur from it alike.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..camera import Camera, Number
+from ..design import Design
+from ..shapes.discs import Chords, outline_chords
+from ..theory.light import object_scale, solid_angle
+from ..theory.quantities import QUANTITIES, image_rate
+from ..theory.resolution import MOST, NODES, Direction, FieldTransfer, turn
+from ..theory.stop_images import MicrolensImages
+from .builds import received
+from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
+from .images import FOLDED, TracedImages, circle, forward_rays, polygon_moments, real_images
+
+Array = NDArray[np.float64]
+
+RINGS, SPOKES = 5, 12
+"""Rays of an object point, over the FAP."""
+DEGREE = 5
+POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
+SOFT = 0.6
+"""Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
+GAUSS = 1 / math.sqrt(3)
+"""Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
+
+
+def images_of(design: Design, fields: ArrayLike) -> MicrolensImages:
+    """Microlens images of a design at fields (N, 2) of its array [mm]; traced where its main lens is real."""
+    return MicrolensImages(Camera.of(design), fields) if design.lens is None else LensImages(design, fields)
+
+
+class LensImages(MicrolensImages):
+    """Microlens images of a single design's thin twin, with light and magnification as its real lens makes them."""
+
+    def __init__(self, design: Design, fields: ArrayLike) -> None:
+        super().__init__(Camera.of(design), fields)
+        self.lens, self.places = camera_of(design), microlenses(design, self.fields)
+
+    @cached_property
+    def traced(self) -> TracedImages:
+        """Images as the lens makes them."""
+        return real_images(self.lens, self.places)
+
+    @cached_property
+    def illumination(self) -> Number:
+        """Light of a microlens against one whose image nothing cuts, on the lens's axis."""
+        axis = real_images(self.lens, np.zeros((1, 2)))
+        _, *whole = polygon_moments(axis.outline)
+        uncut = uncut_light(self._light(np.zeros((1, 2)), axis.whole_area, *whole), self.camera)
+        seen = self.traced
+        return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
+
+    def _light(self, places: Array, area: Array, centroid: Array, moments: Array) -> Array:
+        """Of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
+        shape = np.column_stack([area, places + centroid - self.lens.detector.centre, moments])
+        return received(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
+
+    @cached_property
+    def stretch(self) -> tuple[Number, Number]:
+        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        along, across = self._magnified(None)
+        scale = object_scale(self.camera)
+        return along[:, None] / scale, across[:, None] / scale
+
+    @cached_property
+    def _chief(self) -> SensorPoints:
+        """Chief rays of the microlenses and of places half a pitch right, left, above and below, (n, 5)."""
+        half = float(self.camera.d) / 2
+        offsets = np.array([[0.0, 0.0], [half, 0.0], [-half, 0.0], [0.0, half], [0.0, -half]])
+        return sensor_of_pupil(self.lens, self.places[:, None] + offsets, self.lens.fap.centre)
+
+    def _plane(self, at: float | None) -> float:
+        """Place along z of a plane ahead of the tip, or of the focal plane, in the lens's frame [mm]."""
+        tip = self.lens.first_order.front_principal - float(self.camera.tip)
+        return self.lens.focal_plane if at is None else tip - at
+
+    def _met(self, at: float | None) -> Array:
+        """Where those rays meet a plane, in the lens's frame [mm], (n, 5, 2)."""
+        met = self._chief.views.at(self.lens.fap.z - self._plane(at))
+        return np.where(self._chief.ok[..., None], met, np.nan)
+
+    def _magnified(self, at: float | None) -> tuple[Array, Array]:
+        """Millimetres on a plane per millimetre on the array, along the field's radius and across it."""
+        met = self._met(at)
+        ways = np.stack([met[:, 1] - met[:, 2], met[:, 3] - met[:, 4]], axis=-1) / float(self.camera.d)
+        return stretches(ways, self.places, 1.0)
+
+    def _scales(self, field: int, at: float | None) -> tuple[float, float]:
+        """The same at one field; first order's where its chief rays are lost."""
+        along, across = (float(scale[field]) for scale in self._magnified(at))
+        if math.isfinite(along * across):
+            return along, across
+        axial = float(QUANTITIES["object_sample_mm"](self.camera, at) / self.camera.d)
+        return axial, axial
+
+    def on_plane(self, ahead: Number) -> tuple[Array, Array]:
+        """Where chief rays meet a plane `ahead` of the tip, from the system's axis [mm]; nan where they are lost."""
+        x, y = (self._met(float(ahead))[:, 0] + [float(self.camera[f"main_lens.decentre.{k}"]) for k in (0, 1)]).T
+        return x[:, None], y[:, None]
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors of chief rays away from the bore, in the medium of the scene, (n, 1, 3); nan likewise."""
+        slope = np.where(self._chief.ok[:, :1], self._chief.views.slope[:, 0], np.nan)
+        way = np.concatenate([-slope, np.ones((len(slope), 1))], axis=1)
+        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))[:, None]
+
+    def transfer(self, field: int, at: float | None) -> TracedTransfer:
+        """MTF at a field, on a plane ahead of the tip or on the focal plane."""
+        images, place = self.traced, self.places[field]
+        beam = self._beam(field, at)
+        known = beam is not None and images.kept_fraction[field] > 0 and images.status[field] != FOLDED
+        outline = images.boundary[field]
+        away = float(np.hypot(*place))
+        x, y = images.centroid[field].tolist()
+        return TracedTransfer(
+            self.camera,
+            images.chief[field][None],
+            np.array([np.ptp(outline, axis=0).max() / 2]),
+            (x, y) if known else None,
+            float(image_rate(self.camera, at)),
+            *self._scales(field, at),
+            (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
+            outline,
+            beam or Beam(np.zeros(2), 1.0, np.zeros((len(POWERS), 2)), 0.0),
+        )
+
+    @cached_property
+    def _pupil(self) -> Array:
+        """Points of the FAP that object points send rays through, its centre first, (R, 2) [mm]."""
+        nodes, _ = np.polynomial.legendre.leggauss(RINGS)
+        rings = np.sqrt((nodes + 1) / 2)[:, None, None] * circle(SPOKES)
+        fap = self.lens.fap
+        return np.asarray(fap.centre + fap.diameter / 2 * np.concatenate([np.zeros((1, 2)), rings.reshape(-1, 2)]))
+
+    @cached_property
+    def _shown(self) -> SensorPoints:
+        """Where microlenses show those, (n, R)."""
+        return sensor_of_pupil(self.lens, self.places[:, None], self._pupil)
+
+    def _beam(self, field: int, at: float | None) -> Beam | None:
+        """Of the object point that a microlens's chief ray meets on a plane; None where too few of its rays come."""
+        point, z = self._met(at)[field, 0], self._plane(at)
+        if not np.isfinite(point).all():
+            return None
+        moved, _, comes = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
+        comes &= self._shown.ok[field]
+        if not comes[0] or np.count_nonzero(comes) < 2 * len(POWERS):
+            return None
+        ways, place = moved.T[comes], self._shown.sensor[field][comes] - self.places[field]
+        size = float(np.ptp(place, axis=0).max()) / 2
+        powers = np.prod(((place - place[0]) / size)[:, None, :] ** POWERS, axis=-1)
+        spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
+        return Beam(place[0], size, np.linalg.lstsq(powers, ways - ways[0], rcond=None)[0], spread)
+
+
+class Beam(NamedTuple):
+    """Light of an object point behind the array's plane, about its chief ray."""
+
+    middle: Array
+    """Image of the FAP's centre behind the microlens, (2,) [mm]."""
+    size: float
+    """Unit of the places [mm]."""
+    terms: Array
+    """Ways on the array of light through the FAP's points shown at places: of the products `POWERS`, (21, 2) [mm]."""
+
+    spread: float
+    """Standard deviation of what no refocusing undoes of them, along the axis where it is larger [mm]."""
+
+    def along(self, x: Array, y: Array, axes: tuple[float, float]) -> Array:
+        """Way along a direction of light that goes to places of the sensor, of one shape [mm]."""
+        u, v = (x - self.middle[0]) / self.size, (y - self.middle[1]) / self.size
+        terms, total = self.terms @ np.array(axes), np.zeros(np.broadcast_shapes(x.shape, y.shape))
+        last = len(terms)
+        for a in range(DEGREE, -1, -1):
+            last -= DEGREE + 1 - a
+            row = np.full(v.shape, terms[last + DEGREE - a])
+            for b in range(DEGREE - a - 1, -1, -1):
+                row *= v
+                row += terms[last + b]
+            total *= u
+            total += row
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class TracedTransfer(FieldTransfer):
+    """MTF at one field behind a real lens; `centres` and `radii` are of one disc about as large as the image."""
+
+    outline: Array
+    """Boundary of what is lit, from the microlens's axis, (K, 2) [mm]."""
+    beam: Beam
+    """Of the plane."""
+
+    @property
+    def round(self) -> bool:
+        """Whether a quarter turn changes nothing but the scale."""
+        return False
+
+    def _chords(self, axes: tuple[float, float], rows: int, between: tuple[float, float] | None = None) -> Chords:
+        return outline_chords(self.outline @ turn(axes), rows, between)
+
+    def _moved(self, x: Array, y: Array, axes: tuple[float, float], shift: Array) -> Array:
+        ends = (x - GAUSS * shift, x + GAUSS * shift)
+        ways = [self.beam.along(e * axes[0] - y * axes[1], e * axes[1] + y * axes[0], axes) for e in ends]
+        return np.asarray((ways[0] + ways[1]) / 2)
+
+    @property
+    def softest(self) -> float:
+        """Frequency on the array beyond which a lens's aberrations may leave nothing [1/mm]: to be tried first."""
+        return SOFT / self.beam.spread if self.beam.spread > 0 else math.inf
+
+    def _refocused(self, nu: Array, direction: Direction) -> Array:
+        axes = self.axes(direction)
+        shift = float(self.camera.wavelength * self.camera.d_2) * nu[:, None] / 2
+        count = min(MOST, NODES + math.ceil(4 * self.beam.spread * float(nu.max(initial=0.0))))
+        y, weight, left, right = self._chords(axes, count)
+        half = np.maximum((right - left) / 2 - shift, 0.0)
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        x = ((left + right) / 2)[:, None] + half[..., None] * nodes
+        moved = self._moved(x, y[:, None], axes, shift[..., None]) - self.rate * x
+        light = (weight * half)[..., None] * weights * np.exp(2j * math.pi * nu[:, None, None] * moved)
+        pupil = light.sum((1, 2)) / (weight * (right - left)).sum()
+        return np.asarray(np.abs(pupil * self._lens.refocused(self.rate, nu, axes)))
+
+
+def uncut_light(light: Array, camera: Camera) -> Array:
+    """Of microlenses on the axis, as traced; by first order where the lens does not show them the whole FAP [sr]."""
+    return np.where(np.isnan(light), solid_angle(camera), light)
+
+
+def stretches(moved: Array, place: Array, scale: Number) -> tuple[Array, Array]:
+    """How much larger than on the axis microlenses' parts of the focal plane are, along the field's radius and across.
+
+    Parameters
+    ----------
+    moved : ndarray, (..., 2, 2)
+        What chief rays' points on that plane move in x, y per microlens's way along x, y.
+    place : ndarray, (..., 2)
+        Microlenses, from the lens's axis, along the same axes as their ways.
+    scale : float or ndarray
+        `object_scale`.
+    """
+    radius = np.hypot(place[..., 0], place[..., 1])[..., None]
+    way = np.where(radius > 0, place / np.where(radius > 0, radius, 1.0), np.array([1.0, 0.0]))
+    aside = np.stack([-way[..., 1], way[..., 0]], axis=-1)
+    along, across = (np.linalg.norm(np.einsum("...ij,...j", moved, u), axis=-1) / scale for u in (way, aside))
+    return along, across
