@@ -281,8 +281,11 @@ class _Map(NamedTuple):
 @kernel()
 def _fill(values: Any, known: Any, out: Any) -> None:
     """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    out[:] = values
-    for v in range(values.shape[1]):
+    count, rows, columns = values.shape
+    for v in range(rows):
+        for n in range(count):  # whole arrays at once would be compiled four times as long
+            for u in range(columns):
+                out[n, v, u] = values[n, v, u]
         _fill_row(known[:, v], out[:, v])
 
 
