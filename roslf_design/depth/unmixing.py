@@ -276,11 +276,14 @@ class _Map(NamedTuple):
         return np.asarray(left + self.along * (right - left))
 
 
-@kernel(parallel=True)
+@kernel()
 def _fill(values: Any, known: Any, out: Any) -> None:
     """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    for v in prange(values.shape[1]):
-        out[:, v] = values[:, v]
+    count, rows, columns = values.shape
+    for v in range(rows):
+        for n in range(count):  # whole arrays at once would be compiled four times as long
+            for u in range(columns):
+                out[n, v, u] = values[n, v, u]
         _fill_row(known[:, v], out[:, v])
 
 

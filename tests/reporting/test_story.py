@@ -83,7 +83,7 @@ def folder(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def told(tmp_path_factory, few_builds):
     """The story's report, and what was said on the way."""
     place, said = write(tmp_path_factory.mktemp("story")), []
     report = story_report(
@@ -159,7 +159,7 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     assert "nominal" in told
 
 
-def test_a_study_without_a_design_tells_what_stands_in_the_way(folder):
+def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_builds):
     impossible = OPTIMIZE.replace(
         'direction = "min"', 'direction = "min"\n[[constraints]]\nquantity = "D_F"\nmin = "9 mm"'
     )
