@@ -149,6 +149,7 @@ def test_replacing_a_list_entry_and_an_offset():
         ({"aperture.diameter": -3.0}, "must be greater than zero"),
         ({"aperture.distance": 350.0}, "object plane would lie inside the bore"),
         ({"main_lens.focal_plane": 90.0}, "not beyond the focal length"),
+        ({"depth.contrast": 0.31}, r"depth\.contrast: 0\.31 in each octave .* give 0\.3 at most, or depth\.period"),
     ],
 )
 def test_replace_tells_what_is_wrong(changes, said):
